@@ -6,17 +6,6 @@ use std::sync::{Arc, Mutex};
 use crate::error::{Error, Result};
 
 /// What long work reports and obeys. Share it between the thread that works and the one that watches.
-///
-/// # Examples
-/// ```
-/// use voxflat::Error;
-/// use voxflat::control::Control;
-///
-/// let control = Control::default();
-/// assert_eq!(control.check(), Ok(()));
-/// control.cancel(); // from any thread
-/// assert_eq!(control.check(), Err(Error::Cancelled));
-/// ```
 #[derive(Debug, Default)]
 pub struct Control {
     stop: Arc<AtomicBool>,
@@ -65,9 +54,6 @@ impl Control {
     }
 
     /// Called by the work at least every few milliseconds.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`] once [`cancel`](Self::cancel) was called.
     #[inline]
     pub fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }

@@ -57,7 +57,9 @@
 //! # Conventions
 //! A voxel's centre has integer index coordinates `(i, j, k)`; millimetres (RAS+) come from the affine. Distance rows
 //! are `f32` millimetres, arithmetic is `f64`. `NaN` means undefined. Results depend on the input and the seed alone,
-//! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources.
+//! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources. Whatever takes a
+//! [`Control`](control::Control) ends with [`Error::Cancelled`] when that is cancelled (`tests/jobs.rs`); what else can go wrong, the
+//! messages of [`Error`] say.
 
 pub mod adjacency;
 pub mod atlas;
@@ -81,6 +83,8 @@ pub mod sources;
 pub mod sphere;
 pub mod store;
 pub mod surface;
+#[cfg(test)]
+mod tests;
 mod turns;
 pub mod volume;
 

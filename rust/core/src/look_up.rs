@@ -106,9 +106,6 @@ impl TriangleFinder {
     }
 
     /// As [`find`](Self::find), for many places.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<InTriangle>>> {
         control.begin("looking places up", places.len().div_ceil(CHUNK) as u64);
         let mut found = vec![None; places.len()];

@@ -108,9 +108,6 @@ impl NearestFinder {
     }
 
     /// As [`find`](Self::find), for many points.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
         control.begin("finding the nearest places", points.len().div_ceil(CHUNK) as u64);
         let mut found = vec![None; points.len()];

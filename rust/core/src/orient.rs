@@ -17,24 +17,6 @@ const SHORTEST_NORMAL: f64 = 0.3;
 
 /// Unit normals (RAS+ mm) that point outside, to the background. NaN throughout for a sheet, most of which has background
 /// on both sides alike; elsewhere thin places take over the normals around them.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::orient::outward_normals;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let ball = Mask::from_fn([15; 3], |v| v.iter().map(|&x| (x as f64 - 7.0).powi(2)).sum::<f64>() < 30.0)?;
-/// let surface = VoxelSurface::from_mask(&ball, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let normals = outward_normals(&surface, &graph);
-/// let centre = nalgebra::Vector3::repeat(7.0);
-/// assert!(surface.points().iter().zip(&normals).all(|(p, normal)| (p - centre).dot(normal) > 0.0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector3<f64>> {
     let points = 0..surface.len();
     let mut normals: Vec<_> =
@@ -79,19 +61,6 @@ fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> V
 /// - superior is up, as far as one direction of the map can say so; where the patch is level, anterior is up, else right.
 ///
 /// `seen_from_outside` is positive if the map shows the surface from outside already, negative if from within.
-///
-/// # Examples
-/// ```
-/// use voxflat::orient::orient;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8));
-/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [-p.x, -p.y]).collect(); // upside down
-/// let mut turned = uv.clone();
-/// orient(sheet.points(), 1.0, &mut turned);
-/// let rises = |uv: &[[f64; 2]]| uv[1][1] > uv[0][1]; // the second vertex is anterior of the first
-/// assert!(!rises(&uv) && rises(&turned));
-/// ```
 pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2]]) {
     if seen_from_outside < 0.0 {
         uv.iter_mut().for_each(|[_, v]| *v = -*v);
@@ -109,9 +78,7 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 /// Turns and moves a map, rigidly and without scaling, such that places on it come to lie nearest to others: of all turns the
 /// one with the least sum of squares (Procrustes; Schönemann 1966), about the places' mean, which comes to lie on that of the
 /// others. Returns the turn, radians counterclockwise; 0 where the places leave it open.
-///
-/// # Panics
-/// If there are not as many places as others.
+/// Panics if there are not as many places as others.
 ///
 /// # Examples
 /// ```
@@ -145,26 +112,6 @@ pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) ->
 
 /// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
 /// the outward direction, turns in the map.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::orient::handedness;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let half = Mask::from_fn([10, 10, 5], |[_, _, k]| k < 3)?;
-/// let whole = VoxelSurface::from_mask(&half, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let surface = whole.subset(&whole.voxels().iter().map(|v| v[2] == 2).collect::<Vec<_>>()); // its top
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let from_above: Vec<[f64; 2]> = surface.points().iter().map(|p| [p.x, p.y]).collect();
-/// let from_below: Vec<[f64; 2]> = surface.points().iter().map(|p| [-p.x, p.y]).collect();
-/// assert!(handedness(&surface, &graph, &from_above) > 0.0);
-/// assert!(handedness(&surface, &graph, &from_below) < 0.0);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -> f64 {
     let points = surface.points();
     let at_point = |v: usize| {
@@ -180,15 +127,6 @@ pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -
 }
 
 /// The signed area of a map, mm²: positive if most of its faces run as they do on the surface.
-///
-/// # Examples
-/// ```
-/// use voxflat::orient::map_area;
-///
-/// let places = [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]];
-/// assert_eq!(map_area(&[[0, 1, 2]], &places), 1.0);
-/// assert_eq!(map_area(&[[0, 2, 1]], &places), -1.0);
-/// ```
 pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     let double = |face: &[u32; 3]| {
         let [[ax, ay], [bx, by], [cx, cy]] = face.map(|v| uv[v as usize]);
@@ -216,8 +154,8 @@ fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) ->
 mod tests {
     use super::*;
     use crate::control::Control;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
+    use crate::geodesic::chain::{LinkLengths, chain_graph};
+    use crate::tests::chained;
     use crate::volume::{Affine, Mask};
 
     /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.
@@ -253,13 +191,10 @@ mod tests {
 
     #[test]
     fn normals_of_a_ball_point_away_from_its_centre() {
-        let control = Control::default();
-        let centre = Vector3::new(18.0, 9.0, 12.0);
-        let affine = Affine::from_spacing([1.5, 0.75, 1.0]).unwrap();
+        let (spacing, centre) = ([1.5, 0.75, 1.0], Vector3::new(18.0, 9.0, 12.0));
+        let affine = Affine::from_spacing(spacing).unwrap();
         let inside = |v: [usize; 3]| (affine.to_mm(v.map(|x| x as f64)) - centre).norm() < 8.5;
-        let mask = Mask::from_fn([24, 24, 24], inside).unwrap();
-        let surface = VoxelSurface::from_mask(&mask, affine, &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let (surface, graph) = chained(&Mask::from_fn([24, 24, 24], inside).unwrap(), spacing);
         for (point, normal) in surface.points().iter().zip(outward_normals(&surface, &graph)) {
             assert!((normal.norm() - 1.0).abs() < 1e-12 && (point - centre).normalize().dot(&normal) > 0.95);
         }
@@ -267,10 +202,7 @@ mod tests {
 
     #[test]
     fn a_sheet_of_one_voxel_has_no_outside() {
-        let control = Control::default();
-        let mask = Mask::from_fn([9, 9, 5], |v| v[2] == 2).unwrap();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let (surface, graph) = chained(&Mask::from_fn([9, 9, 5], |v| v[2] == 2).unwrap(), [1.0; 3]);
         assert!(outward_normals(&surface, &graph).iter().all(|normal| normal.iter().all(|x| x.is_nan())));
     }
 

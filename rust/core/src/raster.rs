@@ -43,9 +43,6 @@ impl Raster {
 
     /// Draws faces over the plane; pixels of a face that is `torn` show its nearest corner. Where faces overlap, the first is
     /// kept.
-    ///
-    /// # Errors
-    /// [`Error::PixelSizeNotPositive`], [`Error::RasterTooLarge`], [`Error::Cancelled`].
     pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
             return Err(Error::PixelSizeNotPositive { pixel_size });
@@ -145,28 +142,7 @@ pub struct Faces {
 
 /// Joins the places of a map into faces: the Delaunay triangles whose sides are about as short in the plane as those
 /// between neighbours on the surface. Of places that coincide only one becomes a corner.
-///
-/// # Errors
-/// [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::raster::map_faces;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let uv: Vec<[f64; 2]> = surface.points().iter().map(|p| [p.x, p.y]).collect();
-/// let faces = map_faces(&uv, &graph, &control)?;
-/// assert_eq!(faces.corners.len(), 2 * 7 * 7);
-/// assert!(!faces.torn.contains(&true));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Errors: [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
 pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Result<Faces> {
     control.check()?;
     let places =
@@ -196,23 +172,6 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Resu
 }
 
 /// The median flat distance between neighbours, mm.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::raster::usual_step;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let uv: Vec<[f64; 2]> = surface.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
-/// assert_eq!(usual_step(&uv, &graph), 2.0); // more neighbours are direct than diagonal ones
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn usual_step(uv: &[[f64; 2]], graph: &VoxelGraph) -> f64 {
     let steps = |v: usize| {
         let [x, y] = uv[v];
@@ -239,10 +198,8 @@ fn rotate_lowest_first(face: &mut [u32; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
-    use crate::surface::VoxelSurface;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::chained;
+    use crate::volume::Mask;
     use proptest::prelude::*;
 
     fn draw(uv: &[[f64; 2]], corners: &[[u32; 3]], torn: bool, pixel_size: f64) -> Raster {
@@ -300,37 +257,6 @@ mod tests {
     }
 
     #[test]
-    fn where_faces_overlap_the_first_is_kept() {
-        let uv = [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0], [9.0, 9.0]];
-        for (first, second) in [([0, 1, 2], [0, 1, 3]), ([0, 1, 3], [0, 1, 2])] {
-            let (alone, both) = (draw(&uv, &[first], false, 1.0), draw(&uv, &[first, second], false, 1.0));
-            let mut shared = 0;
-            for (pixel, weights) in alone.weights.iter().enumerate().filter(|(_, w)| !w[0].is_nan()) {
-                assert_eq!((both.corners[pixel], both.weights[pixel]), (first, *weights));
-                shared += 1;
-            }
-            assert!(shared > 20 && both.corners.contains(&second));
-        }
-    }
-
-    #[test]
-    fn a_face_is_torn_where_a_side_takes_more_than_two_links() {
-        // a chain of four voxels whose places are the corners of a square: a side takes three links, a diagonal two
-        let mask = Mask::from_fn([4, 1, 1], |_| true).unwrap();
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-        let at = |voxel: u32| [[0.0, 0.0], [1.0, 0.1], [1.1, 1.1], [0.1, 1.0]][voxel as usize];
-        let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|voxel| at(voxel[0])).collect();
-        let faces = map_faces(&uv, &graph, &control).unwrap();
-        assert_eq!(faces.corners.len(), 2);
-        for (corners, torn) in faces.corners.iter().zip(&faces.torn) {
-            let voxels = corners.map(|vertex| surface.voxels()[vertex as usize][0]);
-            assert_eq!(*torn, voxels.contains(&0) && voxels.contains(&3), "{voxels:?}");
-        }
-    }
-
-    #[test]
     fn bad_pixel_sizes_are_refused() {
         let uv = [[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]];
         let faces = Faces { corners: vec![[0, 1, 2]], torn: vec![false] };
@@ -347,8 +273,7 @@ mod tests {
         let hole = |i: usize, j: usize| (8..14).contains(&i) && (8..14).contains(&j);
         let mask = Mask::from_fn([20, 20, 1], |[i, j, _]| !hole(i, j)).unwrap();
         let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let (surface, graph) = chained(&mask, [1.0; 3]);
         let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|v| [f64::from(v[0]), f64::from(v[1])]).collect();
         let faces = map_faces(&uv, &graph, &control).unwrap();
         let whole = faces.torn.iter().filter(|&&torn| !torn).count();

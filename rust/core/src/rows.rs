@@ -15,18 +15,10 @@ pub trait Rows {
 
     /// Passes all rows on, in the order of the sources: `visit(n, rows)` gets whole rows from the n-th on, one after the
     /// other.
-    ///
-    /// # Errors
-    /// Those of `visit`, and of reading.
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
 
     /// The columns of some vertices only.
-    ///
-    /// # Errors
-    /// Those of reading.
-    ///
-    /// # Panics
-    /// If the rows do not reach to every one of them.
+    /// Panics if the rows do not reach to every one of them.
     fn to(&self, targets: &[u32], control: &Control) -> Result<DistanceRows> {
         let sources = self.sources();
         let mut data = Vec::with_capacity(sources.len() * targets.len());
@@ -41,12 +33,7 @@ pub trait Rows {
     }
 
     /// The columns of the sources only.
-    ///
-    /// # Errors
-    /// As [`Rows::to`].
-    ///
-    /// # Panics
-    /// Likewise.
+    /// Panics likewise.
     fn among(&self, control: &Control) -> Result<DistanceRows> {
         self.to(self.sources(), control)
     }
@@ -62,17 +49,12 @@ pub struct DistanceRows {
 
 impl DistanceRows {
     /// Rows from every source to every vertex.
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
+    /// Errors: [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, None, control)
     }
 
     /// Rows from every source to some vertices only: columns are these; whole rows exist one bundle a thread at a time.
-    ///
-    /// # Errors
-    /// As [`DistanceRows::compute`].
     pub fn compute_to<S: Solver>(solver: &S, sources: &[u32], targets: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, Some(targets), control)
     }
@@ -86,9 +68,7 @@ impl DistanceRows {
     }
 
     /// Rows that are known already, of `columns` distances each, one after the other.
-    ///
-    /// # Panics
-    /// If there is not one row a source.
+    /// Panics if there is not one row a source.
     pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
         assert_eq!(data.len(), sources.len() * columns, "one row a source");
         Self { sources, columns, data }
@@ -126,20 +106,6 @@ impl Rows for DistanceRows {
 
     fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         visit(0, &self.data)
-    }
-}
-
-impl<R: Rows> Rows for &R {
-    fn sources(&self) -> &[u32] {
-        (**self).sources()
-    }
-
-    fn columns(&self) -> usize {
-        (**self).columns()
-    }
-
-    fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
-        (**self).visit(control, visit)
     }
 }
 
@@ -232,21 +198,13 @@ pub(crate) fn fill<S: Solver>(
 mod tests {
     use super::*;
     use crate::adjacency::Links;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
-    use crate::surface::VoxelSurface;
     use crate::surface::voxels::graph::VoxelGraph;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::{chained, with_threads};
+    use crate::volume::Mask;
 
     fn sheet(gap: bool) -> VoxelGraph {
         let mask = Mask::from_fn([60, 50, 9], |[i, j, k]| k == j / 6 && !(gap && i == 30)).unwrap();
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 1.0, 0.7]).unwrap(), &control).unwrap();
-        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
-    }
-
-    fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+        chained(&mask, [1.0, 1.0, 0.7]).1
     }
 
     /// Numbers of sources that are searched one by one, and that are bundled.
@@ -316,16 +274,6 @@ mod tests {
             assert!(matches!(found, Error::Unreachable { .. }));
             let found = DistanceRows::compute_to(&graph, &sources, &sources, &control).unwrap_err();
             assert!(matches!(found, Error::Unreachable { .. }));
-        }
-    }
-
-    #[test]
-    fn cancelling_ends_rows_either_way() {
-        let graph = sheet(false);
-        for count in COUNTS {
-            let control = Control::default();
-            control.cancel();
-            assert_eq!(DistanceRows::compute(&graph, &sources(&graph, count), &control), Err(Error::Cancelled));
         }
     }
 }

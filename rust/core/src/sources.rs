@@ -21,22 +21,6 @@ const DENSEST: f64 = 4.0;
 const BEND_RINGS: usize = 3;
 
 /// How sources are chosen. Every choice is the same for the same seed, on every machine.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 10, seed: 0 }.choose(&graph, &control)?;
-/// assert_eq!(sources.len(), 10);
-/// assert!(Sources::Given(vec![3, 3]).choose(&graph, &control).is_err()); // twice the same
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sources {
     /// Each source is the point farthest, along the surface, from those before it; the first is random. Covers evenly.
@@ -68,9 +52,6 @@ pub enum Sources {
 
 impl Sources {
     /// The chosen vertices of a connected graph.
-    ///
-    /// # Errors
-    /// [`Error::TooManySources`], [`Error::NoSuchPoint`], [`Error::DuplicateSource`], [`Error::Cancelled`].
     pub fn choose(&self, graph: &impl Links, control: &Control) -> Result<Vec<u32>> {
         let points = graph.vertices();
         let checked = |count: usize| {
@@ -88,15 +69,6 @@ impl Sources {
 }
 
 /// `count` different vertices of `points`, in ascending order.
-///
-/// # Examples
-/// ```
-/// use voxflat::sources::random;
-///
-/// let chosen = random(100, 3, 7);
-/// assert!(chosen.len() == 3 && chosen.is_sorted() && chosen[2] < 100);
-/// assert_eq!(chosen, random(100, 3, 7)); // the same for the same seed
-/// ```
 pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut chosen: Vec<u32> = index::sample(&mut rng, points, count).iter().map(|v| v as u32).collect();
@@ -107,17 +79,6 @@ pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// Weights by which `count` sources come to lie closer together where the surface bends, as Grossmann et al. (2002) and Zigelman
 /// et al. (2002) advise: 1 + |H| a, where a = √(area / count) is about how far apart even ones would be, mm, and H the mean
 /// curvature, 1/mm; four at most.
-///
-/// # Examples
-/// ```
-/// use voxflat::sources::by_curvature;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let sphere = shapes::surface(shapes::sphere(3));
-/// assert!(by_curvature(&sheet, 10).iter().all(|&weight| weight == 1.0));
-/// assert!(by_curvature(&sphere, 10).iter().all(|&weight| weight > 1.0));
-/// ```
 pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
     let apart = (surface.areas().iter().sum::<f64>() / count.max(1) as f64).sqrt();
     let weight = |bend: f64| (1.0 + bend.abs() * apart).min(DENSEST) as f32;
@@ -177,59 +138,37 @@ mod tests {
 
     use super::*;
     use crate::geodesic::Solver;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;
     use crate::surface::voxels::graph::VoxelGraph;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::chained;
+    use crate::volume::Mask;
 
     fn bent_sheet() -> VoxelGraph {
         let mask = Mask::from_fn([12, 15, 8], |[i, j, k]| k == j / 3 + usize::from(i > 6)).unwrap();
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+        chained(&mask, [1.0; 3]).1
     }
 
     #[test]
-    fn each_farthest_source_is_farthest_from_those_before() {
-        let graph = bent_sheet();
-        let control = Control::default();
-        let chosen = Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap();
-        let mut nearest = vec![f32::INFINITY; graph.vertices()];
-        let mut row = nearest.clone();
-        for (n, &source) in chosen.iter().enumerate() {
-            if n > 0 {
-                let farthest = nearest.iter().copied().fold(0.0, f32::max);
-                assert_eq!(nearest[source as usize], farthest);
-            }
-            graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
-            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
-        }
-    }
-
-    #[test]
-    fn weighted_sources_are_farthest_by_weight() {
-        let graph = bent_sheet();
-        let control = Control::default();
+    fn each_source_is_farthest_by_its_weight_from_those_before() {
+        let (graph, control) = (bent_sheet(), Control::default());
         let weights: Vec<f32> = (0..graph.vertices()).map(|v| 1.0 + (v % 7) as f32).collect();
-        let choose = |weights| Sources::Weighted { count: 12, seed: 5, weights }.choose(&graph, &control).unwrap();
-        assert_eq!(
-            choose(vec![2.0; weights.len()]),
-            Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap(),
-            "equal weights change nothing"
-        );
-        let chosen = choose(weights.clone());
-        let mut nearest = vec![f32::INFINITY; graph.vertices()];
-        let mut row = nearest.clone();
-        for (n, &source) in chosen.iter().enumerate() {
-            if n > 0 {
+        let weighted = |weights: &[f32]| Sources::Weighted { count: 12, seed: 5, weights: weights.to_vec() };
+        let equal = vec![2.0; weights.len()];
+        for (sources, weights) in [
+            (Sources::Farthest { count: 12, seed: 5 }, &equal),
+            (weighted(&equal), &equal),
+            (weighted(&weights), &weights),
+        ] {
+            let chosen = sources.choose(&graph, &control).unwrap();
+            let mut nearest = vec![f32::INFINITY; graph.vertices()];
+            let mut row = nearest.clone();
+            for (n, &source) in chosen.iter().enumerate() {
                 let counted = |v: usize| nearest[v] * weights[v];
-                assert_eq!(counted(source as usize), (0..row.len()).map(counted).fold(0.0, f32::max));
+                assert!(n == 0 || counted(source as usize) == (0..row.len()).map(counted).fold(0.0, f32::max));
+                graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
+                nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
             }
-            graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
-            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
         }
     }
 

@@ -11,9 +11,7 @@ use crate::error::Result;
 /// moment. Those of the pool sleep, and where processors are virtual a thread that is woken can wait for 20 ms beside the one
 /// that woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself: it runs outside the
 /// pool.
-///
-/// # Errors
-/// The first of `work`, after which no item is begun.
+/// Errors: The first of `work`, after which no item is begun.
 pub(crate) fn in_turn<I, T>(
     items: I,
     scratch: impl Fn() -> T + Sync,
@@ -52,11 +50,8 @@ where
 mod tests {
     use super::*;
     use crate::error::Error;
+    use crate::tests::with_threads as on;
     use std::sync::atomic::{AtomicUsize, Ordering};
-
-    fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-    }
 
     #[test]
     fn every_item_is_worked_on_once_with_a_scratch_a_thread() {

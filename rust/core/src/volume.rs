@@ -9,16 +9,6 @@ use crate::scales::{SMALLEST, is_near};
 const LONGEST_AXIS: usize = 1 << 21;
 
 /// A binary volume: which voxels are foreground. The first index varies slowest (C order).
-///
-/// # Examples
-/// ```
-/// use voxflat::volume::Mask;
-///
-/// let cube = Mask::from_fn([5, 5, 5], |voxel| voxel.iter().all(|x| (1..4).contains(x)))?;
-/// assert_eq!(cube.foreground().count(), 27);
-/// assert!(cube.is_inside([2, 2, 2]) && !cube.is_inside([-1, 2, 2]));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct Mask {
     shape: [usize; 3],
@@ -27,9 +17,6 @@ pub struct Mask {
 
 impl Mask {
     /// A mask from its values in C order.
-    ///
-    /// # Errors
-    /// [`Error::ShapeMismatch`], [`Error::VolumeTooLarge`], [`Error::EmptyForeground`].
     pub fn new(shape: [usize; 3], inside: Vec<bool>) -> Result<Self> {
         if shape.iter().any(|&n| n > LONGEST_AXIS) {
             return Err(Error::VolumeTooLarge { shape });
@@ -49,9 +36,6 @@ impl Mask {
     }
 
     /// A mask from a rule over voxel indices.
-    ///
-    /// # Errors
-    /// As [`Mask::new`].
     pub fn from_fn(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> Result<Self> {
         let mut inside = Vec::with_capacity(shape.iter().product());
         for i in 0..shape[0] {
@@ -94,15 +78,6 @@ impl Mask {
 }
 
 /// From voxel indices to millimetres (RAS+): x = linear · (i, j, k) + translation, with orthogonal axes.
-///
-/// # Examples
-/// ```
-/// use voxflat::volume::Affine;
-///
-/// let affine = Affine::from_spacing([1.0, 1.0, 2.0])?;
-/// assert_eq!(affine.to_mm([3.0, 4.0, 5.0]), nalgebra::Vector3::new(3.0, 4.0, 10.0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Affine {
     linear: Matrix3<f64>,
@@ -115,10 +90,6 @@ impl Affine {
     const SHEAR: f64 = 1e-3;
 
     /// From a homogeneous 4 × 4 matrix.
-    ///
-    /// # Errors
-    /// [`Error::AffineNotFinite`], [`Error::AffineTooFar`], [`Error::AffineNotAffine`], [`Error::SpacingNotPositive`],
-    /// [`Error::SpacingTooSmall`], [`Error::AffineSheared`].
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
         if let Some(n) = (0..16).find(|n| !matrix[n / 4][n % 4].is_finite()) {
             let (row, column) = (n / 4, n % 4);
@@ -152,9 +123,6 @@ impl Affine {
     }
 
     /// Axis-aligned, with the origin at voxel 0.
-    ///
-    /// # Errors
-    /// As [`Affine::new`].
     pub fn from_spacing(spacing: [f64; 3]) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&axis| spacing[axis] <= 0.0) {
             return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
@@ -178,9 +146,6 @@ impl Affine {
     }
 
     /// Do all voxels of a volume lie where lengths can be computed with?
-    ///
-    /// # Errors
-    /// [`Error::VoxelTooFar`].
     pub(crate) fn check_reach(&self, shape: [usize; 3]) -> Result<()> {
         for corner in 0..8 {
             let voxel = [0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { 0 } else { shape[axis].saturating_sub(1) });

@@ -1,7 +1,6 @@
 //! What holds of all modules. Each imports only what stands above it in its parent's table, and no imports run in a circle.
 //!
-//! Tables stand in the documentation of lib.rs and of the folders' modules. Tests may import what they like. And what every public
-//! function does is shown by an example, which `cargo test` runs.
+//! Tables stand in the documentation of lib.rs and of the folders' modules. Tests may import what they like.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -189,76 +188,4 @@ fn no_imports_run_in_a_circle() {
     }
     let lines = left.values().flatten().filter(|import| left.contains_key(&*import.to)).map(|import| &*import.at);
     assert!(left.is_empty(), "in a circle:\n{}", lines.collect::<Vec<_>>().join("\n"));
-}
-
-#[test]
-fn imports_are_found_wherever_they_are() {
-    let module = |text: &str| Module { file: "x.rs".into(), text: text.into() };
-    let mut modules: BTreeMap<Name, Module> = BTreeMap::new();
-    for (name, text) in [
-        ("a", ""),
-        (
-            "a::b",
-            "use super::c::{d, e::{F, G}};\n// use crate::a;\n#[cfg(test)]\nmod tests {\n    use crate::g;\n}\nuse std::fmt;",
-        ),
-        (
-            "a::c",
-            "fn f() -> crate::g::H {\n    super::b::f()\n}\n#[cfg(test)]\nmod tests;\nuse crate::g::{\n    I,\n};",
-        ),
-        ("a::c::e", "pub use crate::Error;\nuse f::x;"),
-        ("a::c::e::f", ""),
-        ("g", "use crate::{a::b, g};"),
-    ] {
-        modules.insert(name.into(), module(text));
-    }
-    let of = |name: &str| {
-        let found = imports(name, &modules[name], &modules);
-        found.into_iter().map(|import| format!("{} {}", import.at.split(' ').next().unwrap(), import.to)).collect()
-    };
-    let expect = |name: &str, wanted: &[&str]| {
-        let found: Vec<String> = of(name);
-        assert_eq!(found, wanted, "{name}");
-    };
-    expect("a::b", &["x.rs:1: a::c", "x.rs:1: a::c::e", "x.rs:1: a::c::e"]);
-    expect("a::c", &["x.rs:6: g", "x.rs:1: g", "x.rs:2: a::b"]);
-    expect("a::c::e", &["x.rs:1: ", "x.rs:2: a::c::e::f"]);
-    expect("g", &["x.rs:1: a::b"]);
-}
-
-/// Can a module be named from outside of the crate?
-fn is_public(name: &str, modules: &BTreeMap<Name, Module>) -> bool {
-    let Some((parent, own)) = name.rsplit_once("::").or((!name.is_empty()).then_some(("", name))) else { return true };
-    let declaration = format!("pub mod {own};");
-    modules[parent].text.lines().any(|line| line == declaration) && is_public(parent, modules)
-}
-
-#[test]
-fn every_public_function_has_an_example() {
-    let modules = modules();
-    let mut without = Vec::new();
-    for (name, module) in &modules {
-        let parent = name.rsplit_once("::").map_or("", |(parent, _)| parent);
-        let code = code(&modules[parent].text);
-        let exports: BTreeSet<String> = code
-            .split("pub use ")
-            .skip(1)
-            .flat_map(|rest| paths(&rest.split(';').next().unwrap().split_whitespace().collect::<Vec<_>>().join(" ")))
-            .filter(|_| is_public(parent, &modules))
-            .collect();
-        let own = name.rsplit("::").next().unwrap();
-        let mut has_example = false;
-        for line in module.text.lines() {
-            let function = line.strip_prefix("pub fn ").or(line.strip_prefix("pub const fn "));
-            if let Some(rest) = function {
-                let function = rest.split(['(', '<']).next().unwrap();
-                let is_reached = is_public(name, &modules) || exports.contains(&format!("{own}::{function}"));
-                if is_reached && !has_example {
-                    without.push(format!("{}: {function}", module.file));
-                }
-            }
-            has_example =
-                line == "/// # Examples" || (has_example && (line.starts_with("///") || line.starts_with("#[")));
-        }
-    }
-    assert!(without.is_empty(), "without an example:\n{}", without.join("\n"));
 }

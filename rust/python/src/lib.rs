@@ -27,9 +27,9 @@ fn damaged_rows(
     directory: PathBuf,
     columns: usize,
     checksums: Vec<Option<u32>>,
-    progress: Option<Bound<'_, PyAny>>,
+    progress: work::Progress<'_>,
 ) -> PyResult<Vec<usize>> {
-    work::run(py, None, progress.as_ref(), move |control| {
+    work::run(py, None, &progress, move |control| {
         voxflat::store::damaged_rows(&directory, columns, &checksums, control)
     })
 }

@@ -2,17 +2,16 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::nearest::NearestFinder as CoreFinder;
 use voxflat::ribbon;
 
-use crate::convert;
-use crate::work::{InputError, run};
+use crate::convert::{self, Given, GivenTable, Table, Values};
+use crate::work::{InputError, Progress, run};
 
-type Found<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
-type Columns<'py> =
-    (Bound<'py, PyArray1<u64>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+type Found<'py> = (Values<'py, i64>, Table<'py, f64>, Values<'py, f64>);
+type Columns<'py> = (Values<'py, u64>, Values<'py, u32>, Table<'py, f64>, Values<'py, f64>);
 
 /// Finds the place of a surface that is nearest to a point.
 #[pyclass(frozen, module = "voxflat._core")]
@@ -22,11 +21,11 @@ pub struct NearestFinder(Arc<CoreFinder>);
 impl NearestFinder {
     /// Of points (N, 3) in mm and faces (F, 3).
     #[new]
-    fn new(py: Python<'_>, points: PyReadonlyArray2<'_, f64>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
+    fn new(py: Python<'_>, points: GivenTable<'_, f64>, faces: GivenTable<'_, u32>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
         convert::check_vertices(faces.iter().flatten().copied(), points.len())?;
-        run(py, None, None, move |_| {
+        run(py, None, &None, move |_| {
             let corners: Vec<[[f64; 3]; 3]> =
                 faces.iter().map(|face| face.map(|vertex| points[vertex as usize])).collect();
             Ok(Self(Arc::new(CoreFinder::new(&corners))))
@@ -35,10 +34,10 @@ impl NearestFinder {
 
     /// The triangle nearest to each of the points (P, 3), -1 where none is within the limit, barycentric coordinates (P, 3)
     /// and the distance (P,) in mm, NaN for none.
-    fn find<'py>(&self, py: Python<'py>, points: PyReadonlyArray2<'py, f64>, limit: f64) -> PyResult<Found<'py>> {
+    fn find<'py>(&self, py: Python<'py>, points: GivenTable<'py, f64>, limit: f64) -> PyResult<Found<'py>> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let finder = Arc::clone(&self.0);
-        let found = run(py, None, None, move |control| finder.find_all(&points, limit, control))?;
+        let found = run(py, None, &None, move |control| finder.find_all(&points, limit, control))?;
         let triangles: Vec<i64> = found.iter().map(|near| near.map_or(-1, |near| i64::from(near.triangle))).collect();
         let weights: Vec<[f64; 3]> = found.iter().map(|near| near.map_or([f64::NAN; 3], |near| near.weights)).collect();
         let distances: Vec<f64> = found.iter().map(|near| near.map_or(f64::NAN, |near| near.distance)).collect();
@@ -56,18 +55,18 @@ impl NearestFinder {
 #[allow(clippy::too_many_arguments)]
 pub fn ribbon_voxels<'py>(
     py: Python<'py>,
-    inner: PyReadonlyArray2<'py, f64>,
-    outer: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, u32>,
-    numbers: PyReadonlyArray1<'py, i64>,
+    inner: GivenTable<'py, f64>,
+    outer: GivenTable<'py, f64>,
+    faces: GivenTable<'py, u32>,
+    numbers: Given<'py, i64>,
     shape: [usize; 3],
     middle: f64,
-    progress: Option<Bound<'py, PyAny>>,
+    progress: Progress<'py>,
 ) -> PyResult<Columns<'py>> {
     let inner = convert::rows::<_, 3>(&inner, "inner")?;
     let outer = convert::rows::<_, 3>(&outer, "outer")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
-    let numbers: Vec<i64> = numbers.as_array().iter().copied().collect();
+    let numbers = convert::values(&numbers);
     if outer.len() != inner.len() || numbers.len() != inner.len() {
         return Err(InputError::new_err(format!(
             "inner has {} points, outer {}, numbers {}: they must correspond",
@@ -77,7 +76,7 @@ pub fn ribbon_voxels<'py>(
         )));
     }
     convert::check_vertices(faces.iter().flatten().copied(), inner.len())?;
-    let found = run(py, None, progress.as_ref(), move |control| {
+    let found = run(py, None, &progress, move |control| {
         ribbon::voxels(&inner, &outer, &faces, &numbers, shape, middle, control)
     })?;
     let weights: Vec<[f64; 3]> = found.iter().map(|of| of.weights).collect();

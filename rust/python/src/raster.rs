@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
 use voxflat::look_up::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
 
-use crate::convert;
-use crate::work::{InputError, run};
+use crate::convert::{self, Given, GivenImage, GivenTable, Table, Values};
+use crate::work::{InputError, Progress, run};
 
-type Found<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>);
+type Found<'py> = (Values<'py, i64>, Table<'py, f64>);
 type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 2]);
 
 /// Draws faces (F, 3) over the plane; pixels of a torn face show its nearest corner.
@@ -21,21 +21,21 @@ type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 
 #[pyo3(signature = (uv, faces, torn, pixel_size, progress=None))]
 pub fn draw<'py>(
     py: Python<'py>,
-    uv: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, u32>,
-    torn: PyReadonlyArray1<'py, bool>,
+    uv: GivenTable<'py, f64>,
+    faces: GivenTable<'py, u32>,
+    torn: Given<'py, bool>,
     pixel_size: f64,
-    progress: Option<Bound<'py, PyAny>>,
+    progress: Progress<'py>,
 ) -> PyResult<Pixels<'py>> {
     let uv = convert::rows::<_, 2>(&uv, "uv")?;
     let corners = convert::rows::<_, 3>(&faces, "faces")?;
     convert::check_vertices(corners.iter().flatten().copied(), uv.len())?;
-    let torn: Vec<bool> = torn.as_array().iter().copied().collect();
+    let torn = convert::values(&torn);
     if torn.len() != corners.len() {
         return Err(InputError::new_err(format!("torn has {} values; there are {} faces", torn.len(), corners.len())));
     }
     let faces = Faces { corners, torn };
-    let raster = run(py, Some(1), progress.as_ref(), move |control| Raster::draw(&uv, &faces, pixel_size, control))?;
+    let raster = run(py, Some(1), &progress, move |control| Raster::draw(&uv, &faces, pixel_size, control))?;
     let corners = convert::image(convert::array(py, &raster.corners)?, raster.height, raster.width)?;
     let weights = convert::image(convert::array(py, &raster.weights)?, raster.height, raster.width)?;
     Ok((corners, weights, raster.origin))
@@ -49,16 +49,16 @@ pub struct TriangleFinder(Arc<CoreFinder>);
 impl TriangleFinder {
     /// Of triangles by their corners (F, 3, 2) in mm.
     #[new]
-    fn new(py: Python<'_>, corners: PyReadonlyArray3<'_, f64>) -> PyResult<Self> {
+    fn new(py: Python<'_>, corners: GivenImage<'_, f64>) -> PyResult<Self> {
         let corners = convert::triangles(&corners, "corners")?;
-        run(py, Some(1), None, move |_| Ok(Self(Arc::new(CoreFinder::new(&corners)))))
+        run(py, Some(1), &None, move |_| Ok(Self(Arc::new(CoreFinder::new(&corners)))))
     }
 
     /// The first triangle that holds each of the places (P, 2), -1 for none, and barycentric coordinates (P, 3), NaN for none.
-    fn find<'py>(&self, py: Python<'py>, places: PyReadonlyArray2<'py, f64>) -> PyResult<Found<'py>> {
+    fn find<'py>(&self, py: Python<'py>, places: GivenTable<'py, f64>) -> PyResult<Found<'py>> {
         let places = convert::rows::<_, 2>(&places, "places")?;
         let finder = Arc::clone(&self.0);
-        let (triangles, weights): (Vec<i64>, Vec<[f64; 3]>) = run(py, None, None, move |control| {
+        let (triangles, weights): (Vec<i64>, Vec<[f64; 3]>) = run(py, None, &None, move |control| {
             let found = finder.find_all(&places, control)?.into_iter();
             Ok(found.map(|found| found.map_or((-1, [f64::NAN; 3]), |(at, weights)| (i64::from(at), weights))).unzip())
         })?;

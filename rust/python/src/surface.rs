@@ -1,7 +1,7 @@
 //! Surfaces of triangles and what is done with them.
 
 mod cuts;
-mod distances;
+pub mod distances;
 pub mod maps;
 pub mod measure;
 mod patches;
@@ -11,9 +11,8 @@ pub mod spheres;
 use std::sync::{Arc, Mutex};
 
 use ndarray::Array3;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use voxflat::control::Control;
 use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch;
@@ -24,10 +23,10 @@ use voxflat::surface::voxels::sheets;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
 use voxflat::volume::Affine;
 
-use crate::convert;
-use crate::work::{InputError, run, to_python};
+use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
-type FromMask<'py> = (Surface, Bound<'py, PyArray2<u32>>, Bound<'py, PyDict>);
+type FromMask<'py> = (Surface, Table<'py, u32>, Dict<'py>);
 
 /// A surface of triangles with the graph that measures distances on it.
 #[pyclass(frozen, module = "voxflat._core")]
@@ -65,22 +64,24 @@ impl Surface {
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
-        faces: PyReadonlyArray2<'py, i64>,
+        points: GivenTable<'py, f64>,
+        faces: GivenTable<'py, i64>,
         mend: bool,
-    ) -> PyResult<(Self, Bound<'py, PyDict>)> {
+    ) -> PyResult<(Self, Dict<'py>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
         let make = if mend { CoreSurface::mended } else { CoreSurface::from_triangles };
-        let (surface, mended) = run(py, Some(1), None, move |_| make(&points, &faces))?;
-        let dict = PyDict::new(py);
-        dict.set_item("turned", mended.turned)?;
-        dict.set_item("unused", mended.unused)?;
-        dict.set_item("merged", convert::array(py, &mended.merged)?)?;
-        dict.set_item("dropped", mended.dropped)?;
-        dict.set_item("flipped", mended.flipped)?;
-        dict.set_item("duplicates", mended.duplicates)?;
-        dict.set_item("split", mended.split)?;
+        let (surface, mended) = run(py, Some(1), &None, move |_| make(&points, &faces))?;
+        let dict = dict!(
+            py,
+            "turned" = mended.turned,
+            "unused" = mended.unused,
+            "merged" = convert::array(py, &mended.merged)?,
+            "dropped" = mended.dropped,
+            "flipped" = mended.flipped,
+            "duplicates" = mended.duplicates,
+            "split" = mended.split
+        );
         Ok((surface.into(), dict))
     }
 
@@ -90,25 +91,27 @@ impl Surface {
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
     fn from_mask<'py>(
         py: Python<'py>,
-        mask: PyReadonlyArray3<'py, bool>,
+        mask: GivenImage<'py, bool>,
         affine: [[f64; 4]; 4],
-        level: Option<(PyReadonlyArray3<'py, f32>, f64)>,
+        level: Option<(GivenImage<'py, f32>, f64)>,
         sheet: Option<bool>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
+        threads: Threads,
+        progress: Progress<'py>,
     ) -> PyResult<FromMask<'py>> {
         let affine = Affine::new(affine).map_err(to_python)?;
         let mask = convert::mask(&mask)?;
         let level = level.map(|(image, value)| convert::level(&image, value)).transpose()?;
         let kind = sheet.map(|is_sheet| if is_sheet { Kind::Sheet } else { Kind::Solid });
-        let mesh = run(py, threads, progress.as_ref(), move |control| {
+        let mesh = run(py, threads, &progress, move |control| {
             control.begin("finding the surface", 1);
             VoxelMesh::of(&mask, &affine, kind, level.as_ref(), control)
         })?;
-        let made = PyDict::new(py);
-        made.set_item("kind", if mesh.kind == Kind::Sheet { "sheet" } else { "solid" })?;
-        made.set_item("split_vertices", mesh.split)?;
-        made.set_item("conflicts", mesh.conflicts)?;
+        let made = dict!(
+            py,
+            "kind" = if mesh.kind == Kind::Sheet { "sheet" } else { "solid" },
+            "split_vertices" = mesh.split,
+            "conflicts" = mesh.conflicts
+        );
         let voxels = convert::array(py, &mesh.voxels)?;
         Ok((mesh.surface.into(), voxels, made))
     }
@@ -119,51 +122,48 @@ impl Surface {
 
     /// RAS+ mm (N, 3).
     #[getter]
-    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let points = py.detach(|| convert::plain(self.0.surface.points()));
         convert::array(py, &points)
     }
 
     /// Unit normals (N, 3) of the vertices, means of their faces'.
     #[getter]
-    fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let inner = Arc::clone(&self.0);
-        let normals = run(py, Some(1), None, move |_| Ok(convert::plain(&inner.surface.normals())))?;
+    fn normals<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
+        let normals = self.run(py, Some(1), &None, move |inner, _| Ok(convert::plain(&inner.surface.normals())))?;
         convert::array(py, &normals)
     }
 
     /// Triangles (F, 3).
     #[getter]
-    fn faces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+    fn faces<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, u32>> {
         convert::array(py, self.0.surface.faces())
     }
 
     /// The vertex of the input that each vertex is (N).
     #[getter]
-    fn ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+    fn ids<'py>(&self, py: Python<'py>) -> Values<'py, u32> {
         self.0.surface.ids().to_vec().into_pyarray(py)
     }
 
     /// The part of the faces whose corners are all kept (N).
-    fn part(&self, py: Python<'_>, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
-        let keep: Vec<bool> = keep.as_array().iter().copied().collect();
+    fn part(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
+        let keep = convert::values(&keep);
         if keep.len() != self.0.surface.len() {
             let message = format!("keep has {} values; the surface has {} points", keep.len(), self.0.surface.len());
             return Err(InputError::new_err(message));
         }
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), None, move |_| Ok(inner.surface.part_of_vertices(&keep).into()))
+        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_vertices(&keep).into()))
     }
 
     /// The part of the faces that are kept (F).
-    fn part_of_faces(&self, py: Python<'_>, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
-        let keep: Vec<bool> = keep.as_array().iter().copied().collect();
+    fn part_of_faces(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
+        let keep = convert::values(&keep);
         let faces = self.0.surface.faces().len();
         if keep.len() != faces {
             return Err(InputError::new_err(format!("keep has {} values; the surface has {faces} faces", keep.len())));
         }
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), None, move |_| Ok(inner.surface.part(&keep).into()))
+        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part(&keep).into()))
     }
 
     /// The geodesic disk around a vertex, and how many faces were taken in because it encloses them.
@@ -173,11 +173,10 @@ impl Surface {
         py: Python<'_>,
         seed: u32,
         radius: f64,
-        threads: Option<usize>,
-        progress: Option<Bound<'_, PyAny>>,
+        threads: Threads,
+        progress: Progress<'_>,
     ) -> PyResult<(Self, usize)> {
-        let inner = Arc::clone(&self.0);
-        let (part, filled) = run(py, threads, progress.as_ref(), move |control| {
+        let (part, filled) = self.run(py, threads, &progress, move |inner, control| {
             let graph = inner.graph(control)?;
             patch::disk(&inner.surface, &*graph, seed, radius, control)
         })?;
@@ -189,28 +188,25 @@ impl Surface {
     fn polygon<'py>(
         &self,
         py: Python<'py>,
-        corners: PyReadonlyArray1<'py, u32>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Self, Bound<'py, PyArray1<u32>>)> {
-        let corners: Vec<u32> = corners.as_array().iter().copied().collect();
-        let inner = Arc::clone(&self.0);
-        let polygon = move |control: &Control| patch::polygon(&inner.surface, &corners, control);
-        let (part, path) = run(py, Some(1), progress.as_ref(), polygon)?;
+        corners: Given<'py, u32>,
+        progress: Progress<'py>,
+    ) -> PyResult<(Self, Values<'py, u32>)> {
+        let corners = convert::values(&corners);
+        let (part, path) =
+            self.run(py, Some(1), &progress, move |inner, control| patch::polygon(&inner.surface, &corners, control))?;
         Ok((part.into(), path.into_pyarray(py)))
     }
 
     /// The component with the largest area.
     fn largest_piece(&self, py: Python<'_>) -> PyResult<Self> {
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), None, move |_| Ok(patch::largest_piece(&inner.surface).into()))
+        self.run(py, Some(1), &None, move |inner, _| Ok(patch::largest_piece(&inner.surface).into()))
     }
 
     /// The same vertices at other points (N, 3) in mm.
-    fn moved(&self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+    fn moved(&self, py: Python<'_>, points: GivenTable<'_, f64>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         self.check_length(points.len(), "points")?;
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), None, move |_| {
+        self.run(py, Some(1), &None, move |inner, _| {
             let points = points.into_iter().map(Into::into).collect();
             Ok(inner.surface.moved(points)?.into())
         })
@@ -219,11 +215,22 @@ impl Surface {
 
 impl Surface {
     fn check_length(&self, given: usize, name: &str) -> PyResult<()> {
-        let points = self.0.surface.len();
-        if given == points {
-            return Ok(());
-        }
-        Err(InputError::new_err(format!("{name} has {given} rows; the surface has {points} points")))
+        convert::check_length(given, self.0.surface.len(), name)
+    }
+
+    fn vertices(&self, array: &Given<'_, u32>) -> PyResult<Vec<u32>> {
+        convert::vertices(array, self.0.surface.len())
+    }
+
+    /// Long work on the surface.
+    fn run<T: Send + 'static>(
+        &self,
+        py: Python<'_>,
+        threads: Threads,
+        progress: &Progress<'_>,
+        work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
+    ) -> PyResult<T> {
+        run_on(&self.0, py, threads, progress, work)
     }
 }
 
@@ -231,13 +238,13 @@ impl Surface {
 #[pyfunction]
 pub fn vertex_normals<'py>(
     py: Python<'py>,
-    points: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, u32>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    points: GivenTable<'py, f64>,
+    faces: GivenTable<'py, u32>,
+) -> PyResult<Table<'py, f64>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
     convert::check_vertices(faces.iter().flatten().copied(), points.len())?;
-    let normals = run(py, Some(1), None, move |_| {
+    let normals = run(py, Some(1), &None, move |_| {
         let points: Vec<_> = points.into_iter().map(Into::into).collect();
         let or_none = |normal: [f64; 3]| if normal == [0.0; 3] { [f64::NAN; 3] } else { normal };
         Ok(convert::plain(&mesh::vertex_normals(&points, &faces)).into_iter().map(or_none).collect::<Vec<_>>())
@@ -247,28 +254,25 @@ pub fn vertex_normals<'py>(
 
 /// What is wrong with a mesh: for each defect where it is.
 #[pyfunction]
-pub fn defects<'py>(
-    py: Python<'py>,
-    points: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, i64>,
-) -> PyResult<Bound<'py, PyDict>> {
+pub fn defects<'py>(py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>) -> PyResult<Dict<'py>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
-    let found = run(py, Some(1), None, move |_| CoreSurface::defects(&points, &faces))?;
-    let dict = PyDict::new(py);
-    dict.set_item("triangles without area", found.degenerate)?;
-    dict.set_item("triangles given twice", found.duplicate)?;
-    dict.set_item("edges of more than two triangles", found.crowded_edges)?;
-    dict.set_item("vertices where sheets touch", found.pinched)?;
-    dict.set_item("one-sided components", found.one_sided)?;
-    dict.set_item("triangles turned over", found.turned)?;
-    dict.set_item("vertices at the same place as another", found.coincident)?;
-    Ok(dict)
+    let found = run(py, Some(1), &None, move |_| CoreSurface::defects(&points, &faces))?;
+    Ok(dict!(
+        py,
+        "triangles without area" = found.degenerate,
+        "triangles given twice" = found.duplicate,
+        "edges of more than two triangles" = found.crowded_edges,
+        "vertices where sheets touch" = found.pinched,
+        "one-sided components" = found.one_sided,
+        "triangles turned over" = found.turned,
+        "vertices at the same place as another" = found.coincident
+    ))
 }
 
 /// Whether a mask is a sheet one voxel thick.
 #[pyfunction]
-pub fn is_sheet(py: Python<'_>, mask: PyReadonlyArray3<'_, bool>) -> PyResult<bool> {
+pub fn is_sheet(py: Python<'_>, mask: GivenImage<'_, bool>) -> PyResult<bool> {
     let mask = convert::mask(&mask)?;
     Ok(py.detach(|| sheets::is_sheet(&mask)))
 }
@@ -278,22 +282,19 @@ pub fn is_sheet(py: Python<'_>, mask: PyReadonlyArray3<'_, bool>) -> PyResult<bo
 #[pyo3(signature = (mask, spacing, probability=None, progress=None))]
 pub fn repair<'py>(
     py: Python<'py>,
-    mask: PyReadonlyArray3<'py, bool>,
+    mask: GivenImage<'py, bool>,
     spacing: [f64; 3],
-    probability: Option<PyReadonlyArray3<'py, f32>>,
-    progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyArray3<bool>>, Bound<'py, PyDict>)> {
+    probability: Option<GivenImage<'py, f32>>,
+    progress: Progress<'py>,
+) -> PyResult<(Bound<'py, PyArray3<bool>>, Dict<'py>)> {
     let mask = convert::mask(&mask)?;
     let shape = mask.shape();
     let probability: Option<Vec<f32>> = probability.map(|image| image.as_array().iter().copied().collect());
-    let repaired = run(py, None, progress.as_ref(), move |control| {
-        to_genus_zero(&mask, spacing, probability.as_deref(), control)
-    })?;
+    let repaired =
+        run(py, None, &progress, move |control| to_genus_zero(&mask, spacing, probability.as_deref(), control))?;
     let inside = Array3::from_shape_vec(shape, repaired.mask.values().to_vec());
     let inside = inside.map_err(|error| InputError::new_err(error.to_string()))?;
-    let dict = PyDict::new(py);
-    dict.set_item("handles", repaired.handles)?;
-    dict.set_item("considered", repaired.considered)?;
+    let dict = dict!(py, "handles" = repaired.handles, "considered" = repaired.considered);
     for (name, voxels) in [
         ("cut", &repaired.cut),
         ("filled", &repaired.filled),

@@ -3,14 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use voxflat::adjacency::Links;
+use voxflat::control::Control;
 use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
-use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch::{Disk, Selection, cut_out};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
@@ -21,11 +20,12 @@ use voxflat::surface::voxels::cubes::CubeTopology;
 use voxflat::surface::voxels::graph::VoxelGraph;
 use voxflat::volume::Affine;
 
-use crate::convert;
-use crate::work::{InputError, run, to_python};
+use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::surface::distances::shortest;
+use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
-type Faces<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<bool>>);
-type Csr<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>);
+type Faces<'py> = (Table<'py, u32>, Values<'py, bool>);
+type Csr<'py> = (Values<'py, u32>, Values<'py, u32>, Values<'py, f32>);
 
 /// The surface voxels of a label volume with their 26-neighbour graph.
 #[pyclass(frozen, module = "voxflat._core")]
@@ -51,15 +51,15 @@ impl VoxelSurface {
     #[pyo3(signature = (mask, affine, link_lengths, progress=None))]
     fn from_mask(
         py: Python<'_>,
-        mask: PyReadonlyArray3<'_, bool>,
+        mask: GivenImage<'_, bool>,
         affine: [[f64; 4]; 4],
         link_lengths: &str,
-        progress: Option<Bound<'_, PyAny>>,
+        progress: Progress<'_>,
     ) -> PyResult<Self> {
         let lengths = self::link_lengths(link_lengths)?;
         let affine = Affine::new(affine).map_err(to_python)?;
         let mask = convert::mask(&mask)?;
-        run(py, Some(1), progress.as_ref(), move |control| {
+        run(py, Some(1), &progress, move |control| {
             control.begin("finding the surface", 1);
             let surface = CoreSurface::from_mask(&mask, affine, control)?;
             let graph = chain_graph(&surface, lengths, control)?;
@@ -72,15 +72,14 @@ impl VoxelSurface {
     fn cut_out(
         &self,
         py: Python<'_>,
-        keep: Option<PyReadonlyArray3<'_, bool>>,
+        keep: Option<GivenImage<'_, bool>>,
         seed_point: Option<[i64; 3]>,
         radius: Option<f64>,
-        progress: Option<Bound<'_, PyAny>>,
+        progress: Progress<'_>,
     ) -> PyResult<Self> {
         let keep = keep.as_ref().map(convert::mask).transpose()?;
         let disk = seed_point.zip(radius).map(|(seed_point, radius)| Disk { seed_point, radius });
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), progress.as_ref(), move |control| {
+        self.run(py, Some(1), &progress, move |inner, control| {
             let selection = Selection { keep: keep.as_ref(), disk };
             let (surface, graph) = cut_out(&inner.surface, &selection, inner.lengths, control)?;
             Ok(Self(Arc::new(Inner { surface, graph, lengths: inner.lengths })))
@@ -99,13 +98,13 @@ impl VoxelSurface {
 
     /// Voxel indices (N, 3).
     #[getter]
-    fn voxels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+    fn voxels<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, u32>> {
         convert::array(py, self.0.surface.voxels())
     }
 
     /// RAS+ mm (N, 3).
     #[getter]
-    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let points = py.detach(|| convert::plain(&self.0.surface.points()));
         convert::array(py, &points)
     }
@@ -128,21 +127,20 @@ impl VoxelSurface {
 
     /// Euler characteristic, cavities, and whether the surface is closed.
     #[pyo3(signature = (progress=None))]
-    fn topology<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyDict>> {
-        let inner = Arc::clone(&self.0);
-        let topology = run(py, Some(1), progress.as_ref(), move |control| CubeTopology::of(&inner.surface, control))?;
+    fn topology<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
+        let topology =
+            self.run(py, Some(1), &progress, move |inner, control| CubeTopology::of(&inner.surface, control))?;
         topology_dict(py, &topology)
     }
 
     /// Raises InputError if the surface is closed or has too few points.
     #[pyo3(signature = (progress=None))]
-    fn check_flattenable(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<()> {
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), progress.as_ref(), move |control| check_flattenable(&inner.surface, control)).map(|_| ())
+    fn check_flattenable(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<()> {
+        self.run(py, Some(1), &progress, move |inner, control| check_flattenable(&inner.surface, control)).map(|_| ())
     }
 
     /// The vertices at voxels (m, 3).
-    fn find<'py>(&self, py: Python<'py>, voxels: PyReadonlyArray2<'py, i64>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+    fn find<'py>(&self, py: Python<'py>, voxels: GivenTable<'py, i64>) -> PyResult<Values<'py, u32>> {
         self.check_not_empty()?;
         let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
         let find = |voxel| self.0.surface.find(voxel).map(|vertex| vertex as u32);
@@ -164,12 +162,11 @@ impl VoxelSurface {
         sampling: &str,
         count: usize,
         seed: u64,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        progress: Progress<'py>,
+    ) -> PyResult<Values<'py, u32>> {
         let sources =
             convert::sources(sampling, count, seed, "'farthest' or 'random', which are all that voxels have")?;
-        let inner = Arc::clone(&self.0);
-        let chosen = run(py, Some(1), progress.as_ref(), move |control| sources.choose(&inner.graph, control))?;
+        let chosen = self.run(py, Some(1), &progress, move |inner, control| sources.choose(&inner.graph, control))?;
         Ok(chosen.into_pyarray(py))
     }
 
@@ -178,23 +175,21 @@ impl VoxelSurface {
     fn rows<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let rows =
-            run(py, threads, progress.as_ref(), move |control| DistanceRows::compute(&inner.graph, &sources, control))?;
+        sources: Given<'py, u32>,
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Table<'py, f32>> {
+        let sources = self.vertices(&sources)?;
+        let rows = self.run(py, threads, &progress, move |inner, control| {
+            DistanceRows::compute(&inner.graph, &sources, control)
+        })?;
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
     /// A hash of what distances depend on.
     #[pyo3(signature = (progress=None))]
-    fn fingerprint(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), progress.as_ref(), move |control| inner.graph.fingerprint(control))
+    fn fingerprint(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<u64> {
+        self.run(py, Some(1), &progress, move |inner, control| inner.graph.fingerprint(control))
     }
 
     /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
@@ -204,29 +199,22 @@ impl VoxelSurface {
         py: Python<'_>,
         directory: PathBuf,
         identity: String,
-        sources: PyReadonlyArray1<'_, u32>,
-        threads: Option<usize>,
-        progress: Option<Bound<'_, PyAny>>,
+        sources: Given<'_, u32>,
+        threads: Threads,
+        progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let found = run(py, threads, progress.as_ref(), move |control| {
+        let sources = self.vertices(&sources)?;
+        let found = self.run(py, threads, &progress, move |inner, control| {
             Ok(Store::compute(&directory, &identity, &inner.graph, &sources, control)?.found())
         })?;
         Ok((found.rows, found.damaged))
     }
 
     /// The vertices of a shortest path, both ends included, and its length in mm.
-    fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
+    fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f32)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let (path, length) = run(py, Some(1), None, move |control| {
-            let graph = &inner.graph;
-            let mut row = vec![0.0; graph.len()];
-            graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
-        })?;
+        let (path, length) =
+            self.run(py, Some(1), &None, move |inner, control| shortest(&inner.graph, source, target, control))?;
         Ok((path.into_pyarray(py), length))
     }
 
@@ -240,15 +228,14 @@ impl VoxelSurface {
     fn grossmann2002<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         seed: u64,
         keep_rows: bool,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
-        let inner = Arc::clone(&self.0);
-        let map = run(py, threads, progress.as_ref(), move |control| {
+        let map = self.run(py, threads, &progress, move |inner, control| {
             grossmann2002(&inner.surface, &inner.graph, &given, seed, keep_rows, control)
         })?;
         convert::map_dict(py, map)
@@ -259,38 +246,47 @@ impl VoxelSurface {
     fn map_faces<'py>(
         &self,
         py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
-        progress: Option<Bound<'py, PyAny>>,
+        uv: GivenTable<'py, f64>,
+        progress: Progress<'py>,
     ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
-        if uv.len() != self.0.surface.len() {
-            let message = format!("uv has {} rows; the surface has {} points", uv.len(), self.0.surface.len());
-            return Err(InputError::new_err(message));
-        }
-        let inner = Arc::clone(&self.0);
-        let faces = run(py, Some(1), progress.as_ref(), move |control| map_faces(&uv, &inner.graph, control))?;
+        convert::check_length(uv.len(), self.0.surface.len(), "uv")?;
+        let faces = self.run(py, Some(1), &progress, move |inner, control| map_faces(&uv, &inner.graph, control))?;
         Ok((convert::array(py, &faces.corners)?, faces.torn.into_pyarray(py)))
     }
 }
 
 impl VoxelSurface {
+    fn vertices(&self, array: &Given<'_, u32>) -> PyResult<Vec<u32>> {
+        convert::vertices(array, self.0.surface.len())
+    }
+
+    /// Long work on the surface.
+    fn run<T: Send + 'static>(
+        &self,
+        py: Python<'_>,
+        threads: Threads,
+        progress: &Progress<'_>,
+        work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
+    ) -> PyResult<T> {
+        run_on(&self.0, py, threads, progress, work)
+    }
+
     fn check_not_empty(&self) -> PyResult<()> {
         if self.0.surface.is_empty() { Err(InputError::new_err("the surface has no points")) } else { Ok(()) }
     }
 }
 
 fn link_lengths(name: &str) -> PyResult<LinkLengths> {
-    match name {
-        "chain-code" => Ok(LinkLengths::ChainCode),
-        "euclidean" => Ok(LinkLengths::Euclidean),
-        _ => Err(InputError::new_err(format!("link_lengths is {name:?}; give 'chain-code' or 'euclidean'"))),
-    }
+    let all = [("chain-code", LinkLengths::ChainCode), ("euclidean", LinkLengths::Euclidean)];
+    convert::one_of("link_lengths", name, &all)
 }
 
-fn topology_dict<'py>(py: Python<'py>, topology: &CubeTopology) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("euler_characteristic", topology.euler)?;
-    dict.set_item("cavities", topology.cavities)?;
-    dict.set_item("closed", topology.is_closed())?;
-    Ok(dict)
+fn topology_dict<'py>(py: Python<'py>, topology: &CubeTopology) -> PyResult<Dict<'py>> {
+    Ok(dict!(
+        py,
+        "euler_characteristic" = topology.euler,
+        "cavities" = topology.cavities,
+        "closed" = topology.is_closed()
+    ))
 }

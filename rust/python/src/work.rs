@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
-use voxflat::control::{Control, Progress};
+use voxflat::control::{self, Control};
 use voxflat::{Error, Result};
 
 pyo3::import_exception!(voxflat.errors, VoxflatError);
@@ -20,17 +20,23 @@ const POLL: Duration = Duration::from_millis(20);
 /// its own, its result dropped, so that the user has control at once.
 const PATIENCE: Duration = Duration::from_millis(60);
 
+/// What is called with the stage of long work, the steps that are done and all of them, if anything.
+pub type Progress<'py> = Option<Bound<'py, PyAny>>;
+
+/// How many threads; none is one a core.
+pub type Threads = Option<usize>;
+
 /// Runs `work` on threads of its own (`threads` of them, or one a core) without the GIL. The calling thread passes the
 /// progress to `progress(stage, done, total)`; if that returns False or raises, or Ctrl-C is pressed, the work is cancelled.
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
-    threads: Option<usize>,
-    progress: Option<&Bound<'_, PyAny>>,
+    threads: Threads,
+    progress: &Progress<'_>,
     work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("no threads can be started: {error}")))?;
-    let progress = progress.map(|callback| callback.clone().unbind());
+    let progress = progress.as_ref().map(|callback| callback.clone().unbind());
     let control = Arc::new(Control::default());
     let (sender, receiver) = channel();
     let controlled = Arc::clone(&control);
@@ -61,7 +67,19 @@ pub fn run<T: Send + 'static>(
     })
 }
 
-fn watch(py: Python<'_>, progress: Option<&Py<PyAny>>, now: Progress) -> PyResult<()> {
+/// The same for work on a value that goes on being there.
+pub fn run_on<I: Send + Sync + 'static, T: Send + 'static>(
+    value: &Arc<I>,
+    py: Python<'_>,
+    threads: Threads,
+    progress: &Progress<'_>,
+    work: impl FnOnce(&I, &Control) -> Result<T> + Send + 'static,
+) -> PyResult<T> {
+    let value = Arc::clone(value);
+    run(py, threads, progress, move |control| work(&value, control))
+}
+
+fn watch(py: Python<'_>, progress: Option<&Py<PyAny>>, now: control::Progress) -> PyResult<()> {
     py.check_signals()?;
     if let Some(callback) = progress
         && !now.stage.is_empty()

@@ -72,9 +72,7 @@ impl<'a> Facets<'a> {
     }
 
     /// The one of several facets that faces most along a direction; of equal ones the first in the order.
-    ///
-    /// # Panics
-    /// If there is none.
+    /// Panics if there is none.
     pub fn facing(&self, among: &[u32], direction: &Vector3<f64>) -> u32 {
         let key = |facet: u32| (self.normals[facet as usize].dot(direction), std::cmp::Reverse(facet));
         let further = |a: &u32, b: &u32| {

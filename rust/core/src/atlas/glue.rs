@@ -107,13 +107,7 @@ impl Atlas {
 /// max(σ1, 1/σ2) ≤ `bound` for every triangle. Seams for which that is not possible stay cuts.
 ///
 /// The pieces do not depend on the numbers of vertices and triangles.
-///
-/// # Errors
-/// [`Error::GlueBoundOutOfRange`], [`Error::PatchesBeyondBound`], [`Error::DegenerateFace`], [`Error::TooManySprings`],
-/// [`Error::Cancelled`].
-///
-/// # Panics
-/// If there is not one label and one triple of places a face.
+/// Panics if there is not one label and one triple of places a face.
 ///
 /// # Examples
 /// ```
@@ -168,16 +162,6 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
 }
 
 /// Can patches be glued within this bound on C?
-///
-/// # Errors
-/// [`Error::GlueBoundOutOfRange`].
-///
-/// # Examples
-/// ```
-/// use voxflat::atlas::glue::check_bound;
-///
-/// assert!(check_bound(1.5).is_ok() && check_bound(1.0).is_err());
-/// ```
 pub fn check_bound(bound: f64) -> Result<()> {
     let [least, most] = BOUNDS;
     if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }

@@ -76,9 +76,6 @@ pub struct Certificate {
 
 impl Certificate {
     /// By the theorem of Gehring and Väisälä, as in the paper.
-    ///
-    /// # Errors
-    /// [`Error::AngleOutOfRange`].
     pub fn of_angle(angle: f64) -> Result<Self> {
         let [least, most] = ANGLES;
         if !(least..=most).contains(&angle) {
@@ -89,9 +86,6 @@ impl Certificate {
     }
 
     /// Of the greatest angle whose cosine keeps a bound on C, and with it on K.
-    ///
-    /// # Errors
-    /// [`Error::BoundOutOfRange`].
     pub fn of_bound(bound: f64) -> Result<Self> {
         let [least, most] = ANGLES.map(|angle| angle.to_radians().cos().recip());
         if !(least..=most).contains(&bound) {
@@ -138,10 +132,6 @@ pub struct Atlas {
 /// Flattens a surface of any topology in certified patches, as few as are found.
 ///
 /// The patches do not depend on the numbers of vertices and triangles.
-///
-/// # Errors
-/// [`Error::AngleOutOfRange`], [`Error::BoundOutOfRange`], [`Error::TooFewPatches`], [`Error::DegenerateFace`],
-/// [`Error::Cancelled`].
 ///
 /// # Examples
 /// ```

@@ -1,14 +1,7 @@
-mod random;
-
 use std::collections::HashMap;
 
 use proptest::prelude::*;
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use robust::{Coord, orient2d};
 
-use super::growth::{Growth, Region};
-use super::projection::project;
 use super::*;
 use crate::distortion::faces::measure_faces;
 use crate::distortion::overlap::overlaps;
@@ -17,10 +10,10 @@ use crate::surface::mesh::shapes;
 pub(super) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
 /// The places of a triangle's corners, bit by bit.
-pub(super) type Corners = [[u64; 3]; 3];
+type Corners = [[u64; 3]; 3];
 
 /// The patch of a triangle, and the places of its corners there, bit by bit.
-pub(super) type Flat = (u32, [[u64; 2]; 3]);
+type Flat = (u32, [[u64; 2]; 3]);
 
 const ALL_SEEDS: [Seeds; 3] = [Seeds::Curvature, Seeds::Flattest, Seeds::Random(7)];
 
@@ -132,7 +125,7 @@ proptest! {
 }
 
 /// The same mesh with vertices and faces in another order, and faces that begin elsewhere.
-pub(super) fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
+fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
     use rand::{SeedableRng, seq::SliceRandom};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut order: Vec<usize> = (0..points.len()).collect();
@@ -259,25 +252,6 @@ fn a_spiral_staircase_does_not_lie_on_itself() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_matter() {
-    let torus = shapes::surface(shapes::torus(60, 30));
-    let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| made(&torus, Limit::Angle(12.0), Seeds::Curvature))
-    };
-    let one = with(1);
-    assert!(one == with(2) && one == with(5));
-}
-
-#[test]
-fn a_seed_repeats_and_another_one_does_not() {
-    let torus = shapes::surface(shapes::torus(60, 30));
-    let with = |seed: u64| made(&torus, Limit::Angle(12.0), Seeds::Random(seed));
-    assert_eq!(with(3), with(3));
-    assert_ne!(with(3).labels, with(4).labels);
-}
-
-#[test]
 fn cancelling_is_obeyed_and_flat_triangles_are_refused() {
     let sheet = shapes::surface(shapes::sheet(5, 5));
     let control = Control::default();
@@ -291,61 +265,4 @@ fn cancelling_is_obeyed_and_flat_triangles_are_refused() {
     let squeezed = sheet.moved(squeezed).unwrap();
     let found = patches(&squeezed, Limit::Angle(5.0), Seeds::Curvature, &Control::default());
     assert!(matches!(found, Err(Error::DegenerateFace { count: 10, .. })), "{found:?}");
-}
-
-#[test]
-fn a_region_turns_towards_the_normal_of_its_whole_area() {
-    // steps along x: ten narrow level ones, a wide one of 8°, a wide one of 15°
-    let steps: Vec<(f64, f64)> = (0..10).map(|_| (1.0, 0.0)).chain([(100.0, 8.0), (50.0, 15.0)]).collect();
-    let mut points = vec![[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    for (length, tilt) in &steps {
-        let [x, _, z] = points[points.len() - 1];
-        let (sin, cos) = f64::to_radians(*tilt).sin_cos();
-        points.extend([0.0, 1.0].map(|y| [x + length * cos, y, z - length * sin]));
-    }
-    let faces: Vec<[i64; 3]> =
-        (0..steps.len() as i64).flat_map(|n| [[2 * n, 2 * n + 2, 2 * n + 3], [2 * n, 2 * n + 3, 2 * n + 1]]).collect();
-    let surface = shapes::surface((points, faces));
-    let control = Control::default();
-    let facets = Facets::of(&surface, &control).unwrap();
-    let mut growth = Growth::new(&facets, 10f64.to_radians().cos(), &control);
-    let level = facets.facing(&(0..facets.len() as u32).collect::<Vec<_>>(), &Vector3::z());
-    let narrow = growth.around(level, Vector3::z()).unwrap();
-    assert_eq!(narrow.facets.len(), 22);
-    assert_eq!(growth.climb(narrow).unwrap().facets.len(), 24);
-}
-
-#[test]
-fn what_rounding_turns_over_has_a_plane_of_its_own() {
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut turned = 0;
-    for _ in 0..20_000 {
-        let mut place = || Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0f64));
-        let (a, b, off) = (place(), place(), place());
-        let share = rng.random_range(0.2..0.8);
-        let c = a + (b - a) * share + off * 2e-15;
-        let corners = [a, b, c].map(Into::into);
-        let Ok((surface, _)) = Surface::from_triangles(&corners, &[[0, 1, 2]]) else { continue };
-        let control = Control::default();
-        let Ok(facets) = Facets::of(&surface, &control) else { continue };
-        let own = facets.normals[0];
-        let aside = own.cross(&Vector3::new(0.3, 0.2, -0.1)).normalize();
-        let normal = (aside + 0.02 * own).normalize(); // 89° from its own: rounding decides
-        let region = Region { normal, facets: vec![0], area: facets.areas[0] };
-        let found = project(&facets, region, &control).unwrap();
-        let flat = |plane: &Plane| {
-            facets.corners(0).map(|p| {
-                let [x, y] = plane.project(&p);
-                Coord { x, y }
-            })
-        };
-        let tilted = flat(&Plane::new(facets.corners(0)[0], normal));
-        if orient2d(tilted[0], tilted[1], tilted[2]) <= 0.0 {
-            turned += 1;
-            assert_eq!(found[0].0.normal, own);
-        } else {
-            assert_eq!(found[0].0.normal, normal);
-        }
-    }
-    assert!(turned > 20, "{turned}");
 }

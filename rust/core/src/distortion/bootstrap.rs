@@ -33,9 +33,6 @@ pub struct StandardErrors {
 
 /// The standard errors of the figures of all sources together, given each one's sums at scale 1 and at the best scale, and of
 /// how many points the sources were drawn without replacement: from all of them, nothing is left to chance.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(super) fn standard_errors(
     raw: &[Sums],
     best: &[Sums],
@@ -72,17 +69,9 @@ fn values(raw: &Sums, best: &Sums) -> [f64; 2 * FIGURES + 2] {
     let mut values = [0.0; 2 * FIGURES + 2];
     for (part, sums) in values.chunks_mut(FIGURES).zip([raw, best]) {
         let of = sums.figures(1.0);
-        part.copy_from_slice(&[
-            of.relative_error,
-            of.relative_error_0_5mm,
-            of.relative_error_5_15mm,
-            of.relative_error_15_30mm,
-            of.relative_error_10mm,
-            of.relative_error_30mm,
-            of.absolute_error,
-            of.stress_1,
-            of.sammon_stress,
-        ]);
+        for (value, (_, figure)) in part.iter_mut().zip(of.named().into_iter().skip(1)) {
+            *value = figure; // all but the scale
+        }
     }
     values[2 * FIGURES] = raw.correlation();
     values[2 * FIGURES + 1] = raw.mean_geodesic();

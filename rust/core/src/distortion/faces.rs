@@ -102,26 +102,7 @@ pub struct Flipped {
 }
 
 /// Measures a flat map of triangles: `points` (mm) on the surface, `uv` (mm) in the plane, the same vertices in both.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::Cancelled`].
-///
-/// # Panics
-/// If there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::faces::measure_faces;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let wide: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, p.y]).collect();
-/// let found = measure_faces(sheet.points(), sheet.faces(), &wide, &Control::default())?;
-/// assert!((found.areal.summary.median - 1.0).abs() < 1e-12); // log2 of twice the area
-/// assert_eq!(found.flipped.count, 0);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if there is not one place a vertex.
 pub fn measure_faces(
     points: &[Vector3<f64>],
     faces: &[[u32; 3]],
@@ -176,19 +157,7 @@ pub fn measure_faces(
 }
 
 /// The factor on a map that makes its area that of the surface: √(Σ A_surface / Σ A_flat). NaN where the map has none.
-///
-/// # Panics
-/// If there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::distortion::faces::equal_area_scale;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let twice: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
-/// assert!((equal_area_scale(sheet.points(), sheet.faces(), &twice) - 0.5).abs() < 1e-12);
-/// ```
+/// Panics if there is not one place a vertex.
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     assert_eq!(points.len(), uv.len(), "one place a vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();

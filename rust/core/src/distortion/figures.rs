@@ -24,3 +24,21 @@ pub struct Figures {
     /// (1/Σδ) Σ (d − δ)²/δ (Schwartz et al., equation 1.0).
     pub sammon_stress: f64,
 }
+
+impl Figures {
+    /// All of them by their names.
+    pub fn named(&self) -> [(&'static str, f64); 10] {
+        [
+            ("scale", self.scale),
+            ("relative_error", self.relative_error),
+            ("relative_error_0_5mm", self.relative_error_0_5mm),
+            ("relative_error_5_15mm", self.relative_error_5_15mm),
+            ("relative_error_15_30mm", self.relative_error_15_30mm),
+            ("relative_error_10mm", self.relative_error_10mm),
+            ("relative_error_30mm", self.relative_error_30mm),
+            ("absolute_error", self.absolute_error),
+            ("stress_1", self.stress_1),
+            ("sammon_stress", self.sammon_stress),
+        ]
+    }
+}

@@ -15,79 +15,24 @@ pub const KEPT_BYTES: u64 = 256 << 20;
 
 /// The memory in bytes that judging a map of so many points by [`REFERENCE_SOURCES`] needs at most: rows of four bytes a point,
 /// and what is made of them.
-///
-/// # Examples
-/// ```
-/// use voxflat::distortion::judge::memory_need;
-///
-/// assert!(memory_need(1_000_000) > 800_000_000);
-/// ```
 pub fn memory_need(points: usize) -> u64 {
     let (rows, of_points) = (4 * points.min(REFERENCE_SOURCES) as u64, 16);
     (rows + of_points) * points as u64 + WORK_BYTES
 }
 
 /// What a map does to the distances from `count` random reference sources.
-///
-/// # Errors
-/// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::judge::judge;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
-/// assert!(judge(&graph, &uv, 20, 0, &control)?.raw.relative_error < 0.01);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn judge<S: Solver>(solver: &S, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
     Ok(judge_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
 }
 
 /// Random reference sources, other ones than a map of the same seed has.
-///
-/// # Examples
-/// ```
-/// use voxflat::distortion::judge::reference_sources;
-/// use voxflat::sources::random;
-///
-/// let reference = reference_sources(1000, 200, 0);
-/// assert_eq!(reference.len(), 200);
-/// assert_ne!(reference, random(1000, 200, 0));
-/// ```
 pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
     sources::random(points, points.min(count), seed.wrapping_add(1))
 }
 
 /// What several maps of the same vertices do to the distances from the same sources. If their rows take more than `kept` bytes,
 /// they are computed twice instead of being kept; the figures are the same.
-///
-/// # Errors
-/// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::judge::{KEPT_BYTES, judge_all};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
-/// let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
-/// let [good, bad] = &judge_all(&graph, &[&uv, &squeezed], &[0, 40, 80], KEPT_BYTES, 0, &control)?[..] else { panic!() };
-/// assert!(good.raw.relative_error < bad.raw.relative_error);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn judge_all<S: Solver>(
     solver: &S,
     maps: &[&[[f64; 2]]],
@@ -110,21 +55,6 @@ mod tests {
     use crate::geodesic::exact::Exact;
     use crate::surface::mesh::shapes;
     use std::sync::atomic::{AtomicUsize, Ordering};
-
-    #[test]
-    fn memory_is_816_bytes_a_point_and_less_where_there_are_fewer_points_than_sources() {
-        assert_eq!(memory_need(1000) - WORK_BYTES, 816 * 1000);
-        assert_eq!(memory_need(100) - WORK_BYTES, (4 * 100 + 16) * 100);
-        assert_eq!((WORK_BYTES >> 20, KEPT_BYTES >> 20), (40, 256));
-    }
-
-    #[test]
-    fn reference_sources_are_the_random_ones_of_the_next_seed() {
-        assert_eq!(reference_sources(1000, 200, 4), sources::random(1000, 200, 5));
-        let mut all = reference_sources(50, 200, u64::MAX);
-        all.sort_unstable();
-        assert_eq!(all, (0..50).collect::<Vec<u32>>());
-    }
 
     #[test]
     fn rows_that_are_not_kept_are_computed_twice_and_figures_are_the_same() {

@@ -64,30 +64,6 @@ pub struct Distortion {
 }
 
 /// Measures flat maps (places in mm, of the same vertices) against distance rows to all of their points.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`], and those of the rows.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::measure;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let rows = DistanceRows::compute(&graph, &sources, &control)?;
-/// let twice: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
-/// let found = measure(&[&twice], &rows, 0, &control)?.remove(0);
-/// assert!((found.raw.relative_error - 1.0).abs() < 0.01);
-/// assert!((found.best_scale.scale - 0.5).abs() < 0.01 && found.best_scale.relative_error < 0.01);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Control) -> Result<Vec<Distortion>> {
     let mut maps: Vec<Judged> = maps.iter().map(|uv| Judged::new(uv, rows.sources().len(), seed)).collect();
     control.begin("measuring distortion", 2);
@@ -103,25 +79,6 @@ pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Con
 
 /// The scale at which a map's distances are nearest to those of rows to all of its points: argmin mean |s·d − δ|/δ. NaN where
 /// all places are one.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`], and those of the rows.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::best_scale;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let rows = DistanceRows::compute(&GeodesicGraph::new(&sheet, &control)?, &[0, 40, 80], &control)?;
-/// let twice: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
-/// assert!((best_scale(&twice, &rows, &control)? - 0.5).abs() < 0.01);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Result<f64> {
     let mut map = [Judged::new(uv, 0, 0)];
     pass(&mut map, rows, control, |map, block, control| {

@@ -32,22 +32,6 @@ pub struct Overlap {
 
 /// Finds where a flat map (`uv`, mm) of triangles lies on itself. Triangles without area, and those with a corner that has
 /// no place, cover nothing; edges of one face are the boundary.
-///
-/// # Errors
-/// [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::overlap::overlaps;
-///
-/// let control = Control::default();
-/// let places = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [5.0, 1.0], [1.0, 5.0]];
-/// let found = overlaps(&[[0, 1, 2], [3, 4, 5]], &places, &control)?; // one triangle lies on a corner of the other
-/// assert_eq!((found.covering, found.crossings), (2, 2));
-/// assert_eq!(overlaps(&[[0, 1, 2]], &places, &control)?.covering, 0);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
     all_exist(faces, uv.len())?;
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };
@@ -152,10 +136,8 @@ fn chunks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::Error;
     use proptest::prelude::*;
     use std::collections::HashMap;
-    use std::f64::consts::TAU;
 
     /// A rectangle of w × h squares, each cut in two.
     fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
@@ -276,16 +258,6 @@ mod tests {
     }
 
     #[test]
-    fn an_embedding_has_none() {
-        let (uv, faces) = grid(30, 20);
-        assert_eq!(counts(&faces, &uv), (0, 0));
-        // triangles of very different sizes, places that are no round numbers
-        let polar = |&[x, y]: &[f64; 2]| [(0.4 * y).exp() * (0.2 * x).cos(), (0.4 * y).exp() * (0.2 * x).sin()];
-        assert_eq!(counts(&faces, &uv.iter().map(polar).collect::<Vec<_>>()), (0, 0));
-        assert_eq!(counts(&[], &[]), (0, 0));
-    }
-
-    #[test]
     fn a_seam_is_no_overlap() {
         // a grid that is cut along a column: the vertices there are doubled and lie on each other
         let (mut uv, faces) = grid(6, 4);
@@ -321,47 +293,6 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_of_eight_crosses_itself_without_a_flipped_triangle() {
-        const STEPS: u32 = 101;
-        let rails = |n: u32| {
-            let t = TAU * (f64::from(n) + 0.37) / f64::from(STEPS);
-            let (along, middle) = ([t.cos(), (2.0 * t).cos()], [t.sin(), t.sin() * t.cos()]);
-            let length = along[0].hypot(along[1]) / 0.05;
-            let side = [-along[1] / length, along[0] / length];
-            [[middle[0] - side[0], middle[1] - side[1]], [middle[0] + side[0], middle[1] + side[1]]]
-        };
-        let uv = on_lattice(4096.0, (0..STEPS).flat_map(rails));
-        let strip = |n: u32| {
-            let [a, b] = [2 * n, 2 * ((n + 1) % STEPS)];
-            [[a, b, a + 1], [b, b + 1, a + 1]]
-        };
-        let faces: Vec<_> = (0..STEPS).flat_map(strip).collect();
-        let overlap = found(&faces, &uv);
-        assert_eq!(overlap.crossings, 4); // two rails cross two rails
-        assert!(overlap.covering >= 4 && overlap.covering < 20);
-        let turn = |&[a, b, c]: &[u32; 3]| {
-            let [a, b, c] = [a, b, c].map(|v| Coord { x: uv[v as usize][0], y: uv[v as usize][1] });
-            orient2d(a, b, c) > 0.0
-        };
-        assert!(faces.iter().all(|face| turn(face) == turn(&faces[0])));
-        assert_eq!(overlap, brute_force(&faces, &uv));
-    }
-
-    #[test]
-    fn components_overlap_only_where_they_lie_on_each_other() {
-        let (uv, faces) = grid(5, 5);
-        let both: Vec<_> = faces.iter().copied().chain(faces.iter().map(|face| face.map(|v| v + 36))).collect();
-        let beside = |dx: f64, dy: f64| {
-            let second = uv.iter().map(|&[x, y]| [x + dx, y + dy]);
-            uv.iter().copied().chain(second).collect::<Vec<_>>()
-        };
-        assert_eq!(counts(&both, &beside(7.0, 0.0)), (0, 0));
-        assert_eq!(counts(&both, &beside(5.0, 0.0)), (0, 0)); // side on side
-        assert_eq!(counts(&both, &beside(0.0, 0.0)), (0, 100)); // one on the other
-        assert_eq!(counts(&both, &beside(4.5, 4.5)), (2, 4)); // corner over corner
-    }
-
-    #[test]
     fn what_has_no_interior_covers_nothing() {
         let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 2.0], [f64::NAN, 0.0]];
         assert_eq!(counts(&[[0, 1, 2], [0, 3, 4], [3, 3, 1], [1, 2, 5]], &uv), (0, 0));
@@ -372,41 +303,5 @@ mod tests {
             assert_eq!(counts(&[[0, 1, 2], [3, 4, 5]], &uv), (0, 0), "{far:?}");
             assert_eq!(counts(&[[0, 1, 2], [4, 3, 5]], &uv), (0, 0), "{far:?}");
         }
-    }
-
-    #[test]
-    fn steps_of_the_progress_are_of_256_searches() {
-        assert_eq!(chunks(600).collect::<Vec<_>>(), [0..256, 256..512, 512..600]);
-        assert!(chunks(0).collect::<Vec<_>>().is_empty());
-        let (uv, faces) = grid(30, 20);
-        let control = Control::default();
-        overlaps(&faces, &uv, &control).unwrap();
-        let progress = control.progress();
-        assert_eq!((progress.done, progress.total), (6, 6)); // 100 edges, and 1,200 triangles
-    }
-
-    #[test]
-    fn the_number_of_threads_does_not_matter() {
-        let (uv, faces) = grid(80, 60);
-        let uv: Vec<_> = uv.iter().map(|&[x, y]| [x + 3.0 * (0.4 * y).sin(), y + 3.0 * (0.5 * x).sin()]).collect();
-        let with = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| found(&faces, &uv))
-        };
-        let one = with(1);
-        assert!(one.covering > 100 && one.covering < faces.len());
-        assert!(one == with(2) && one == with(7));
-    }
-
-    #[test]
-    fn wrong_corners_are_refused_and_cancelling_is_obeyed() {
-        let (uv, faces) = grid(2, 2);
-        let control = Control::default();
-        assert_eq!(overlaps(&[[0, 9, 1]], &uv, &control), Err(Error::NoSuchPoint { vertex: 9, points: 9 }));
-        overlaps(&faces, &uv, &control).unwrap();
-        let progress = control.progress();
-        assert_eq!((progress.stage, progress.done), ("looking for overlaps", progress.total));
-        control.cancel();
-        assert_eq!(overlaps(&faces, &uv, &control), Err(Error::Cancelled));
     }
 }

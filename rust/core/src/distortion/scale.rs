@@ -132,46 +132,6 @@ mod tests {
     }
 
     #[test]
-    fn bins_reach_from_half_the_median_of_the_first_source_to_twice_it() {
-        for middle in [0.75, 6.0] {
-            // half of all weight lies at the middle, the rest on either side
-            let first = [(0.1 * middle, 0.1), (0.5 * middle, 1.0), (9.0 * middle, 3.0), (4.0 * middle, 4.0)];
-            let ratios = || Ratios::around_median(first.into_iter());
-            assert_eq!(ratios().middle, middle);
-            let last = BINS - 1;
-            for (ratio, place) in [
-                (0.5, Some(0)),
-                (0.499_999, None),
-                (1.999_999, Some(last)),
-                (2.0, None),
-                (0.5 + 0.75, Some(BINS / 2)),
-                (0.5 + 0.375, Some(BINS / 4)),
-            ] {
-                let ratios = ratios();
-                let (delta, d) = (16.0 * ratio * middle, 16.0);
-                ratios.add(delta, d);
-                let counted = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-                let weight = (UNIT / ratio).round() as u64;
-                assert_eq!(
-                    (counted(&ratios.below), counted(&ratios.above)),
-                    match place {
-                        Some(_) => (0, 0),
-                        None if ratio < 1.0 => (weight, 0),
-                        None => (0, weight),
-                    }
-                );
-                let found: Vec<usize> = (0..BINS).filter(|&n| counted(&ratios.bins[n]) > 0).collect();
-                // next to the end rounding may be by a bin
-                assert!(
-                    place.map_or(found.is_empty(), |bin| found.len() == 1 && found[0].abs_diff(bin) <= 1),
-                    "{found:?}"
-                );
-                assert!(place != Some(0) || found == [0]);
-            }
-        }
-    }
-
-    #[test]
     fn a_median_far_from_that_of_the_first_source_is_found() {
         let mut pairs = vec![(1.0, 1.0); 3];
         for ratio in [1000.0, 0.001] {

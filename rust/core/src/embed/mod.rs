@@ -3,3 +3,6 @@
 pub mod classical;
 pub mod sammon;
 pub mod stress;
+
+/// A place in the plane, mm.
+pub(crate) type Place = nalgebra::Vector2<f64>;

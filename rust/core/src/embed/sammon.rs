@@ -81,24 +81,6 @@ impl Pull {
 }
 
 /// Sammon's stress of a map: 0 if it keeps all distances of pairs.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::sammon::stress;
-/// use voxflat::geodesic::neighbourhood::Neighbourhoods;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let pairs = Neighbourhoods::measure(&sheet, Some(2), &[], &control)?;
-/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
-/// assert!(stress(&pairs, &uv, &control)? < 1e-9);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn stress(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<f64> {
     Ok(step(pairs, uv, control)?.0)
 }
@@ -134,25 +116,6 @@ pub struct Descended {
 }
 
 /// Moves a map until its stress does not change any more.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::sammon::descend;
-/// use voxflat::geodesic::neighbourhood::Neighbourhoods;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let pairs = Neighbourhoods::measure(&sheet, None, &[], &control)?;
-/// let squeezed = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
-/// let found = descend(&pairs, squeezed, &control)?;
-/// assert!(found.least < 1e-3 * found.stresses[0]);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) -> Result<Descended> {
     let mut found = Descended { uv: Vec::new(), least: f64::INFINITY, stresses: Vec::new(), converged: false };
     let mut uv = start;

@@ -7,19 +7,6 @@ use crate::surface::voxels::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
 /// Can this surface be flattened as it is?
-///
-/// # Errors
-/// [`Error::TooFewPoints`], [`Error::NotADisk`].
-///
-/// # Examples
-/// ```
-/// use voxflat::flatten::check_disk;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// assert!(check_disk(&sheet).is_ok());
-/// assert!(check_disk(&shapes::surface(shapes::torus(12, 6))).is_err());
-/// ```
 pub fn check_disk(surface: &Surface) -> Result<()> {
     if surface.len() < FEWEST_SOURCES {
         return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
@@ -35,23 +22,6 @@ pub fn check_disk(surface: &Surface) -> Result<()> {
 }
 
 /// Can this connected surface be flattened?
-///
-/// # Errors
-/// [`Error::TooFewPoints`], [`Error::Closed`], [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::check_flattenable;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// assert_eq!(check_flattenable(&surface, &control)?.euler, 1); // a disk
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<CubeTopology> {
     let points = surface.len();
     if points < FEWEST_SOURCES {

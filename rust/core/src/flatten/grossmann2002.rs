@@ -18,27 +18,6 @@ use crate::surface::voxels::graph::VoxelGraph;
 
 /// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
 /// scaling of the sources, radial functions for the rest. The rows from the sources are kept in the map if so wished.
-///
-/// # Errors
-/// Those of [`check_flattenable`] and of the stages.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::grossmann2002;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let map = grossmann2002(&surface, &graph, &Sources::Farthest { count: 20, seed: 0 }, 0, false, &control)?;
-/// assert!(map.planarity > 0.9 && map.distortion.raw.relative_error < 0.1);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn grossmann2002(
     surface: &VoxelSurface,
     graph: &VoxelGraph,
@@ -101,13 +80,6 @@ const PLACING_BYTES: u64 = 24 + 16;
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
 /// with `links` links in its graph. Scaling is done when judging begins.
-///
-/// # Examples
-/// ```
-/// use voxflat::flatten::grossmann2002::memory_need;
-///
-/// assert!(memory_need(100_000, 800_000, 1000, 2) < memory_need(200_000, 1_600_000, 1000, 2));
-/// ```
 pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) -> u64 {
     BASE_BYTES
         + VoxelSurface::memory_need(points)

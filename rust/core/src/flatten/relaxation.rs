@@ -59,26 +59,18 @@ impl Default for Relaxation {
 }
 
 impl Relaxation {
-    /// # Errors
-    /// [`Error::RelaxationOption`].
-    pub fn validate(&self) -> Result<()> {
-        let refuse = |name, value| Err(Error::RelaxationOption { name, value });
-        if self.length.is_nan() || self.length < 0.0 {
-            return refuse("length", self.length);
+    fn validate(&self) -> Result<()> {
+        let options = [
+            ("length", self.length, f64::INFINITY),
+            ("least_gain", self.least_gain, f64::INFINITY),
+            ("least_relief", self.least_relief, 1.0),
+            ("bearable", self.bearable, f64::INFINITY),
+            ("within", self.within, f64::INFINITY),
+        ];
+        match options.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
+            Some((name, value, _)) => Err(Error::RelaxationOption { name, value }),
+            None => Ok(()),
         }
-        if self.least_gain.is_nan() || self.least_gain < 0.0 {
-            return refuse("least_gain", self.least_gain);
-        }
-        if !(0.0..=1.0).contains(&self.least_relief) {
-            return refuse("least_relief", self.least_relief);
-        }
-        if self.bearable.is_nan() || self.bearable < 0.0 {
-            return refuse("bearable", self.bearable);
-        }
-        if self.within.is_nan() || self.within < 0.0 {
-            return refuse("within", self.within);
-        }
-        Ok(())
     }
 }
 
@@ -97,22 +89,6 @@ pub struct Relaxed {
 }
 
 /// Cuts a disk open where that relieves its map most. The result is the same each time, for any number of threads.
-///
-/// # Errors
-/// [`Error::RelaxationOption`], [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::Cancelled`], and those of flattening.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::relax;
-/// use voxflat::flatten::relaxation::Relaxation;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let relaxed = relax(&sheet, Relaxation::default(), &Control::default())?;
-/// assert!(relaxed.cuts.is_empty()); // nothing to gain: it is flat
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
     check_disk(surface)?;

@@ -38,22 +38,7 @@ pub struct Whole {
 
 /// Flattens a surface in certified patches, glues these to one piece such that max(σ1, 1/σ2) ≤ `bound` for every triangle, and cuts
 /// the surface open where seams remain. Distances are measured for the figures only, along the graph's links over what was cut.
-///
-/// # Errors
-/// [`Error::NotOnePiece`] if more than one piece remains, and those of [`patches`], [`glue::glue`] and the stages.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::saucan2006;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8));
-/// let whole = saucan2006(&sheet, 1.5, 0, &Control::default())?;
-/// assert_eq!(whole.patches, 1); // nothing to glue: it is flat
-/// assert!(whole.stretch.iter().flatten().all(|stretch| (stretch - 1.0).abs() < 1e-6));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Errors: [`Error::NotOnePiece`] if more than one piece remains, and those of [`patches`], [`glue::glue`] and the stages.
 pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -> Result<Whole> {
     glue::check_bound(bound)?;
     // C of a projection is 1/cos of the angle; patches must be within the bound before they are glued
@@ -104,13 +89,6 @@ fn opened(surface: &Surface, piece: &Piece) -> Surface {
 const GLUING_BYTES: u64 = 4000;
 
 /// The memory in bytes that [`saucan2006`] needs at most beside the surface's input: to glue, and then to judge what was glued.
-///
-/// # Examples
-/// ```
-/// use voxflat::flatten::saucan2006::memory_need;
-///
-/// assert!(memory_need(100_000, 2) < memory_need(200_000, 2));
-/// ```
 pub fn memory_need(points: usize, threads: usize) -> u64 {
     let judging = GeodesicGraph::memory_need(points)
         + threads as u64 * BundleScratch::memory_need(points)

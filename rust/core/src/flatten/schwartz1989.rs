@@ -53,31 +53,7 @@ pub struct Mapped {
 
 /// Flattens a disk after Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a few sources, and from
 /// random starts Newton steps along each coordinate to the map of least stress. Every vertex takes part.
-///
-/// # Errors
-/// [`crate::Error::NotADisk`], [`crate::Error::TooFewPoints`], [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`],
-/// [`crate::Error::DuplicateSource`], [`crate::Error::NotPlanar`].
-///
-/// # Panics
-/// If there is no start.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::schwartz1989;
-/// use voxflat::flatten::schwartz1989::Options;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let options = Options { rings: None, sources: &[], starts: 2, seed: 0, keep_rows: false }; // the distances of all pairs
-/// let mapped = schwartz1989(&sheet, &graph, &options, &control)?;
-/// assert_eq!((mapped.stresses.len(), mapped.pairs), (2, 81 * 80 / 2));
-/// assert!(mapped.map.distortion.raw.relative_error < 0.01);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if there is no start.
 pub fn schwartz1989(
     surface: &Surface,
     graph: &GeodesicGraph,
@@ -147,21 +123,6 @@ fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> 
 
 /// The least number of rings with which neighbourhoods cover a tenth of the vertices on average, and a hundred if there are so
 /// many.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::schwartz1989::usual_rings;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let rings = usual_rings(&sheet, &Control::default())?;
-/// assert!((2..=16).contains(&rings)); // to all of so few vertices
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     control.begin("counting neighbours", 1);
     let vertices = surface.len() as f64;
@@ -192,22 +153,6 @@ const WAVE_BYTES: u64 = 400;
 
 /// The memory in bytes that [`schwartz1989`] needs at most beside the surface's input; neighbourhoods are counted around some
 /// vertices.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::schwartz1989::memory_need;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let near = memory_need(&sheet, Some(2), 0, 1, &control)?;
-/// assert!(near < memory_need(&sheet, None, 0, 1, &control)?);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn memory_need(
     surface: &Surface,
     rings: Option<u32>,

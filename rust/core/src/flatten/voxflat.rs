@@ -22,30 +22,7 @@ use crate::surface::Surface;
 /// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. In the end the map is brought to its scale, and judged by the graph's
 /// distances; levels and rows are dropped before.
-///
-/// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`flatten_from`] among them.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::stress::levels::Levels;
-/// use voxflat::flatten;
-/// use voxflat::flatten::voxflat::Options;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let levels = Levels::new(&sheet, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let map = flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control)?;
-/// assert!(map.distortion.raw.relative_error < 0.01);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Errors: [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`flatten_from`] among them.
 pub fn voxflat(
     mut levels: Levels,
     rows: DistanceRows,
@@ -145,15 +122,6 @@ const WAVE_BYTES: u64 = 160;
 
 /// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices: what stays all the
 /// time, and the most that one of the stages takes, the links' making, the comparison with exact distances, rows, descent, and judging.
-///
-/// # Examples
-/// ```
-/// use voxflat::flatten::voxflat::{AfterPlacing, memory_need};
-///
-/// let [dropped, kept, stored] = [AfterPlacing::Dropped, AfterPlacing::Kept, AfterPlacing::Stored]
-///     .map(|rows| memory_need(1_000_000, 1000, 2, rows));
-/// assert!(dropped < kept && stored < kept);
-/// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let (vertices, workers) = (points as u64, threads as u64);
     let searches = workers * BundleScratch::memory_need(points);

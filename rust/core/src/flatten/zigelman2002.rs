@@ -52,29 +52,7 @@ enum Rest<'a> {
 ///
 /// Vertices that decimation cannot take away without harm to the surface become sources, too. The rows from the sources are kept
 /// in the map if so wished.
-///
-/// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`], [`Error::TooManySources`] and those of the stages.
-///
-/// # Panics
-/// If there is not one pixel a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::zigelman2002;
-/// use voxflat::flatten::zigelman2002::Sampling;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::geodesic::marching::Wave;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let map = zigelman2002(&sheet, &graph, &Sampling::Decimation { count: 30 }, Wave::Circle, 0, false, &control)?;
-/// assert!(map.distortion.raw.relative_error < 0.05);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if there is not one pixel a vertex.
 pub fn zigelman2002(
     surface: &Surface,
     graph: &GeodesicGraph,
@@ -170,13 +148,6 @@ const WORK_BYTES: u64 = 1500;
 
 /// The memory in bytes that [`zigelman2002`] needs at most beside the surface's input: what [`voxflat`](super::voxflat()) needs
 /// from as many sources as judge the map, fast marching, decimation, and scaling.
-///
-/// # Examples
-/// ```
-/// use voxflat::flatten::zigelman2002::memory_need;
-///
-/// assert!(memory_need(100_000, 500, 2) < memory_need(100_000, 5000, 2));
-/// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize) -> u64 {
     let judged = voxflat::memory_need(points, REFERENCE_SOURCES, threads, AfterPlacing::Dropped);
     judged + WORK_BYTES * points as u64 + classical::memory_need(sources)

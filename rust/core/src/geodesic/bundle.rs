@@ -86,20 +86,12 @@ impl BundleScratch {
     }
 
     /// Writes the distances from one source to every vertex.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn row(&mut self, graph: &impl Links, source: u32, row: &mut [f32], control: &Control) -> Result<()> {
         search(&mut self.search, graph, source, f32::INFINITY, row, control)
     }
 
     /// Writes the distances from each source of a bundle, its midst first, to every vertex or to the targets: a row a source.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    ///
-    /// # Panics
-    /// If there are more sources than a bundle has.
+    /// Panics if there are more sources than a bundle has.
     pub fn rows(
         &mut self,
         graph: &impl Links,
@@ -179,9 +171,6 @@ impl BundleScratch {
 
 /// Puts sources that lie near each other together: their numbers, in each bundle the one in its midst first. A bundle has one
 /// source where they are too few, and no more than leave work for so many threads.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
     let numbers = 0..sources.len() as u32;
     let fewest = if graph.vertices() > CACHED { FEWEST_SOURCES } else { FEWEST_CACHED };
@@ -359,7 +348,6 @@ fn widen(range: &mut Range<usize>, by: Range<usize>) {
 mod tests {
     use super::*;
     use crate::adjacency::Listed;
-    use crate::error::Error;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::mesh::shapes;
     use proptest::prelude::*;
@@ -434,32 +422,5 @@ mod tests {
             numbers.sort_unstable();
             prop_assert_eq!(numbers, (0..sources.len() as u32).collect::<Vec<_>>());
         }
-    }
-
-    #[test]
-    fn sources_of_a_bundle_lie_together() {
-        let graph = GeodesicGraph::new(&shapes::surface(shapes::sheet(64, 64)), &Control::default()).unwrap();
-        let sources: Vec<u32> = (0..256).map(|n| (n * 1021) % graph.vertices() as u32).collect();
-        let bundles = bundles(&graph, &sources, 1, &Control::default()).unwrap();
-        assert_eq!(bundles.len(), 16);
-        for bundle in bundles {
-            let members: Vec<u32> = bundle.iter().map(|&number| sources[number as usize]).collect();
-            let row = &searched(&graph, &members[..1])[0];
-            // a sixteenth of the sheet is a square of 16 mm
-            assert!(members.iter().all(|&member| row[member as usize] < 32.0));
-        }
-    }
-
-    #[test]
-    fn cancelling_stops_bundles() {
-        let graph = GeodesicGraph::new(&shapes::surface(shapes::sheet(9, 9)), &Control::default()).unwrap();
-        let control = Control::default();
-        control.cancel();
-        let sources: Vec<u32> = (0..100).collect();
-        assert_eq!(bundles(&graph, &sources, 1, &control), Err(Error::Cancelled));
-        let mut rows = vec![vec![0.0; 100]; 2];
-        let mut each: Vec<_> = rows.iter_mut().map(|row| &mut row[..]).collect();
-        let found = BundleScratch::new(&graph).rows(&graph, &[3, 4], None, &mut each, &control);
-        assert_eq!(found, Err(Error::Cancelled));
     }
 }

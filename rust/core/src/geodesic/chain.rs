@@ -55,9 +55,6 @@ pub struct ChainWeights([f64; 8]);
 
 impl ChainWeights {
     /// The weights for voxels of this spacing (mm).
-    ///
-    /// # Errors
-    /// [`Error::TooAnisotropic`].
     pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Result<Self> {
         let longest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
         let shortest = spacing.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
@@ -137,26 +134,6 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// The 26-neighbour graph of a surface.
-///
-/// # Errors
-/// As [`ChainWeights::new`] and [`VoxelGraph::of`].
-///
-/// # Examples
-/// ```
-/// use voxflat::adjacency::Links;
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// assert_eq!(graph.extremes(), [0.9016, 1.615]); // mm, as published
-/// assert_eq!(graph.components().count(), 1);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<VoxelGraph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
     VoxelGraph::of(surface, weights.lengths(), control)
@@ -165,7 +142,7 @@ pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Contr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Rotation3, Vector3};
+    use nalgebra::Vector3;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -292,57 +269,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    /// Adds a voxel to a chain; where the main axis changes, two cuts can lie two voxels apart.
-    fn join(chain: &mut Vec<[i64; 3]>, voxel: [i64; 3]) {
-        while let Some(&last) = chain.last().filter(|&&last| (0..3).any(|axis| (voxel[axis] - last[axis]).abs() > 1)) {
-            chain.push(std::array::from_fn(|axis| last[axis] + (voxel[axis] - last[axis]).signum()));
-        }
-        if chain.last() != Some(&voxel) {
-            chain.push(voxel);
-        }
-    }
-
-    /// The 26-directional chain of a circle: where its tangent is mostly along an axis, it is cut by the planes of voxel
-    /// centres across that axis.
-    fn circle_chain(radius: f64, centre: Vector3<f64>, rotation: Rotation3<f64>) -> Vec<[i64; 3]> {
-        let samples = (radius * 2000.0) as usize;
-        let at = |n: usize| {
-            let angle = std::f64::consts::TAU * n as f64 / samples as f64;
-            (
-                centre + rotation * Vector3::new(radius * angle.cos(), radius * angle.sin(), 0.0),
-                rotation * Vector3::new(-angle.sin(), angle.cos(), 0.0),
-            )
-        };
-        let mut chain: Vec<[i64; 3]> = Vec::new();
-        for n in 0..=samples {
-            let ((p, tangent), (q, _)) = (at(n), at(n + 1));
-            let main = tangent.iamax();
-            if p[main].floor() != q[main].floor() {
-                join(&mut chain, std::array::from_fn(|axis| p[axis].round() as i64));
-            }
-        }
-        let first = chain[0];
-        join(&mut chain, first);
-        chain
-    }
-
-    #[test]
-    fn circles_are_measured_right_on_average_as_they_grow() {
-        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut mean_error = |radius: f64| {
-            let mut sum = 0.0;
-            for _ in 0..100 {
-                let rotation = Rotation3::rotation_between(&Vector3::z(), &random_direction(&mut rng)).unwrap();
-                let centre = Vector3::from_fn(|_, _| rng.random_range(0.0..1.0));
-                let chain = circle_chain(radius, centre, rotation);
-                sum += chain_length(&chain, &weights) / (std::f64::consts::TAU * radius) - 1.0;
-            }
-            (sum / 100.0).abs()
-        };
-        let [small, middle, large] = [5.0, 20.0, 100.0].map(&mut mean_error);
-        assert!(small < 0.03 && middle < 0.01 && large < 0.005, "{small} {middle} {large}");
     }
 }

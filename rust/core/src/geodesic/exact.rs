@@ -39,21 +39,6 @@ impl Default for Reach {
 }
 
 /// Exact distances and shortest paths on a surface.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::exact::Exact;
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let rows = DistanceRows::compute(&Exact::new(&sheet), &[0], &control)?;
-/// let apart = |v: usize| (sheet.points()[v] - sheet.points()[0]).norm();
-/// assert!((0..sheet.len()).all(|v| (f64::from(rows.row(0)[v]) - apart(v)).abs() < 1e-5));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug)]
 pub struct Exact<'a> {
     surface: &'a Surface,

@@ -36,17 +36,11 @@ impl Neighbourhoods {
     /// Exact distances from every vertex within so many rings of faces (everywhere, if None), and from `sources` to all vertices.
     ///
     /// A path within the rings may be longer than the shortest one; of both directions the shorter counts.
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`], [`Error::Cancelled`].
     pub fn measure(surface: &Surface, rings: Option<u32>, sources: &[u32], control: &Control) -> Result<Self> {
         Ok(Self::measure_with_rows(surface, rings, sources, false, control)?.0)
     }
 
     /// The same, and if so wished the rows from the sources to all vertices, one after the other, as they were measured.
-    ///
-    /// # Errors
-    /// As [`Neighbourhoods::measure`].
     pub fn measure_with_rows(
         surface: &Surface,
         rings: Option<u32>,
@@ -178,21 +172,6 @@ fn merge(row: &[Near], sources: &[u32], to: &mut Vec<Near>) {
 
 /// How many vertices lie within 1, 2, 3 … rings around one, itself included, up to all; mean over vertices spread over the
 /// numbers, or over all if they are few.
-///
-/// # Errors
-/// [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::neighbourhood::sizes_of_rings;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let square = shapes::surface(shapes::sheet(1, 1)); // two triangles
-/// // the ends of the diagonal have three neighbours, the other corners two
-/// assert_eq!(sizes_of_rings(&square, Some(1), &Control::default())?, [3.5]);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn sizes_of_rings(surface: &Surface, most: Option<u32>, control: &Control) -> Result<Vec<f64>> {
     let edges = Network::of(surface);
     let counted = surface.len().min(COUNTED);

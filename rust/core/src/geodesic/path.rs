@@ -43,16 +43,6 @@ impl PathPoint {
 }
 
 /// The length of a path, mm: of its straight segments together.
-///
-/// # Examples
-/// ```
-/// use voxflat::geodesic::path::{PathPoint, Site, length};
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let path = [0, 1, 2].map(|vertex| PathPoint::at(&sheet, Site::Vertex(vertex)));
-/// assert_eq!(length(&path), 2.0);
-/// ```
 pub fn length(path: &[PathPoint]) -> f64 {
     path.windows(2).map(|two| (two[0].point - two[1].point).norm()).sum()
 }

@@ -17,16 +17,10 @@ pub trait Solver: Sync {
     fn columns(&self) -> usize;
 
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 
     /// Which sources are best asked for at once, by their numbers; no more than leave work for so many threads. Rows are the
     /// same in any company, bit by bit.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
         let _ = (threads, control);
         Ok((0..sources.len() as u32).map(|number| vec![number]).collect())
@@ -34,9 +28,6 @@ pub trait Solver: Sync {
 
     /// Writes the distances in mm from each source of a bundle to every vertex, or to the targets; infinity where one cannot be
     /// reached.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     fn rows(
         &self,
         bundle: &[u32],
@@ -59,9 +50,6 @@ pub trait Solver: Sync {
     }
 
     /// A hash of what distances depend on, the same on every machine.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     fn fingerprint(&self, control: &Control) -> Result<u64>;
 }
 

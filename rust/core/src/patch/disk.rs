@@ -13,26 +13,8 @@ const MOST_FILLED: f64 = 0.1;
 
 /// The geodesic disk of a surface: its faces within `radius` mm of a vertex, and small pieces that these enclose. Returns
 /// the number of faces that were taken in, too.
-///
-/// # Errors
-/// [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] where not even one face lies within the radius,
+/// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] where not even one face lies within the radius,
 /// [`Error::DiskEncloses`] where a large piece is enclosed, [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::patch::disk;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let (part, filled) = disk(&sheet, &graph, 40, 2.0, &control)?; // around the middle
-/// assert!(part.points().iter().all(|p| (p.x - 4.0).hypot(p.y - 4.0) < 2.001));
-/// assert_eq!(filled, 0);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn disk(
     surface: &Surface,
     graph: &impl Links,

@@ -7,23 +7,8 @@ use crate::surface::mesh::paths::{along_path, shortest_path};
 
 /// The smaller side, by area, of the closed shortest path along edges through `corners` in their order; and that path, whose
 /// last vertex is its first. Where the path touches itself and cuts off several pieces, all but the largest are taken.
-///
-/// # Errors
-/// [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`], [`Error::NotEnclosing`] where the path does not cut
+/// Errors: [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`], [`Error::NotEnclosing`] where the path does not cut
 /// the surface in two, [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::patch::polygon;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let (inside, path) = polygon(&sheet, &[20, 24, 60, 56], &Control::default())?; // rows of nine vertices
-/// assert!((inside.areas().iter().sum::<f64>() - 16.0).abs() < 1e-9);
-/// assert_eq!(path.first(), path.last());
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn polygon(surface: &Surface, corners: &[u32], control: &Control) -> Result<(Surface, Vec<u32>)> {
     if corners.len() < 3 {
         return Err(Error::FewCorners { corners: corners.len() });

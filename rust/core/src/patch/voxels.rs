@@ -28,24 +28,6 @@ pub struct Disk {
 }
 
 /// The mask's part of a surface.
-///
-/// # Errors
-/// [`Error::ShapeMismatch`], [`Error::EmptyPatch`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::patch::keep;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let half = Mask::from_fn([8, 8, 3], |[i, _, _]| i < 4)?;
-/// assert_eq!(keep(&surface, &half)?.len(), 32);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
     if mask.shape() != surface.shape() {
         let [given, needed] = [mask.shape(), surface.shape()].map(|shape| shape.iter().product());
@@ -59,26 +41,6 @@ pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
 }
 
 /// A geodesic disk of a surface with its graph. The seed point is the nearest surface voxel to the one that is asked for.
-///
-/// # Errors
-/// [`Error::RadiusNotPositive`], [`Error::SeedOffSurface`], [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::patch::{Disk, geodesic_disk};
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let disk = geodesic_disk(&surface, &graph, Disk { seed_point: [4, 4, 1], radius: 1.0 }, &control)?;
-/// assert_eq!(disk.len(), 5); // a voxel and its direct neighbours
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn geodesic_disk(
     surface: &VoxelSurface,
     graph: &VoxelGraph,
@@ -102,22 +64,6 @@ pub fn geodesic_disk(
 }
 
 /// The largest connected component.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::patch::largest_component;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[i, _, k]| k == 1 && i != 5)?; // a gap
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// assert_eq!(largest_component(&surface, &graph).len(), 40);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface {
     let components = graph.components();
     let largest = components.largest();
@@ -126,27 +72,7 @@ pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSur
 }
 
 /// What is to be flattened of a surface, with its graph: the patch, or the largest component where none is given.
-///
-/// # Errors
-/// Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::LinkLengths;
-/// use voxflat::patch::{Disk, Selection, cut_out};
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let disk = Disk { seed_point: [4, 4, 1], radius: 1.0 };
-/// let selection = Selection { disk: Some(disk), ..Selection::default() };
-/// let (part, graph) = cut_out(&surface, &selection, LinkLengths::ChainCode, &control)?;
-/// assert_eq!((part.len(), graph.len()), (5, 5));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Errors: Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
 pub fn cut_out(
     surface: &VoxelSurface,
     selection: &Selection<'_>,

@@ -26,9 +26,7 @@ pub struct Lattice<'a> {
 impl<'a> Lattice<'a> {
     /// A lattice of about `count` nodes over the pixels (row, column) that the vertices are, in cells as square as can be;
     /// `spacing` is the distance of rows and of columns.
-    ///
-    /// # Errors
-    /// [`Error::NoCell`] if no cell has a vertex at all of its four nodes.
+    /// Errors: [`Error::NoCell`] if no cell has a vertex at all of its four nodes.
     pub fn new(pixels: &'a [[u32; 2]], spacing: [f64; 2], count: usize) -> Result<Self> {
         let [rows, columns] = [0, 1].map(|axis| extent(pixels, axis));
         let sides = [(rows, spacing[0]), (columns, spacing[1])].map(|((low, high), step)| f64::from(high - low) * step);
@@ -54,12 +52,7 @@ impl<'a> Lattice<'a> {
     }
 
     /// The places of all vertices from those of the sources.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
-    ///
-    /// # Panics
-    /// If there is not one place a source.
+    /// Panics if there is not one place a source.
     pub fn place(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
         assert_eq!(places.len(), self.sources.len(), "one place a source");
         let nearest = self.nearest_complete();

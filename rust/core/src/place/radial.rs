@@ -31,9 +31,6 @@ impl RadialFunctions {
     ///
     /// The linear part spans only the directions in which the points extend: for points in one plane or line, equations 8
     /// and 9 alone do not determine the rest, and it is left out.
-    ///
-    /// # Errors
-    /// [`Error::RadialSingular`].
     pub fn fit(points: &[Vector3<f64>], values: &[[f64; 2]]) -> Result<Self> {
         let m = points.len();
         let centre = points.iter().sum::<Vector3<f64>>() / m.max(1) as f64;
@@ -107,9 +104,6 @@ impl RadialFunctions {
     }
 
     /// The functions' values at many points, in parallel.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
         control.begin("placing the rest", points.len().div_ceil(BATCH) as u64);
         let mut values = vec![[0.0; 2]; points.len()];

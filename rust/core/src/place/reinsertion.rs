@@ -41,31 +41,7 @@ impl Default for Placing {
 
 /// Gives every removed vertex its place (mm) in `uv`, where all survivors have theirs. Returns how many vertices had no place
 /// from which their triangles keep their orientation.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Panics
-/// If `uv` is shorter than the surface has vertices.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::place::reinsertion::{Placing, place};
-/// use voxflat::surface::decimate::{Options, decimate};
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let coarse = decimate(&sheet, &[], &Options { vertices: 30, ..Options::default() }, &control)?;
-/// let mut uv = vec![[f64::NAN; 2]; sheet.len()];
-/// for &v in &coarse.survivors {
-///     uv[v as usize] = [sheet.points()[v as usize].x, sheet.points()[v as usize].y];
-/// }
-/// assert_eq!(place(&coarse.removals, &mut uv, &Placing::default(), &control)?, 0); // no triangle is turned over
-/// assert!(uv.as_flattened().iter().all(|x| (-1e-9..8.0 + 1e-9).contains(x)));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if `uv` is shorter than the surface has vertices.
 pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, control: &Control) -> Result<usize> {
     control.begin("placing the rest", removals.len() as u64);
     let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights are those of a map that is not mirrored

@@ -46,18 +46,6 @@ impl Located {
 impl<'a> Locator<'a> {
     /// The triangulation by its points, triangles that run counterclockwise as seen from outside and cover the sphere once, and
     /// the half-edge beyond each half-edge.
-    ///
-    /// # Examples
-    /// ```
-    /// use nalgebra::Vector3;
-    /// use voxflat::sphere::locate::Locator;
-    /// use voxflat::surface::mesh::shapes;
-    ///
-    /// let sphere = shapes::surface(shapes::sphere(2));
-    /// let locator = Locator::new(sphere.points(), sphere.faces(), sphere.twins());
-    /// let found = locator.locate(&Vector3::new(0.6, 0.0, 0.8));
-    /// assert!((found.vector(sphere.faces(), sphere.points()).normalize().x - 0.6).abs() < 1e-12);
-    /// ```
     pub fn new(points: &'a [Vector3<f64>], faces: &'a [[u32; 3]], twins: &'a [u32]) -> Self {
         let side = ((faces.len() as f64 / 12.0).sqrt().ceil() as usize).clamp(1, MOST_CELLS);
         let mut found = Self { points, faces, twins, cells: Vec::new(), side };

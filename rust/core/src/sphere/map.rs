@@ -50,23 +50,8 @@ const LEAST_LEFT: f64 = 0.1;
 /// The vertices' places on the unit sphere: triangles run counterclockwise as seen from outside, and their areas sum to 4π.
 ///
 /// Rotated anyhow; the same for the same surface, bit by bit.
-///
-/// # Errors
-/// [`Error::NotASphere`] where the surface is not closed, not in one piece, or has handles; [`Error::Folded`] where triangles are
+/// Errors: [`Error::NotASphere`] where the surface is not closed, not in one piece, or has handles; [`Error::Folded`] where triangles are
 /// too thin for their areas to be told from nothing; [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::sphere::map::spherical_map;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let (points, faces) = shapes::sphere(3);
-/// let long = points.iter().map(|&[x, y, z]| [x, y, 3.0 * z]).collect(); // an ellipsoid
-/// let places = spherical_map(&shapes::surface((long, faces)), &Control::default())?;
-/// assert!(places.iter().all(|place| (place.norm() - 1.0).abs() < 1e-12));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3<f64>>> {
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
@@ -95,15 +80,6 @@ pub(crate) fn laid_out(
 }
 
 /// The triangles that are turned over, or have no area, on the sphere: none where the map is one to one.
-///
-/// # Examples
-/// ```
-/// use voxflat::sphere::map::turned_over;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sphere = shapes::surface(shapes::sphere(2));
-/// assert_eq!(turned_over(sphere.faces(), sphere.points()), 0);
-/// ```
 pub fn turned_over(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
     faces.iter().filter(|face| determinant(face.map(|v| places[v as usize])) <= 0.0).count()
 }

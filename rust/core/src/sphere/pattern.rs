@@ -34,21 +34,6 @@ pub struct Pattern {
 }
 
 /// The pattern of a closed surface.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::sphere::pattern::pattern;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let found = pattern(&shapes::surface(shapes::sphere(3)), &Control::default())?;
-/// assert_eq!(found.depths.len(), 3);
-/// assert!((found.areas.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn pattern(surface: &Surface, control: &Control) -> Result<Pattern> {
     let smoothing = Smoothing::new(surface.points(), surface.faces());
     let areas = smoothing.areas.clone();

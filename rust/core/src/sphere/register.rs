@@ -75,9 +75,7 @@ pub struct Registration {
 impl Template {
     /// A template from a sphere, counterclockwise as seen from outside, and the [pattern](super::pattern) at its vertices: depths
     /// scale by scale, places, and what each vertex counts.
-    ///
-    /// # Panics
-    /// If there is not one value a vertex, or not every scale.
+    /// Panics if there is not one value a vertex, or not every scale.
     pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
         assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
         assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value a vertex");
@@ -117,30 +115,7 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
 }
 
 /// A surface on the sphere of the template whose pattern agrees better after a rotation, or of the one that is named.
-///
-/// # Errors
-/// As [`spherical_map`](super::map::spherical_map).
-///
-/// # Panics
-/// If there is no template, or not the one that is named.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::sphere::pattern::pattern;
-/// use voxflat::sphere::register::{Template, register};
-/// use voxflat::surface::mesh::shapes;
-///
-/// let (points, faces) = shapes::sphere(3);
-/// let bent = points.iter().map(|&[x, y, z]| [x + 0.4 * y * y, y + 0.3 * z, 1.7 * z + 0.5 * x * y]).collect();
-/// let surface = shapes::surface((bent, faces));
-/// let sphere = shapes::surface(shapes::sphere(3));
-/// let of = pattern(&surface, &Control::default())?;
-/// let template = Template::new(sphere, of.depths, of.places, of.areas);
-/// let found = register(&surface, &[template], None, &Control::default())?;
-/// assert!(found.alignments[0].rigid > 0.9);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if there is no template, or not the one that is named.
 pub fn register(
     surface: &Surface,
     templates: &[Template],

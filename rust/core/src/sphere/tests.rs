@@ -94,13 +94,6 @@ fn holes_are_closed_and_handles_are_refused() {
 }
 
 #[test]
-fn cancelling_ends_it() {
-    let control = Control::default();
-    control.cancel();
-    assert_eq!(spherical_map(&shapes::surface(shapes::sphere(3)), &control), Err(Error::Cancelled));
-}
-
-#[test]
 fn a_turned_copy_is_recovered_and_a_mirrored_one_agrees_less() {
     let control = Control::default();
     let surface = bent(4, folded);

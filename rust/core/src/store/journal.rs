@@ -29,9 +29,7 @@ pub fn header(identity: &str, rows: usize, columns: usize) -> String {
 
 /// What the journal at `path` says of so many rows; nothing if there is none. Lines that cannot be read, such as a last
 /// one that was torn, say nothing: their rows are not finished.
-///
-/// # Errors
-/// [`Error::StoreForeign`] if it begins otherwise than with `header`, [`Error::StoreFailed`].
+/// Errors: [`Error::StoreForeign`] if it begins otherwise than with `header`, [`Error::StoreFailed`].
 pub fn read(path: &Path, header: &str, rows: usize) -> Result<Option<Entries>> {
     let bytes = match fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
@@ -72,9 +70,6 @@ pub struct Journal {
 
 impl Journal {
     /// Begins a journal with the rows that are known; it takes the place of an older one when it is complete so far.
-    ///
-    /// # Errors
-    /// [`Error::StoreFailed`].
     pub fn begin(path: PathBuf, header: &str, checksums: &[Option<u32>]) -> Result<Self> {
         let known = checksums.iter().enumerate().filter_map(|(row, known)| known.map(|sum| line(row, sum)));
         let text: String = std::iter::once(format!("{header}\n")).chain(known).collect();
@@ -90,17 +85,11 @@ impl Journal {
     }
 
     /// Enters a row whose data are written.
-    ///
-    /// # Errors
-    /// [`Error::StoreFailed`].
     pub fn add(&self, row: usize, checksum: u32) -> Result<()> {
         self.append(&line(row, checksum))
     }
 
     /// Enters that all rows are finished, once their data are on the disk.
-    ///
-    /// # Errors
-    /// [`Error::StoreFailed`].
     pub fn complete(&self) -> Result<()> {
         self.append(&format!("{COMPLETE}\n"))?;
         let file = self.file.lock().unwrap_or_else(|poisoned| poisoned.into_inner());

@@ -38,13 +38,6 @@ const PATIENCE: Duration = Duration::from_millis(500);
 
 /// The memory in bytes that computing a store needs at most: for each thread a bundle of rows, what is written at once, and what
 /// it computes them in.
-///
-/// # Examples
-/// ```
-/// use voxflat::store::memory_need;
-///
-/// assert!(memory_need(1_000_000, 1000, 2) < 4 * 1_000_000 * 1000 / 10); // less than a tenth of the rows
-/// ```
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     let height = MOST_SOURCES.min(rows.div_ceil(threads.max(1)));
     let at_once = threads.min(rows) as u64;
@@ -61,28 +54,6 @@ pub struct Found {
 }
 
 /// All rows from some sources, on disk. No other process can compute them while this lives.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::{DistanceRows, Rows};
-/// use voxflat::store::Store;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let directory = std::env::temp_dir().join(format!("voxflat-example-{}", std::process::id()));
-/// std::fs::create_dir_all(&directory).unwrap();
-/// drop(Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?);
-/// let again = Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?;
-/// assert_eq!(again.found().rows, 2); // nothing is computed twice
-/// assert_eq!(again.among(&control)?, DistanceRows::compute(&graph, &[0, 80], &control)?.among(&control)?);
-/// # drop(again);
-/// # std::fs::remove_dir_all(directory).unwrap();
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug)]
 pub struct Store {
     table: NpyFile,
@@ -98,9 +69,7 @@ impl Store {
     ///
     /// The directory must exist; of an empty one a store is made. `identity` says what is measured (a hash in letters and
     /// digits): a store of another identity is refused.
-    ///
-    /// # Errors
-    /// [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a vertex lies in
+    /// Errors: [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a vertex lies in
     /// another component; [`Error::Cancelled`]. Whatever happens, finished rows are kept.
     pub fn compute<S: Solver>(
         directory: &Path,
@@ -126,18 +95,13 @@ impl Store {
     }
 
     /// Makes a store whose rows others compute, or finds what is in it.
-    ///
-    /// # Errors
-    /// Those of [`Store::compute`].
     pub fn lay_out(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
         Ok(open(directory, identity, rows, columns, control)?.found)
     }
 
     /// Computes some of the rows, by their numbers, of a store that another process has [laid out](Self::lay_out). They are entered in a
     /// journal of their own in the directory `part`, which must exist; what that knows is not computed again.
-    ///
-    /// # Errors
-    /// Those of [`Store::compute`]; [`Error::StoreFailed`] if there is no table.
+    /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if there is no table.
     pub fn compute_part<S: Solver>(
         directory: &Path,
         part: &Path,
@@ -165,23 +129,6 @@ impl Store {
 }
 
 /// Reads rows of a store's table, whoever wrote them: the numbers of those that do not agree with their checksum, where one is known.
-///
-/// # Errors
-/// [`Error::StoreFailed`], [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::store::{Store, damaged_rows};
-///
-/// let directory = std::env::temp_dir().join(format!("voxflat-damaged-{}", std::process::id()));
-/// std::fs::create_dir_all(&directory).unwrap();
-/// Store::lay_out(&directory, "sheet", 2, 81, &Control::default())?;
-/// let of_zeros = 0x0d15_f915; // CRC-32 of 81 values, of 4 bytes each
-/// assert_eq!(damaged_rows(&directory, 81, &[Some(of_zeros), Some(7)], &Control::default())?, [1]);
-/// # std::fs::remove_dir_all(directory).unwrap();
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn damaged_rows(directory: &Path, columns: usize, known: &[Option<u32>], control: &Control) -> Result<Vec<usize>> {
     let sound = verify(&NpyFile::new(directory.join(TABLE), known.len(), columns), known, control)?;
     Ok((0..known.len()).filter(|&row| sound[row] != known[row]).collect())
@@ -197,9 +144,6 @@ impl Rows for Store {
     }
 
     /// Reads some rows at a time, and compares checksums.
-    ///
-    /// # Errors
-    /// [`Error::StoreDamaged`], [`Error::StoreFailed`], [`Error::Cancelled`].
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         let mut rows = vec![0.0; MOST_SOURCES.min(self.sources.len()) * self.columns];
         for (n, checksums) in self.checksums.chunks(MOST_SOURCES).enumerate() {

@@ -5,12 +5,10 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::geodesic::chain::LinkLengths;
-use crate::geodesic::chain::chain_graph;
 use crate::rows::DistanceRows;
-use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
-use crate::volume::{Affine, Mask};
+use crate::tests::{chained, with_threads};
+use crate::volume::Mask;
 use proptest::prelude::*;
 
 /// A new directory that goes when it is dropped.
@@ -45,10 +43,7 @@ const COMPLETE: &[u8] = b"{\"complete\": true}\n";
 const ROWS: usize = 53;
 
 fn sheet() -> VoxelGraph {
-    let mask = Mask::from_fn([9, 8, 1], |_| true).unwrap();
-    let control = Control::default();
-    let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-    chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+    chained(&Mask::from_fn([9, 8, 1], |_| true).unwrap(), [1.0; 3]).1
 }
 
 fn sources() -> Vec<u32> {
@@ -95,10 +90,6 @@ fn compute<S: Solver>(folder: &Folder, solver: &S) -> Result<Store> {
     Store::compute(folder.path(), "a1", solver, &sources(), &Control::default())
 }
 
-fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-}
-
 fn all_rows(store: &impl Rows) -> Vec<f32> {
     let mut data = Vec::new();
     let mut collect = |first: usize, rows: &[f32]| {
@@ -122,30 +113,6 @@ fn a_store_holds_the_rows_that_memory_would() {
     assert_eq!(all_rows(&store), expected.into_data());
     let bytes: Vec<u8> = all_rows(&store).iter().flat_map(|value| value.to_le_bytes()).collect();
     assert!(folder.bytes("rows.npy").ends_with(&bytes));
-}
-
-#[test]
-fn rows_of_many_sources_are_those_that_memory_would_hold() {
-    let mask = Mask::from_fn([40, 40, 1], |_| true).unwrap();
-    let control = Control::default();
-    let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-    let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-    let sources: Vec<u32> = (0..1600).step_by(7).collect();
-    assert!(graph.bundles(&sources, 1, &control).unwrap().len() < sources.len()); // of several rows
-    let folder = Folder::new("many");
-    let store = Store::compute(folder.path(), "a1", &graph, &sources, &control).unwrap();
-    assert_eq!(all_rows(&store), DistanceRows::compute(&graph, &sources, &control).unwrap().into_data());
-}
-
-#[test]
-fn threads_do_not_change_a_bit() {
-    let graph = sheet();
-    let of = |threads| {
-        let folder = Folder::new("threads");
-        with_threads(threads, || compute(&folder, &graph).map(drop)).unwrap();
-        folder.bytes("rows.npy")
-    };
-    assert!(of(1) == of(2) && of(1) == of(7));
 }
 
 #[test]
@@ -287,42 +254,9 @@ fn two_at_once_are_refused() {
 }
 
 #[test]
-fn what_cannot_be_reached_is_told() {
-    let mask = Mask::from_fn([9, 4, 1], |[i, _, _]| i != 4).unwrap();
-    let control = Control::default();
-    let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-    let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-    let folder = Folder::new("unreachable");
-    let told = Store::compute(folder.path(), "a1", &graph, &[0], &control).unwrap_err();
-    assert!(matches!(told, Error::Unreachable { source_vertex: 0, .. }));
-}
-
-#[test]
-fn a_missing_directory_is_told() {
-    let told = Store::compute(Path::new("/nowhere/at/all"), "a1", &sheet(), &[0], &Control::default()).unwrap_err();
-    assert!(
-        matches!(told, Error::StoreFailed { code: Some(_), .. }) && told.to_string().contains("/nowhere/at/all/lock"),
-        "{told}"
-    );
-}
-
-#[test]
-fn memory_is_that_of_a_bundle_a_thread() {
-    let of = |rows, height: usize, threads: usize| {
-        let one = (CHUNK + 72 * height * VALUE) as u64 + BundleScratch::memory_need(72);
-        threads as u64 * one == memory_need(72, rows, threads)
-    };
-    assert!(of(4000, 16, 8) && of(5, 1, 5) && of(20, 10, 2));
-    assert_eq!(memory_need(72, 5, 8), memory_need(72, 5, 5)); // no more threads than rows
-}
-
-#[test]
 fn fingerprints_tell_graphs_apart() {
     let control = Control::default();
-    let of = |mask: Mask, spacing| {
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
-        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap().fingerprint(&control).unwrap()
-    };
+    let of = |mask: Mask, spacing| chained(&mask, spacing).1.fingerprint(&control).unwrap();
     let plate = || Mask::from_fn([5, 5, 1], |_| true).unwrap();
     let dented = Mask::from_fn([5, 5, 1], |[i, j, _]| (i, j) != (0, 0)).unwrap();
     let all = [of(plate(), [1.0; 3]), of(plate(), [1.0, 1.0, 2.0]), of(plate(), [1.01; 3]), of(dented, [1.0; 3])];

@@ -27,23 +27,6 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 ///
 /// A surface of more than [`FINEST`] vertices is decimated to a third of them; what went gets the depth of its neighbours, by their
 /// weights.
-///
-/// # Errors
-/// [`Error::Cancelled`](crate::Error::Cancelled).
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::sulcal_depth::sulcal_depth;
-///
-/// let sheet = shapes::surface(shapes::sheet(30, 30));
-/// let waves = sheet.points().iter().map(|p| [p.x, p.y, (p.x * std::f64::consts::PI / 5.0).cos()].into()).collect();
-/// let depth = sulcal_depth(&sheet.moved(waves)?, 70.0, &Control::default())?;
-/// let at = |x: usize| depth[31 * x + 15]; // in the middle of its row
-/// assert!(at(15) - at(10) > 1.8); // from a valley to a ridge
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     if surface.len() > FINEST { by_fewer(surface, FINEST / 3, flow, control) } else { by_all(surface, flow, control) }
 }
@@ -169,12 +152,5 @@ mod tests {
         let both: Vec<[i64; 3]> = faces.iter().copied().chain(faces.iter().map(|f| f.map(|v| v + n))).collect();
         let together = depth(&shapes::surface((two, both)));
         assert!(together.iter().all(|d| d.abs() < 0.3)); // nearly round
-    }
-
-    #[test]
-    fn it_can_be_cancelled() {
-        let control = Control::default();
-        control.cancel();
-        assert!(sulcal_depth(&shapes::surface(shapes::sphere(3)), 70.0, &control).is_err());
     }
 }

@@ -1,10 +1,8 @@
 //! What a surface is made of, and cutting it open.
 
-use std::sync::Arc;
-
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::PyList;
 use voxflat::flatten::relaxation::{Relaxation, relax};
 use voxflat::surface::cuts::holes::{fill_holes, small_holes};
 use voxflat::surface::cuts::{self, Cut, Reason};
@@ -13,58 +11,50 @@ use voxflat::surface::topology::loops::{Handle, cut_handles, handles};
 use voxflat::surface::topology::thin::thin_places;
 
 use super::Surface;
-use crate::convert;
-use crate::work::run;
+use crate::convert::{self, Dict, List, dict};
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
     /// Components (largest area first), boundary loops and what else counts the surface.
-    fn topology<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let inner = Arc::clone(&self.0);
-        let (topology, boundary) = run(py, Some(1), None, move |_| {
+    fn topology<'py>(&self, py: Python<'py>) -> PyResult<Dict<'py>> {
+        let (topology, boundary) = self.run(py, Some(1), &None, move |inner, _| {
             let topology = Topology::of(&inner.surface);
             let boundary: Vec<_> = topology.loops.iter().map(|one| one.vertices(&inner.surface)).collect();
             Ok((topology, boundary))
         })?;
-        let dict = PyDict::new(py);
-        dict.set_item("vertices", topology.vertices)?;
-        dict.set_item("edges", topology.edges)?;
-        dict.set_item("faces", topology.faces)?;
-        dict.set_item("euler", topology.euler)?;
-        dict.set_item("handles", topology.genus)?;
         let components = PyList::empty(py);
         for component in &topology.components {
-            let entry = PyDict::new(py);
-            entry.set_item("area", component.area)?;
-            entry.set_item("vertices", component.vertices)?;
-            entry.set_item("faces", component.faces)?;
-            entry.set_item("euler", component.euler)?;
-            entry.set_item("handles", component.genus)?;
-            entry.set_item("loops", component.loops)?;
-            components.append(entry)?;
+            components.append(dict!(
+                py,
+                "area" = component.area,
+                "vertices" = component.vertices,
+                "faces" = component.faces,
+                "euler" = component.euler,
+                "handles" = component.genus,
+                "loops" = component.loops
+            ))?;
         }
-        dict.set_item("components", components)?;
         let loops = PyList::empty(py);
         for (of, vertices) in topology.loops.iter().zip(boundary) {
-            let entry = PyDict::new(py);
-            entry.set_item("length", of.length)?;
-            entry.set_item("vertices", vertices)?;
-            loops.append(entry)?;
+            loops.append(dict!(py, "length" = of.length, "vertices" = vertices))?;
         }
-        dict.set_item("loops", loops)?;
-        Ok(dict)
+        Ok(dict!(
+            py,
+            "vertices" = topology.vertices,
+            "edges" = topology.edges,
+            "faces" = topology.faces,
+            "euler" = topology.euler,
+            "handles" = topology.genus,
+            "components" = components,
+            "loops" = loops
+        ))
     }
 
     /// A short loop around each handle: its vertices, length (mm) and centre (mm).
     #[pyo3(signature = (threads=None, progress=None))]
-    fn handles<'py>(
-        &self,
-        py: Python<'py>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyList>> {
-        let inner = Arc::clone(&self.0);
-        let found = run(py, threads, progress.as_ref(), move |control| handles(&inner.surface, control))?;
+    fn handles<'py>(&self, py: Python<'py>, threads: Threads, progress: Progress<'py>) -> PyResult<List<'py>> {
+        let found = self.run(py, threads, &progress, move |inner, control| handles(&inner.surface, control))?;
         handle_list(py, &found)
     }
 
@@ -73,19 +63,18 @@ impl Surface {
     fn cut_handles<'py>(
         &self,
         py: Python<'py>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Self, Bound<'py, PyList>)> {
-        let inner = Arc::clone(&self.0);
-        let (cut, found) = run(py, threads, progress.as_ref(), move |control| cut_handles(&inner.surface, control))?;
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<(Self, List<'py>)> {
+        let (cut, found) =
+            self.run(py, threads, &progress, move |inner, control| cut_handles(&inner.surface, control))?;
         Ok((cut.into(), handle_list(py, &found)?))
     }
 
     /// The surface cut open along paths of neighbouring vertices.
     fn cut(&self, py: Python<'_>, paths: Vec<Vec<u32>>) -> PyResult<Self> {
         convert::check_vertices(paths.iter().flatten().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        run(py, Some(1), None, move |_| Ok(cuts::cut(&inner.surface, &paths)?.into()))
+        self.run(py, Some(1), &None, move |inner, _| Ok(cuts::cut(&inner.surface, &paths)?.into()))
     }
 
     /// The surface cut open to a disk, and the cuts: vertices, length (mm) and reason.
@@ -93,11 +82,11 @@ impl Surface {
     fn open_to_disk<'py>(
         &self,
         py: Python<'py>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Self, Bound<'py, PyList>)> {
-        let inner = Arc::clone(&self.0);
-        let opened = run(py, threads, progress.as_ref(), move |control| cuts::open_to_disk(&inner.surface, control))?;
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<(Self, List<'py>)> {
+        let opened =
+            self.run(py, threads, &progress, move |inner, control| cuts::open_to_disk(&inner.surface, control))?;
         let list = cut_list(py, opened.cuts)?;
         Ok((opened.surface.into(), list))
     }
@@ -114,30 +103,24 @@ impl Surface {
         least_relief: f64,
         bearable: f64,
         within: Option<f64>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Self, Bound<'py, PyList>, [f64; 2])> {
-        let inner = Arc::clone(&self.0);
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<(Self, List<'py>, [f64; 2])> {
         let relaxation = match length {
             None => Relaxation { least_relief, bearable, ..Relaxation::default() },
             Some(length) => Relaxation { length, least_gain: 0.0, least_relief, bearable, ..Relaxation::default() },
         };
         let relaxation = Relaxation { within: within.unwrap_or(f64::INFINITY), ..relaxation };
-        let relaxed = run(py, threads, progress.as_ref(), move |control| relax(&inner.surface, relaxation, control))?;
+        let relaxed =
+            self.run(py, threads, &progress, move |inner, control| relax(&inner.surface, relaxation, control))?;
         Ok((relaxed.surface.into(), cut_list(py, relaxed.cuts)?, relaxed.errors))
     }
 
     /// The surface with its boundary loops up to a length (mm) filled, all but the longest; with the numbers of loops that
     /// were filled and that could not be.
     #[pyo3(signature = (longest, progress=None))]
-    fn fill_holes(
-        &self,
-        py: Python<'_>,
-        longest: f64,
-        progress: Option<Bound<'_, PyAny>>,
-    ) -> PyResult<(Self, usize, usize)> {
-        let inner = Arc::clone(&self.0);
-        let (filled, holes) = run(py, Some(1), progress.as_ref(), move |control| {
+    fn fill_holes(&self, py: Python<'_>, longest: f64, progress: Progress<'_>) -> PyResult<(Self, usize, usize)> {
+        let (filled, holes) = self.run(py, Some(1), &progress, move |inner, control| {
             let holes = small_holes(&inner.surface, longest);
             Ok((fill_holes(&inner.surface, &holes, control)?, holes.len()))
         })?;
@@ -150,41 +133,38 @@ impl Surface {
         &self,
         py: Python<'_>,
         thickness: f64,
-        threads: Option<usize>,
-        progress: Option<Bound<'_, PyAny>>,
+        threads: Threads,
+        progress: Progress<'_>,
     ) -> PyResult<(usize, Option<(u32, f64)>)> {
-        let inner = Arc::clone(&self.0);
-        let thin = run(py, threads, progress.as_ref(), move |control| thin_places(&inner.surface, thickness, control))?;
+        let thin =
+            self.run(py, threads, &progress, move |inner, control| thin_places(&inner.surface, thickness, control))?;
         Ok((thin.vertices.len(), thin.worst.map(|worst| (worst.vertices[0], worst.thickness))))
     }
 }
 
-fn handle_list<'py>(py: Python<'py>, handles: &[Handle]) -> PyResult<Bound<'py, PyList>> {
+fn handle_list<'py>(py: Python<'py>, handles: &[Handle]) -> PyResult<List<'py>> {
     let list = PyList::empty(py);
     for handle in handles {
-        let entry = PyDict::new(py);
-        entry.set_item("vertices", &handle.vertices)?;
-        entry.set_item("length", handle.length)?;
-        entry.set_item("centre", [handle.centre.x, handle.centre.y, handle.centre.z])?;
-        list.append(entry)?;
+        list.append(dict!(
+            py,
+            "vertices" = &handle.vertices,
+            "length" = handle.length,
+            "centre" = [handle.centre.x, handle.centre.y, handle.centre.z]
+        ))?;
     }
     Ok(list)
 }
 
-fn cut_list(py: Python<'_>, cuts: Vec<Cut>) -> PyResult<Bound<'_, PyList>> {
+fn cut_list(py: Python<'_>, cuts: Vec<Cut>) -> PyResult<List<'_>> {
     let list = PyList::empty(py);
     for cut in cuts {
-        let entry = PyDict::new(py);
-        entry.set_item("vertices", cut.vertices.into_pyarray(py))?;
-        entry.set_item("length", cut.length)?;
         let reason = match cut.reason {
             Reason::Handle => "handle",
             Reason::JoinBoundaries => "boundaries joined",
             Reason::Sphere => "closed sphere",
             Reason::Relaxation => "relaxation",
         };
-        entry.set_item("reason", reason)?;
-        list.append(entry)?;
+        list.append(dict!(py, "vertices" = cut.vertices.into_pyarray(py), "length" = cut.length, "reason" = reason))?;
     }
     Ok(list)
 }

@@ -1,11 +1,11 @@
 //! Distances on a surface, and paths.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
+use voxflat::control::Control;
 use voxflat::distortion::distances::error_of_distances;
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::exact::Exact;
@@ -19,20 +19,19 @@ use voxflat::surface::mesh::paths::{path_to_any, shortest_path};
 
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
-use crate::convert;
-use crate::work::run;
+use crate::convert::{self, Given, Table, Values};
+use crate::work::{Progress, Threads, run};
 
 /// The points (k, 3) of a path in mm, the vertices they lie at, or -1 for those on edges, and its length in mm.
-type LinePath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64);
+type LinePath<'py> = (Table<'py, f64>, Values<'py, i64>, f64);
 
 #[pymethods]
 impl Surface {
     /// A hash of what distances depend on.
     #[pyo3(signature = (geodesic, progress=None))]
-    fn fingerprint(&self, py: Python<'_>, geodesic: &str, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+    fn fingerprint(&self, py: Python<'_>, geodesic: &str, progress: Progress<'_>) -> PyResult<u64> {
         let geodesic = Geodesic::named(geodesic)?;
-        let inner = Arc::clone(&self.0);
-        run(py, None, progress.as_ref(), move |control| {
+        self.run(py, None, &progress, move |inner, control| {
             with_solver!(geodesic, inner, control, |solver| solver.fingerprint(control))
         })
     }
@@ -45,16 +44,14 @@ impl Surface {
         py: Python<'_>,
         directory: PathBuf,
         identity: String,
-        sources: PyReadonlyArray1<'_, u32>,
+        sources: Given<'_, u32>,
         geodesic: &str,
-        threads: Option<usize>,
-        progress: Option<Bound<'_, PyAny>>,
+        threads: Threads,
+        progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let geodesic = Geodesic::named(geodesic)?;
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let found = run(py, threads, progress.as_ref(), move |control| {
+        let sources = self.vertices(&sources)?;
+        let found = self.run(py, threads, &progress, move |inner, control| {
             with_solver!(geodesic, inner, control, |solver| {
                 Ok(Store::compute(&directory, &identity, solver, &sources, control)?.found())
             })
@@ -70,12 +67,11 @@ impl Surface {
         directory: PathBuf,
         identity: String,
         rows: usize,
-        progress: Option<Bound<'_, PyAny>>,
+        progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let columns = self.0.surface.len();
-        let found = run(py, None, progress.as_ref(), move |control| {
-            Store::lay_out(&directory, &identity, rows, columns, control)
-        })?;
+        let found =
+            run(py, None, &progress, move |control| Store::lay_out(&directory, &identity, rows, columns, control))?;
         Ok((found.rows, found.damaged))
     }
 
@@ -88,19 +84,17 @@ impl Surface {
         directory: PathBuf,
         part: PathBuf,
         identity: String,
-        sources: PyReadonlyArray1<'_, u32>,
-        rows: PyReadonlyArray1<'_, u32>,
+        sources: Given<'_, u32>,
+        rows: Given<'_, u32>,
         geodesic: &str,
-        threads: Option<usize>,
-        progress: Option<Bound<'_, PyAny>>,
+        threads: Threads,
+        progress: Progress<'_>,
     ) -> PyResult<()> {
         let geodesic = Geodesic::named(geodesic)?;
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let rows: Vec<u32> = rows.as_array().iter().copied().collect();
+        let sources = self.vertices(&sources)?;
+        let rows = convert::values(&rows);
         convert::check_vertices(rows.iter().copied(), sources.len())?;
-        let inner = Arc::clone(&self.0);
-        run(py, threads, progress.as_ref(), move |control| {
+        self.run(py, threads, &progress, move |inner, control| {
             with_solver!(geodesic, inner, control, |solver| Store::compute_part(
                 &directory, &part, &identity, solver, &sources, &rows, control
             ))
@@ -109,9 +103,8 @@ impl Surface {
 
     /// Number of links of the graph, each counted from both ends.
     #[pyo3(signature = (progress=None))]
-    fn links(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<usize> {
-        let inner = Arc::clone(&self.0);
-        run(py, None, progress.as_ref(), move |control| Ok(inner.graph(control)?.links()))
+    fn links(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<usize> {
+        self.run(py, None, &progress, move |inner, control| Ok(inner.graph(control)?.links()))
     }
 
     /// Chooses sources: "farthest", "curvature" or "random".
@@ -122,14 +115,13 @@ impl Surface {
         sampling: &str,
         count: usize,
         seed: u64,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        progress: Progress<'py>,
+    ) -> PyResult<Values<'py, u32>> {
         let named = match sampling {
             "curvature" => None,
             _ => Some(convert::sources(sampling, count, seed, "'farthest', 'curvature' or 'random'")?),
         };
-        let inner = Arc::clone(&self.0);
-        let chosen = run(py, None, progress.as_ref(), move |control| {
+        let chosen = self.run(py, None, &progress, move |inner, control| {
             let by_curvature = || Sources::Weighted { count, seed, weights: by_curvature(&inner.surface, count) };
             let sources = named.unwrap_or_else(by_curvature);
             sources.choose(&*inner.graph(control)?, control)
@@ -142,16 +134,14 @@ impl Surface {
     fn rows<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         geodesic: &str,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Table<'py, f32>> {
         let geodesic = Geodesic::named(geodesic)?;
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let rows = run(py, threads, progress.as_ref(), move |control| {
+        let sources = self.vertices(&sources)?;
+        let rows = self.run(py, threads, &progress, move |inner, control| {
             with_solver!(geodesic, inner, control, |solver| DistanceRows::compute(solver, &sources, control))
         })?;
         convert::table(py, rows.into_data(), self.0.surface.len())
@@ -164,25 +154,20 @@ impl Surface {
         py: Python<'_>,
         seed: u64,
         geodesic: &str,
-        threads: Option<usize>,
-        progress: Option<Bound<'_, PyAny>>,
+        threads: Threads,
+        progress: Progress<'_>,
     ) -> PyResult<f64> {
         let geodesic = Geodesic::named(geodesic)?;
-        let inner = Arc::clone(&self.0);
-        run(py, threads, progress.as_ref(), move |control| {
+        self.run(py, threads, &progress, move |inner, control| {
             with_solver!(geodesic, inner, control, |solver| error_of_distances(&inner.surface, solver, seed, control))
         })
     }
 
     /// The vertices of a shortest path, both ends included, and its length in mm.
-    fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
+    fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f32)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let (path, length) = run(py, Some(1), None, move |control| {
-            let graph = &*inner.graph(control)?;
-            let mut row = vec![0.0; graph.vertices()];
-            graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
+        let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
+            shortest(&*inner.graph(control)?, source, target, control)
         })?;
         Ok((path.into_pyarray(py), length))
     }
@@ -191,8 +176,7 @@ impl Surface {
     /// in mm.
     fn exact_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<LinePath<'py>> {
         convert::check_vertices([source, target], self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let (path, length) = run(py, Some(1), None, move |control| {
+        let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
             let exact = Exact::new(&inner.surface);
             let (mut wave, mut row) = (exact.scratch(), vec![0.0; inner.surface.len()]);
             exact.distances(source, &mut row, &mut wave, control)?;
@@ -206,8 +190,7 @@ impl Surface {
     /// A path traced back on the distances of fast marching, and the length of that line: the same values as an exact path.
     fn marching_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<LinePath<'py>> {
         convert::check_vertices([source, target], self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let path = run(py, Some(1), None, move |control| {
+        let path = self.run(py, Some(1), &None, move |inner, control| {
             let marching = Marching::new(&inner.surface, Wave::Circle, control)?;
             let mut path = marching.march(source, control)?.path(target, control)?;
             path.reverse();
@@ -217,10 +200,9 @@ impl Surface {
     }
 
     /// The vertices of a shortest path along edges, both ends included, and its length in mm.
-    fn edge_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f64)> {
+    fn edge_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f64)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let (path, length) = run(py, Some(1), None, move |control| {
+        let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
             let path = shortest_path(&inner.surface, &[source, target], None, control)?;
             let points = inner.surface.points();
             let steps = path.windows(2).map(|two| (points[two[0] as usize] - points[two[1] as usize]).norm());
@@ -237,19 +219,18 @@ impl Surface {
         &self,
         py: Python<'py>,
         source: u32,
-        to: PyReadonlyArray1<'py, bool>,
-        may_pass: PyReadonlyArray1<'py, bool>,
-        factors: PyReadonlyArray1<'py, f64>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let to: Vec<bool> = to.as_array().iter().copied().collect();
-        let may_pass: Vec<bool> = may_pass.as_array().iter().copied().collect();
-        let factors: Vec<f64> = factors.as_array().iter().copied().collect();
+        to: Given<'py, bool>,
+        may_pass: Given<'py, bool>,
+        factors: Given<'py, f64>,
+        progress: Progress<'py>,
+    ) -> PyResult<Values<'py, u32>> {
+        let to = convert::values(&to);
+        let may_pass = convert::values(&may_pass);
+        let factors = convert::values(&factors);
         for (given, name) in [(to.len(), "to"), (may_pass.len(), "may_pass"), (factors.len(), "factors")] {
             self.check_length(given, name)?;
         }
-        let inner = Arc::clone(&self.0);
-        let path = run(py, Some(1), progress.as_ref(), move |control| {
+        let path = self.run(py, Some(1), &progress, move |inner, control| {
             path_to_any(&inner.surface, source, &to, &may_pass, &factors, control)
         })?;
         Ok(path.into_pyarray(py))
@@ -261,4 +242,16 @@ fn line_path<'py>(py: Python<'py>, path: &[PathPoint], length: f64) -> PyResult<
     let vertex = |site| if let Site::Vertex(vertex) = site { i64::from(vertex) } else { -1 };
     let vertices: Vec<i64> = path.iter().map(|passed| vertex(passed.site)).collect();
     Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
+}
+
+/// The vertices of a shortest path along links, and its length in mm.
+pub fn shortest<G: Links + Solver>(
+    graph: &G,
+    source: u32,
+    target: u32,
+    control: &Control,
+) -> voxflat::Result<(Vec<u32>, f32)> {
+    let mut row = vec![0.0; graph.vertices()];
+    graph.row(source, &mut row, &mut graph.scratch(), control)?;
+    Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
 }

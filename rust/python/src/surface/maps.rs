@@ -1,11 +1,8 @@
 //! The flat maps of a surface.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
-use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use voxflat::embed::stress::levels::Levels;
 use voxflat::embed::stress::start::Start;
 use voxflat::flatten;
@@ -13,6 +10,7 @@ use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
+use voxflat::geodesic::marching::Wave;
 use voxflat::orient;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
@@ -20,20 +18,16 @@ use voxflat::store::Store;
 use super::Surface;
 use super::patches::seams_dict;
 use super::solvers::{Geodesic, with_solver};
-use crate::convert;
-use crate::work::{InputError, run};
+use crate::convert::{self, Dict, Given, GivenTable, Table};
+use crate::work::{InputError, Progress, Threads};
 
 #[pymethods]
 impl Surface {
     /// The memory in bytes that flattening needs at most; what becomes of the rows is "dropped", "kept" or "stored".
     #[pyo3(signature = (sources, threads, rows="dropped"))]
     fn memory_need(&self, sources: usize, threads: usize, rows: &str) -> PyResult<u64> {
-        let rows = match rows {
-            "dropped" => AfterPlacing::Dropped,
-            "kept" => AfterPlacing::Kept,
-            "stored" => AfterPlacing::Stored,
-            _ => return Err(InputError::new_err(format!("rows is {rows:?}; give 'dropped', 'kept' or 'stored'"))),
-        };
+        let all = [("dropped", AfterPlacing::Dropped), ("kept", AfterPlacing::Kept), ("stored", AfterPlacing::Stored)];
+        let rows = convert::one_of("rows", rows, &all)?;
         Ok(flatten::voxflat::memory_need(self.0.surface.len(), sources, threads, rows))
     }
 
@@ -46,33 +40,27 @@ impl Surface {
     fn voxflat<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         seed: u64,
         geodesic: &str,
         weighting: f64,
         scale: &str,
         keep_rows: bool,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
+        threads: Threads,
+        progress: Progress<'py>,
         store: Option<(PathBuf, String)>,
-        start: Option<PyReadonlyArray2<'py, f64>>,
+        start: Option<GivenTable<'py, f64>>,
         patience: u32,
         max_area: Option<f64>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    ) -> PyResult<Dict<'py>> {
         if patience == 0 {
             return Err(InputError::new_err("patience is 0; give at least 1"));
         }
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
-        let scale = match scale {
-            "distances" => Scale::Distances,
-            "areas" => Scale::Areas,
-            _ => return Err(InputError::new_err(format!("scale is {scale:?}; give 'distances' or 'areas'"))),
-        };
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let (map, found) = run(py, threads, progress.as_ref(), move |control| {
+        let scale = convert::one_of("scale", scale, &[("distances", Scale::Distances), ("areas", Scale::Areas)])?;
+        let sources = self.vertices(&sources)?;
+        let (map, found) = self.run(py, threads, &progress, move |inner, control| {
             let surface = &inner.surface;
             flatten::check_disk(surface)?;
             let graph = &*inner.graph(control)?;
@@ -109,14 +97,14 @@ impl Surface {
         py: Python<'py>,
         count: usize,
         seed: u64,
-        vertices: Option<PyReadonlyArray1<'py, u32>>,
-        grid: Option<(PyReadonlyArray2<'py, u32>, [f64; 2])>,
+        vertices: Option<Given<'py, u32>>,
+        grid: Option<(GivenTable<'py, u32>, [f64; 2])>,
         wave: &str,
         keep_rows: bool,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let wave = convert::wave(wave)?;
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
+        let wave = convert::one_of("wave", wave, &[("circle", Wave::Circle), ("plane", Wave::Plane)])?;
         let vertices: Option<Vec<u32>> = vertices.map(|array| array.as_array().iter().copied().collect());
         let grid =
             grid.map(|(pixels, spacing)| Ok::<_, PyErr>((convert::rows::<_, 2>(&pixels, "the pixels")?, spacing)));
@@ -124,8 +112,7 @@ impl Surface {
         if let Some((pixels, _)) = &grid {
             self.check_length(pixels.len(), "the pixels")?;
         }
-        let inner = Arc::clone(&self.0);
-        let map = run(py, threads, progress.as_ref(), move |control| {
+        let map = self.run(py, threads, &progress, move |inner, control| {
             let sampling = match (&vertices, &grid) {
                 (Some(vertices), _) => Sampling::Vertices(vertices),
                 (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
@@ -149,19 +136,18 @@ impl Surface {
         &self,
         py: Python<'py>,
         rings: Option<u32>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         starts: u32,
         seed: u64,
         keep_rows: bool,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
         if starts == 0 {
             return Err(InputError::new_err("starts is 0; give at least 1"));
         }
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        let inner = Arc::clone(&self.0);
-        let Mapped { map, stresses, pairs } = run(py, threads, progress.as_ref(), move |control| {
+        let sources = convert::values(&sources);
+        let Mapped { map, stresses, pairs } = self.run(py, threads, &progress, move |inner, control| {
             let options = Options { rings, sources: &sources, starts, seed, keep_rows };
             flatten::schwartz1989(&inner.surface, &*inner.graph(control)?, &options, control)
         })?;
@@ -173,9 +159,8 @@ impl Surface {
 
     /// The rings of a neighbourhood that flattening after Schwartz et al. needs, as the paper found.
     #[pyo3(signature = (progress=None))]
-    fn schwartz1989_rings(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u32> {
-        let inner = Arc::clone(&self.0);
-        run(py, None, progress.as_ref(), move |control| flatten::schwartz1989::usual_rings(&inner.surface, control))
+    fn schwartz1989_rings(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<u32> {
+        self.run(py, None, &progress, move |inner, control| flatten::schwartz1989::usual_rings(&inner.surface, control))
     }
 
     /// The memory in bytes that flattening after Schwartz et al. needs at most.
@@ -186,10 +171,9 @@ impl Surface {
         rings: Option<u32>,
         sources: usize,
         threads: usize,
-        progress: Option<Bound<'_, PyAny>>,
+        progress: Progress<'_>,
     ) -> PyResult<u64> {
-        let inner = Arc::clone(&self.0);
-        run(py, None, progress.as_ref(), move |control| {
+        self.run(py, None, &progress, move |inner, control| {
             flatten::schwartz1989::memory_need(&inner.surface, rings, sources, threads, control)
         })
     }
@@ -202,11 +186,10 @@ impl Surface {
         py: Python<'py>,
         bound: f64,
         seed: u64,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let inner = Arc::clone(&self.0);
-        let found = run(py, threads, progress.as_ref(), move |control| {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
+        let found = self.run(py, threads, &progress, move |inner, control| {
             saucan2006::saucan2006(&inner.surface, bound, seed, control)
         })?;
         let Whole { surface, map, seams, patches, certified, before, stretch } = found;
@@ -231,10 +214,10 @@ impl Surface {
 #[pyfunction]
 pub fn turn_onto<'py>(
     py: Python<'py>,
-    uv: PyReadonlyArray2<'py, f64>,
-    places: PyReadonlyArray2<'py, f64>,
-    onto: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, f64)> {
+    uv: GivenTable<'py, f64>,
+    places: GivenTable<'py, f64>,
+    onto: GivenTable<'py, f64>,
+) -> PyResult<(Table<'py, f64>, f64)> {
     let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);
     if places.len() != onto.len() {

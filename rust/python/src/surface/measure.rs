@@ -1,20 +1,17 @@
 //! What a map does to a surface.
 
-use std::sync::Arc;
-
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
 use voxflat::surface::sulcal_depth::sulcal_depth;
 
-use super::Surface;
 use super::solvers::{Geodesic, with_solver};
-use crate::convert;
-use crate::work::run;
+use super::{Inner, Surface};
+use crate::convert::{self, Dict, Given, GivenTable, Values};
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -24,12 +21,11 @@ impl Surface {
         &self,
         py: Python<'py>,
         smoothing: f64,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let inner = Arc::clone(&self.0);
-        let work = move |control: &_| smooth_mean_curvature(&inner.surface, smoothing, control);
-        Ok(run(py, threads, progress.as_ref(), work)?.into_pyarray(py))
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Values<'py, f64>> {
+        let work = move |inner: &Inner, control: &_| smooth_mean_curvature(&inner.surface, smoothing, control);
+        Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
     }
 
     /// The sulcal depth (N), mm, by a flow of so many mm².
@@ -38,26 +34,19 @@ impl Surface {
         &self,
         py: Python<'py>,
         flow: f64,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let inner = Arc::clone(&self.0);
-        let work = move |control: &_| sulcal_depth(&inner.surface, flow, control);
-        Ok(run(py, threads, progress.as_ref(), work)?.into_pyarray(py))
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Values<'py, f64>> {
+        let work = move |inner: &Inner, control: &_| sulcal_depth(&inner.surface, flow, control);
+        Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
     }
 
     /// What a map (N, 2) does to the triangles.
     #[pyo3(signature = (uv, progress=None))]
-    fn measure<'py>(
-        &self,
-        py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    fn measure<'py>(&self, py: Python<'py>, uv: GivenTable<'py, f64>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
         self.check_length(uv.len(), "uv")?;
-        let inner = Arc::clone(&self.0);
-        let (of_faces, overlap) = run(py, None, progress.as_ref(), move |control| {
+        let (of_faces, overlap) = self.run(py, None, &progress, move |inner, control| {
             let (points, faces) = (inner.surface.points(), inner.surface.faces());
             Ok((measure_faces(points, faces, &uv, control)?, overlaps(faces, &uv, control)?))
         })?;
@@ -70,21 +59,19 @@ impl Surface {
     fn judge<'py>(
         &self,
         py: Python<'py>,
-        maps: Vec<PyReadonlyArray2<'py, f64>>,
-        sources: PyReadonlyArray1<'py, u32>,
+        maps: Vec<GivenTable<'py, f64>>,
+        sources: Given<'py, u32>,
         geodesic: &str,
         kept: u64,
         seed: u64,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Vec<Dict<'py>>> {
         let geodesic = Geodesic::named(geodesic)?;
         let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;
         maps.iter().try_for_each(|uv| self.check_length(uv.len(), "uv"))?;
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
-        let inner = Arc::clone(&self.0);
-        let judged = run(py, threads, progress.as_ref(), move |control| {
+        let sources = self.vertices(&sources)?;
+        let judged = self.run(py, threads, &progress, move |inner, control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             with_solver!(geodesic, inner, control, |solver| {
                 judge::judge_all(solver, &maps, &sources, kept, seed, control)
@@ -96,6 +83,6 @@ impl Surface {
 
 /// The reference sources among so many points, as flattening chooses them.
 #[pyfunction]
-pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Bound<'_, PyArray1<u32>> {
+pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Values<'_, u32> {
     py.detach(|| judge::reference_sources(points, count, seed)).into_pyarray(py)
 }

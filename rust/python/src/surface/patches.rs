@@ -1,16 +1,13 @@
 //! Quasi-isometric patches.
 
-use std::sync::Arc;
-
-use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
 use voxflat::atlas::glue::{self, Glued, Seams};
 use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
-use crate::convert;
-use crate::work::{InputError, run};
+use crate::convert::{self, Dict, Given, GivenTable, dict};
+use crate::work::{InputError, Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -24,27 +21,17 @@ impl Surface {
         value: f64,
         seeds: &str,
         seed: u64,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let limit = match limit {
-            "angle" => Limit::Angle(value),
-            "bound" => Limit::Bound(value),
-            "count" => Limit::Count(value as usize),
-            _ => return Err(InputError::new_err(format!("limit is {limit:?}; give 'angle', 'bound' or 'count'"))),
-        };
-        let seeds = match seeds {
-            "curvature" => Seeds::Curvature,
-            "flattest" => Seeds::Flattest,
-            "random" => Seeds::Random(seed),
-            _ => {
-                let message = format!("seeds is {seeds:?}; give 'curvature', 'flattest' or 'random'");
-                return Err(InputError::new_err(message));
-            }
-        };
-        let inner = Arc::clone(&self.0);
-        let found =
-            run(py, threads, progress.as_ref(), move |control| atlas::patches(&inner.surface, limit, seeds, control))?;
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
+        let limits =
+            [("angle", Limit::Angle(value)), ("bound", Limit::Bound(value)), ("count", Limit::Count(value as usize))];
+        let limit = convert::one_of("limit", limit, &limits)?;
+        let all_seeds =
+            [("curvature", Seeds::Curvature), ("flattest", Seeds::Flattest), ("random", Seeds::Random(seed))];
+        let seeds = convert::one_of("seeds", seeds, &all_seeds)?;
+        let found = self
+            .run(py, threads, &progress, move |inner, control| atlas::patches(&inner.surface, limit, seeds, control))?;
         atlas_dict(py, found)
     }
 
@@ -53,55 +40,52 @@ impl Surface {
     fn glue<'py>(
         &self,
         py: Python<'py>,
-        labels: PyReadonlyArray1<'py, u32>,
-        flat: PyReadonlyArray2<'py, f64>,
+        labels: Given<'py, u32>,
+        flat: GivenTable<'py, f64>,
         bound: f64,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
         let labels = labels.as_array().to_vec();
         let flat: Vec<[f64; 6]> = convert::rows(&flat, "flat")?;
         let flat: Vec<[[f64; 2]; 3]> = flat.into_iter().map(|[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]]).collect();
-        let inner = Arc::clone(&self.0);
-        let faces = inner.surface.faces().len();
+        let faces = self.0.surface.faces().len();
         if labels.len() != faces || flat.len() != faces {
             let message =
                 format!("{} labels and {} rows of flat are given for {faces} faces", labels.len(), flat.len());
             return Err(InputError::new_err(message));
         }
-        let found = run(py, threads, progress.as_ref(), move |control| {
+        let found = self.run(py, threads, &progress, move |inner, control| {
             glue::glue(&inner.surface, &labels, &flat, bound, control)
         })?;
         glued_dict(py, found)
     }
 }
 
-fn atlas_dict(py: Python<'_>, atlas: Atlas) -> PyResult<Bound<'_, PyDict>> {
-    let dict = PyDict::new(py);
-    let certificate = (atlas.certificate.angle, atlas.certificate.c, atlas.certificate.k);
-    dict.set_item("certificate", certificate)?;
-    dict.set_item("labels", atlas.labels.into_pyarray(py))?;
-    dict.set_item("stretch", convert::array(py, &atlas.stretch)?)?;
-    let patches = PyList::empty(py);
-    for patch in atlas.patches {
-        patches.append(patch_dict(py, patch)?)?;
-    }
-    dict.set_item("patches", patches)?;
-    Ok(dict)
+fn atlas_dict(py: Python<'_>, atlas: Atlas) -> PyResult<Dict<'_>> {
+    let patches: Vec<_> = atlas.patches.into_iter().map(|patch| patch_dict(py, patch)).collect::<PyResult<_>>()?;
+    Ok(dict!(
+        py,
+        "certificate" = (atlas.certificate.angle, atlas.certificate.c, atlas.certificate.k),
+        "labels" = atlas.labels.into_pyarray(py),
+        "stretch" = convert::array(py, &atlas.stretch)?,
+        "patches" = patches
+    ))
 }
 
-fn patch_dict(py: Python<'_>, patch: Patch) -> PyResult<Bound<'_, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("vertices", patch.vertices.into_pyarray(py))?;
-    dict.set_item("uv", convert::array(py, &patch.uv)?)?;
+fn patch_dict(py: Python<'_>, patch: Patch) -> PyResult<Dict<'_>> {
     let plane = patch.plane;
     let frame: [[f64; 3]; 4] = [plane.origin, plane.normal, plane.axes[0], plane.axes[1]].map(Into::into);
-    dict.set_item("plane", convert::array(py, &frame)?)?;
-    dict.set_item("tilt", patch.tilt)?;
-    dict.set_item("area", patch.area)?;
-    dict.set_item("isometric", patch.isometric)?;
-    dict.set_item("quasi_conformal", patch.quasi_conformal)?;
-    Ok(dict)
+    Ok(dict!(
+        py,
+        "vertices" = patch.vertices.into_pyarray(py),
+        "uv" = convert::array(py, &patch.uv)?,
+        "plane" = convert::array(py, &frame)?,
+        "tilt" = patch.tilt,
+        "area" = patch.area,
+        "isometric" = patch.isometric,
+        "quasi_conformal" = patch.quasi_conformal
+    ))
 }
 
 /// The pieces of an atlas side by side: as arrays of all of them.
@@ -133,29 +117,31 @@ fn flattened(glued: &Glued) -> Flattened {
     of
 }
 
-fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Bound<'_, PyDict>> {
+fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Dict<'_>> {
     let of = py.detach(|| flattened(&glued));
-    let dict = PyDict::new(py);
-    dict.set_item("labels", glued.labels.into_pyarray(py))?;
-    dict.set_item("stretch", convert::array(py, &glued.stretch)?)?;
-    dict.set_item("starts", of.starts.into_pyarray(py))?;
-    dict.set_item("vertices", of.vertices.into_pyarray(py))?;
-    dict.set_item("uv", convert::array(py, &of.uv)?)?;
-    dict.set_item("corners", convert::array(py, &of.corners)?)?;
-    dict.set_item("measured", convert::array(py, &of.measured)?)?;
-    dict.set_item("seams", seams_dict(py, &glued.seams)?)?;
-    dict.set_item("patches", glued.patches)?;
-    dict.set_item("before", glued.before)?;
-    Ok(dict)
+    Ok(dict!(
+        py,
+        "labels" = glued.labels.into_pyarray(py),
+        "stretch" = convert::array(py, &glued.stretch)?,
+        "starts" = of.starts.into_pyarray(py),
+        "vertices" = of.vertices.into_pyarray(py),
+        "uv" = convert::array(py, &of.uv)?,
+        "corners" = convert::array(py, &of.corners)?,
+        "measured" = convert::array(py, &of.measured)?,
+        "seams" = seams_dict(py, &glued.seams)?,
+        "patches" = glued.patches,
+        "before" = glued.before
+    ))
 }
 
 /// What became of seams by their names.
-pub(super) fn seams_dict<'py>(py: Python<'py>, seams: &Seams) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("length", seams.length)?;
-    dict.set_item("closed", seams.closed)?;
-    dict.set_item("holonomy", seams.holonomy)?;
-    dict.set_item("bound", seams.bound)?;
-    dict.set_item("overlap", seams.overlap)?;
-    Ok(dict)
+pub(super) fn seams_dict<'py>(py: Python<'py>, seams: &Seams) -> PyResult<Dict<'py>> {
+    Ok(dict!(
+        py,
+        "length" = seams.length,
+        "closed" = seams.closed,
+        "holonomy" = seams.holonomy,
+        "bound" = seams.bound,
+        "overlap" = seams.overlap
+    ))
 }

@@ -1,10 +1,8 @@
 //! Surfaces on the sphere.
 
-use std::sync::Arc;
-
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::PyList;
 use voxflat::sphere::locate::Locator;
 use voxflat::sphere::map::{spherical_map, turned_over};
 use voxflat::sphere::pattern::{SCALES, pattern};
@@ -12,35 +10,28 @@ use voxflat::sphere::register::{Template, register};
 use voxflat::surface::Surface as CoreSurface;
 
 use super::Surface;
-use crate::convert;
-use crate::work::{InputError, run, to_python};
+use crate::convert::{self, Dict, Given, GivenTable, Table, Values, dict};
+use crate::work::{InputError, Progress, Threads, to_python};
 
 /// A template's depths (K, N), places (N, 3) and weights (N,).
-type Values<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>);
-type Pattern<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
-type Located<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f64>>);
+type TemplateValues<'py> = (GivenTable<'py, f64>, GivenTable<'py, f64>, Given<'py, f64>);
+type Pattern<'py> = (Table<'py, f64>, Table<'py, f64>, Values<'py, f64>);
+type Located<'py> = (Values<'py, u32>, Table<'py, f64>);
 
 #[pymethods]
 impl Surface {
     /// The vertices' places (N, 3) on the unit sphere.
     #[pyo3(signature = (progress=None))]
-    fn spherical_map<'py>(
-        &self,
-        py: Python<'py>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let inner = Arc::clone(&self.0);
-        let places = run(py, Some(1), progress.as_ref(), move |control| spherical_map(&inner.surface, control))?;
+    fn spherical_map<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Table<'py, f64>> {
+        let places = self.run(py, Some(1), &progress, move |inner, control| spherical_map(&inner.surface, control))?;
         convert::array(py, &convert::plain(&places))
     }
 
     /// The pattern of folds: depths (K, N) scale by scale, places (N, 3) on the smoothed surface, and areas (N,).
     #[pyo3(signature = (progress=None))]
-    fn pattern<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Pattern<'py>> {
-        let inner = Arc::clone(&self.0);
-        let count = inner.surface.len();
-        let of = run(py, Some(1), progress.as_ref(), move |control| pattern(&inner.surface, control))?;
-        let depths = convert::table(py, of.depths.concat(), count)?;
+    fn pattern<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Pattern<'py>> {
+        let of = self.run(py, Some(1), &progress, |inner, control| pattern(&inner.surface, control))?;
+        let depths = convert::table(py, of.depths.concat(), self.0.surface.len())?;
         Ok((depths, convert::array(py, &convert::plain(&of.places))?, of.areas.into_pyarray(py)))
     }
 
@@ -50,13 +41,13 @@ impl Surface {
     fn register<'py>(
         &self,
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
-        faces: PyReadonlyArray2<'py, i64>,
-        templates: Vec<Values<'py>>,
+        points: GivenTable<'py, f64>,
+        faces: GivenTable<'py, i64>,
+        templates: Vec<TemplateValues<'py>>,
         named: Option<usize>,
-        threads: Option<usize>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+        threads: Threads,
+        progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
         let sphere = sphere(&points, &faces)?;
         let mut made = Vec::new();
         for (depths, places, weights) in &templates {
@@ -73,25 +64,26 @@ impl Surface {
         if made.is_empty() || named.is_some_and(|n| n >= made.len()) {
             return Err(InputError::new_err("there is no such template"));
         }
-        let inner = Arc::clone(&self.0);
         let found =
-            run(py, threads, progress.as_ref(), move |control| register(&inner.surface, &made, named, control))?;
-        let dict = PyDict::new(py);
-        dict.set_item("turned_over", turned_over(self.0.surface.faces(), &found.points))?;
-        dict.set_item("points", convert::array(py, &convert::plain(&found.points))?)?;
-        dict.set_item("template", found.template)?;
+            self.run(py, threads, &progress, move |inner, control| register(&inner.surface, &made, named, control))?;
         let alignments = PyList::empty(py);
         for alignment in found.alignments {
-            let entry = PyDict::new(py);
-            entry.set_item("correlations", alignment.correlations)?;
-            entry.set_item("rigid", alignment.rigid)?;
-            entry.set_item("score", alignment.score)?;
-            alignments.append(entry)?;
+            alignments.append(dict!(
+                py,
+                "correlations" = alignment.correlations,
+                "rigid" = alignment.rigid,
+                "score" = alignment.score
+            ))?;
         }
-        dict.set_item("alignments", alignments)?;
-        dict.set_item("correlations", found.correlations)?;
-        dict.set_item("affine", found.affine)?;
-        Ok(dict)
+        Ok(dict!(
+            py,
+            "turned_over" = turned_over(self.0.surface.faces(), &found.points),
+            "points" = convert::array(py, &convert::plain(&found.points))?,
+            "template" = found.template,
+            "alignments" = alignments,
+            "correlations" = found.correlations,
+            "affine" = found.affine
+        ))
     }
 }
 
@@ -100,9 +92,9 @@ impl Surface {
 #[pyfunction]
 pub fn locate_on_sphere<'py>(
     py: Python<'py>,
-    points: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, i64>,
-    places: PyReadonlyArray2<'py, f64>,
+    points: GivenTable<'py, f64>,
+    faces: GivenTable<'py, i64>,
+    places: GivenTable<'py, f64>,
 ) -> PyResult<Located<'py>> {
     let sphere = sphere(&points, &faces)?;
     let places = convert::rows::<_, 3>(&places, "places")?;
@@ -115,7 +107,7 @@ pub fn locate_on_sphere<'py>(
 }
 
 /// A triangulation of the sphere.
-fn sphere(points: &PyReadonlyArray2<'_, f64>, faces: &PyReadonlyArray2<'_, i64>) -> PyResult<CoreSurface> {
+fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult<CoreSurface> {
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
     let (sphere, mended) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::*;
-use crate::atlas::tests::{Corners, Flat, Mesh, renumber, shaken};
+use crate::atlas::tests::{Mesh, shaken};
 use crate::atlas::{Limit, Seeds, patches};
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
 use crate::surface::mesh::{BORDER, next, shapes};
@@ -109,31 +109,6 @@ proptest! {
         points.iter_mut().zip(&shake).for_each(|(p, by)| (0..3).for_each(|k| p[k] += 0.2 * size * by[k]));
         glued(&shapes::surface((points, faces)), angle, bound);
     }
-
-    #[test]
-    fn numbers_of_vertices_and_faces_do_not_matter(shake in shakes(), angle in 3.0..30.0f64, seed in any::<u64>()) {
-        let mesh = shaken(9, &shake, 0.3);
-        let [one, other] = [&mesh, &renumber(&mesh, seed)].map(|mesh| {
-            let surface = shapes::surface(mesh.clone());
-            by_places(&surface, &glued(&surface, angle, 1.4))
-        });
-        prop_assert_eq!(one, other);
-    }
-}
-
-/// For each triangle, by its places, its piece and where its corners lie, bit by bit.
-fn by_places(surface: &Surface, glued: &Glued) -> HashMap<Corners, Flat> {
-    let bits = |v: u32| <[f64; 3]>::from(surface.points()[v as usize]).map(f64::to_bits);
-    let of_piece = |(number, piece): (u32, &Piece)| {
-        let triangle = |(&face, corners): (&u32, &[u32; 3])| {
-            let mut corners = [0, 1, 2].map(|k| (bits(surface.faces()[face as usize][k]), corners[k]));
-            corners.sort_unstable_by_key(|corner| corner.0);
-            let uv = corners.map(|(_, row)| piece.uv[row as usize].map(f64::to_bits));
-            (corners.map(|corner| corner.0), (number, uv))
-        };
-        piece.faces.iter().zip(&piece.corners).map(triangle).collect::<Vec<_>>()
-    };
-    (0..).zip(&glued.pieces).flat_map(of_piece).collect()
 }
 
 /// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says where in
@@ -225,17 +200,6 @@ fn surfaces_that_do_not_hang_together_stay_apart() {
     let faces = faces.iter().copied().chain(faces.iter().map(|face| face.map(|v| v + count))).collect();
     let found = glued(&shapes::surface((both, faces)), 10.0, 1.5);
     assert_eq!((found.pieces.len(), found.patches, found.seams.length), (2, 2, 0.0));
-}
-
-#[test]
-fn the_number_of_threads_does_not_matter() {
-    let surface = shapes::surface(shapes::torus(30, 16));
-    let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| glued(&surface, 12.0, 1.5))
-    };
-    let one = with(1);
-    assert!(one == with(2) && one == with(5));
 }
 
 #[test]

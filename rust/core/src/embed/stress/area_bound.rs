@@ -1,11 +1,10 @@
 //! A bound on what areas change by, on request: a price on what is beyond, which grows until nothing is.
 
-use nalgebra::Vector2;
-
 use super::levels::{APART, Convergence, Levels, weighted};
 use super::pairs::Pairs;
 use super::triangles::AreaBound;
 use crate::control::Control;
+use crate::embed::Place;
 use crate::error::Result;
 use crate::rows::DistanceRows;
 
@@ -19,38 +18,7 @@ const WITHIN: f64 = 0.98;
 /// A map without folds (mm), led on to where no triangle's area changes by more than a factor, against the area of the whole: what is
 /// beyond has a price that grows until nothing is. If that cannot be had the map is the one whose worst triangle is the best that was
 /// found, and is told as not converged.
-///
-/// # Errors
-/// Those of [`flatten`](super::levels::flatten).
-///
-/// # Panics
-/// As [`flatten`](super::levels::flatten); or if there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::embed::stress::area_bound::bounded;
-/// use voxflat::embed::stress::levels::{Levels, flatten};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::Rows;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let (mut points, faces) = shapes::sheet(8, 8);
-/// points.iter_mut().for_each(|point| point[2] = -0.05 * ((point[0] - 4.0).powi(2) + (point[1] - 4.0).powi(2))); // a dome
-/// let dome = shapes::surface((points, faces));
-/// let graph = GeodesicGraph::new(&dome, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&dome, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
-/// let (_, found) = bounded(&levels, &rows, &uv, 0.5, 1.1, &control)?;
-/// assert!(found.converged);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics as [`flatten`](super::levels::flatten); or if there is not one place a vertex.
 pub fn bounded(
     levels: &Levels,
     rows: &DistanceRows,
@@ -61,7 +29,7 @@ pub fn bounded(
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
-    let mut uv: Vec<Vector2<f64>> = uv.iter().map(|&place| place.into()).collect();
+    let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
     assert_eq!(uv.len(), levels.finest().len(), "one place a vertex");
     level.check_unfolded(&uv)?;
     let is_apart = level.outline.crossings(&uv, control)? == 0;

@@ -1,10 +1,9 @@
 //! Descent to a map of least energy: L-BFGS over a factored matrix of springs, in steps that fold nothing.
 
-use nalgebra::Vector2;
-
 use super::past::Past;
 use super::springs::Factor;
 use crate::control::Control;
+use crate::embed::Place;
 use crate::error::Result;
 
 /// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
@@ -27,19 +26,13 @@ const JUDGED: usize = 5;
 /// What is made less.
 pub trait Objective {
     /// The energy of a map, infinite where it is not allowed, and its gradient.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    fn evaluate(&self, uv: &[Vector2<f64>], control: &Control) -> Result<(f64, Vec<Vector2<f64>>)>;
+    fn evaluate(&self, uv: &[Place], control: &Control) -> Result<(f64, Vec<Place>)>;
 
     /// The factor of the springs that are about as stiff as the energy around a map.
-    ///
-    /// # Errors
-    /// [`crate::Error::TooManySprings`], [`crate::Error::Uneven`].
-    fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor>;
+    fn factor(&self, uv: &[Place]) -> Result<Factor>;
 
     /// The largest step along a direction that is allowed.
-    fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64;
+    fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64;
 }
 
 /// When descent ends.
@@ -62,24 +55,16 @@ pub struct Descended {
     pub converged: bool,
 }
 
-fn dot(a: &[Vector2<f64>], b: &[Vector2<f64>]) -> f64 {
+fn dot(a: &[Place], b: &[Place]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
 }
 
-fn add(to: &mut [Vector2<f64>], by: &[Vector2<f64>], times: f64) {
+fn add(to: &mut [Place], by: &[Place], times: f64) {
     to.iter_mut().zip(by).for_each(|(to, by)| *to += times * by);
 }
 
 /// Moves a map downhill. Every step makes the energy less.
-///
-/// # Errors
-/// Those of the objective.
-pub fn descend(
-    objective: &impl Objective,
-    uv: &mut Vec<Vector2<f64>>,
-    until: Until,
-    control: &Control,
-) -> Result<Descended> {
+pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, control: &Control) -> Result<Descended> {
     let (mut energy, mut gradient) = objective.evaluate(uv, control)?;
     let mut factor = objective.factor(uv)?;
     let (mut since, mut short) = (0, 0);

@@ -3,9 +3,8 @@
 //! The coarsest map is spread by springs (`tutte`), which fold nothing. Descent keeps it so, and so does re-insertion from
 //! one level to the next: no map on the way has a fold.
 
+use crate::embed::Place;
 use std::iter;
-
-use nalgebra::Vector2;
 
 use super::MapEnergy;
 use super::descent::{Descended, Until, descend};
@@ -41,13 +40,6 @@ const VERTEX_BYTES: u64 = 1110;
 
 /// The memory in bytes that [`flatten`] needs at most, its levels and rows among it: of distances of four bytes to the
 /// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
-///
-/// # Examples
-/// ```
-/// use voxflat::embed::stress::levels::memory_need;
-///
-/// assert!(memory_need(100_000, 200) < memory_need(100_000, 400));
-/// ```
 pub fn memory_need(points: usize, sources: usize) -> u64 {
     let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
     let judged = sizes().find(|&size| size <= MOST_JUDGED).or_else(|| sizes().last()).unwrap_or(points);
@@ -129,36 +121,9 @@ pub struct Convergence {
 /// A map (mm) of a disk that keeps the distances of rows among the vertices that are judged, and the shape of triangles, and folds
 /// nowhere. Where the rows' sources lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
 /// to 1, where far distances do; 0.5 is usual. Coarser surfaces are dropped when they have served.
-///
-/// # Errors
-/// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::Uneven`] if edges are so uneven in
+/// Errors: [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::Uneven`] if edges are so uneven in
 /// length that descent comes to no map, [`Error::TooManySprings`], [`Error::Cancelled`].
-///
-/// # Panics
-/// If the rows are others than those of [`Levels::measure`] and [`Levels::take`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::embed::stress::levels::{Levels, flatten};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::orient::map_area;
-/// use voxflat::rows::Rows;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&sheet, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
-/// assert!((map_area(sheet.faces(), &uv).abs() / 64.0 - 1.0).abs() < 0.05);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if the rows are others than those of [`Levels::measure`] and [`Levels::take`].
 pub fn flatten(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -172,9 +137,6 @@ pub fn flatten(
 }
 
 /// The same by any dials, whatever the energy in the end.
-///
-/// # Errors
-/// As [`flatten`].
 pub(crate) fn unfold(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -227,9 +189,6 @@ pub(super) struct Level {
 
 impl<'a> Levels<'a> {
     /// The levels of a disk.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
         let vertices = vec![(0..finest.len() as u32).collect()];
         let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
@@ -272,20 +231,12 @@ impl<'a> Levels<'a> {
     }
 
     /// The distances from the landmarks to the vertices that are judged, all of them numbered as these.
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`], [`Error::Cancelled`].
     pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
         Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.judged(), control)?))
     }
 
     /// The same of whole rows that were measured before.
-    ///
-    /// # Errors
-    /// Those of reading rows.
-    ///
-    /// # Panics
-    /// If the rows are from others than the landmarks, or do not reach to every vertex.
+    /// Panics if the rows are from others than the landmarks, or do not reach to every vertex.
     pub fn take(&self, rows: &impl Rows, control: &Control) -> Result<DistanceRows> {
         assert_eq!(rows.sources(), self.landmarks, "rows from the landmarks");
         Ok(self.numbered(rows.to(self.judged(), control)?))
@@ -321,7 +272,7 @@ impl<'a> Levels<'a> {
     /// have served.
     pub(super) fn refined(
         &mut self,
-        mut uv: Vec<Vector2<f64>>,
+        mut uv: Vec<Place>,
         mut convergence: Convergence,
         mut finer: Option<Level>,
         pairs: &Pairs,
@@ -341,19 +292,13 @@ impl<'a> Levels<'a> {
 
     /// The map of a level from that of the next coarser one; its outline crosses itself nowhere if that one's does not, unless
     /// parts of the map lie nearer to each other than vertices can be placed.
-    fn refine(
-        &self,
-        depth: usize,
-        uv: &[Vector2<f64>],
-        outline: &Outline,
-        control: &Control,
-    ) -> Result<Vec<Vector2<f64>>> {
+    fn refine(&self, depth: usize, uv: &[Place], outline: &Outline, control: &Control) -> Result<Vec<Place>> {
         let Decimation { survivors, removals, .. } = &self.coarser[depth];
         let mut finer = vec![[0.0; 2]; self.surface(depth).len()];
         survivors.iter().zip(uv).for_each(|(&vertex, &place)| finer[vertex as usize] = place.into());
         for overhang in OVERHANGS {
             reinsertion::place(removals, &mut finer, &Placing { overhang, ..Default::default() }, control)?;
-            let places: Vec<Vector2<f64>> = finer.iter().map(|&place| place.into()).collect();
+            let places: Vec<Place> = finer.iter().map(|&place| place.into()).collect();
             if overhang == OVERHANGS[OVERHANGS.len() - 1] || outline.crossings(&places, control)? == 0 {
                 return Ok(places);
             }
@@ -363,7 +308,7 @@ impl<'a> Levels<'a> {
 }
 
 impl Level {
-    pub(super) fn check_unfolded(&self, uv: &[Vector2<f64>]) -> Result<()> {
+    pub(super) fn check_unfolded(&self, uv: &[Place]) -> Result<()> {
         let triangles = self.triangles.folded(uv);
         if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
     }
@@ -372,7 +317,7 @@ impl Level {
     /// the outline runs into itself in the end, this descent is made again with the outline kept apart.
     fn settle_first(
         &self,
-        uv: &mut Vec<Vector2<f64>>,
+        uv: &mut Vec<Place>,
         dials: Dials,
         stage: &'static str,
         control: &Control,
@@ -387,13 +332,7 @@ impl Level {
     }
 
     /// The same from a coarser map, its outline kept from running into itself.
-    fn settle(
-        &self,
-        uv: &mut Vec<Vector2<f64>>,
-        dials: Dials,
-        stage: &'static str,
-        control: &Control,
-    ) -> Result<Convergence> {
+    fn settle(&self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control) -> Result<Convergence> {
         self.ease_tiny(uv, dials.shape, control)?;
         ease(&self.triangles, dials.shape, &self.inside(uv.len()), uv, control)?;
         let is_apart = self.outline.crossings(uv, control)? == 0;
@@ -403,7 +342,7 @@ impl Level {
 
     /// Eases the triangles that have hardly any area left as if none were an outlier, which would be let lie. Vertices of the boundary
     /// stay.
-    pub(super) fn ease_tiny(&self, uv: &mut [Vector2<f64>], shape: Shape, control: &Control) -> Result<()> {
+    pub(super) fn ease_tiny(&self, uv: &mut [Place], shape: Shape, control: &Control) -> Result<()> {
         let mut may_move = vec![false; uv.len()];
         for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
             if growth < TINY {
@@ -435,7 +374,7 @@ impl Level {
     /// From the first map, in which triangles may be tiny, by way of one that keeps far distances.
     fn descend(
         &self,
-        uv: &mut Vec<Vector2<f64>>,
+        uv: &mut Vec<Place>,
         may_move: &[bool],
         dials: Dials,
         outline: Option<(&Outline, f64)>,
@@ -453,7 +392,7 @@ impl Level {
     pub(super) fn rounds(
         &self,
         pairs: &Pairs,
-        uv: &mut Vec<Vector2<f64>>,
+        uv: &mut Vec<Place>,
         dials: Dials,
         rounds: usize,
         outline: Option<(&Outline, f64)>,

@@ -3,7 +3,8 @@
 //! Re-insertion puts vertices where nothing folds, but some of the triangles there have hardly any area. One such triangle would
 //! hold back every step of a [descent](super::descent), which moves all vertices at once; here it holds back its corners only.
 
-use nalgebra::{Matrix2, Vector2};
+use crate::embed::Place;
+use nalgebra::Matrix2;
 
 use super::triangles::{Rest, Shape, TriangleEnergy, cofactors};
 use crate::control::Control;
@@ -24,14 +25,11 @@ const BATCH: usize = 1 << 12;
 
 /// Moves the vertices that may move, one after the other, until little is gained. The triangles' energy falls, and none is
 /// turned over.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn ease(
     triangles: &TriangleEnergy,
     shape: Shape,
     may_move: &[bool],
-    uv: &mut [Vector2<f64>],
+    uv: &mut [Place],
     control: &Control,
 ) -> Result<()> {
     let mut energy = triangles.energy(uv, shape);
@@ -50,7 +48,7 @@ pub fn ease(
 }
 
 /// One step of Newton's method for a vertex, shorter where it would not go downhill.
-fn step(triangles: &TriangleEnergy, shape: Shape, vertex: usize, uv: &mut [Vector2<f64>]) {
+fn step(triangles: &TriangleEnergy, shape: Shape, vertex: usize, uv: &mut [Place]) {
     let from = uv[vertex];
     let mut here = Local::default();
     triangles.around(vertex).for_each(|(rest, corner)| here.add(rest, corner, uv, shape));
@@ -70,14 +68,14 @@ fn step(triangles: &TriangleEnergy, shape: Shape, vertex: usize, uv: &mut [Vecto
 #[derive(Debug, Clone, Copy, Default)]
 struct Local {
     energy: f64,
-    slope: Vector2<f64>,
+    slope: Place,
     bend: Matrix2<f64>,
 }
 
 impl Local {
     /// With r the gradient of the corner's hat function on the surface's triangle, J = … + x rᵀ. So ½ ‖J‖² has the slope J r and
     /// the bend ‖r‖² 1; the determinant, which is linear in x, has the slope C r, C its matrix of cofactors.
-    fn add(&mut self, rest: &Rest, corner: usize, uv: &[Vector2<f64>], shape: Shape) {
+    fn add(&mut self, rest: &Rest, corner: usize, uv: &[Place], shape: Shape) {
         let jacobian = rest.jacobian(uv);
         let price = shape.price(&jacobian);
         let hat = rest.hat(corner);
@@ -95,11 +93,11 @@ impl Local {
     }
 
     /// The way to where the parabola is lowest; where it bends downwards, as if it bent upwards as much.
-    fn newton(&self) -> Vector2<f64> {
+    fn newton(&self) -> Place {
         let parts = self.bend.symmetric_eigen();
         let least = FLATTEST * parts.eigenvalues.amax();
         let along = |n: usize| {
-            let axis: Vector2<f64> = parts.eigenvectors.column(n).into();
+            let axis: Place = parts.eigenvectors.column(n).into();
             axis * (-axis.dot(&self.slope) / parts.eigenvalues[n].abs().max(least))
         };
         along(0) + along(1)

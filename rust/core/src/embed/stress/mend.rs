@@ -4,6 +4,7 @@
 //! their ring. Where a map was made before a cut, the lips of the cut lie on each other; each boundary vertex that shares its place with
 //! another one goes a little into its own triangles, along the bisector of its angle, so that both of its edges do.
 
+use crate::embed::Place;
 use nalgebra::Vector2;
 
 use super::descent::SAFE;
@@ -28,13 +29,10 @@ pub(super) enum Fault {
 }
 
 /// Mends a map; if that cannot be done, says what is wrong with it as it was given.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(super) fn mend(
     triangles: &TriangleEnergy,
     outline: &Outline,
-    uv: &mut [Vector2<f64>],
+    uv: &mut [Place],
     control: &Control,
 ) -> Result<Option<Fault>> {
     let folded = triangles.folded(uv);
@@ -52,7 +50,7 @@ pub(super) fn mend(
 }
 
 /// Puts vertices of folded triangles, one after the other, where none of their own is; is none left?
-fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Vector2<f64>], control: &Control) -> Result<bool> {
+fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], control: &Control) -> Result<bool> {
     let mut is_inside = vec![true; uv.len()];
     outline.vertices().for_each(|vertex| is_inside[vertex as usize] = false);
     for _ in 0..ROUNDS {

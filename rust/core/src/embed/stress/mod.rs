@@ -13,6 +13,7 @@ pub mod start;
 pub(crate) mod triangles;
 pub(crate) mod tutte;
 
+use crate::embed::Place;
 use nalgebra::Vector2;
 
 use crate::control::Control;
@@ -43,7 +44,7 @@ pub(crate) struct MapEnergy<'a> {
 }
 
 impl Objective for MapEnergy<'_> {
-    fn evaluate(&self, uv: &[Vector2<f64>], control: &Control) -> Result<(f64, Vec<Vector2<f64>>)> {
+    fn evaluate(&self, uv: &[Place], control: &Control) -> Result<(f64, Vec<Place>)> {
         let mut gradient = vec![Vector2::zeros(); uv.len()];
         let of_triangles = self.triangles.add(uv, self.shape, self.stiffness, &mut gradient);
         if of_triangles.is_infinite() {
@@ -53,7 +54,7 @@ impl Objective for MapEnergy<'_> {
         Ok((of_triangles + of_outline + self.pairs.add(uv, &self.bands, &mut gradient, control)?, gradient))
     }
 
-    fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor> {
+    fn factor(&self, uv: &[Place]) -> Result<Factor> {
         let mut ground = vec![0.0; uv.len()];
         self.pairs.add_curvature(uv, &self.bands, &mut ground);
         if let Some((outline, weight)) = self.outline {
@@ -62,7 +63,7 @@ impl Objective for MapEnergy<'_> {
         self.springs.factor(&self.triangles.stiffness(uv, self.shape, self.stiffness), &ground)
     }
 
-    fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
+    fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64 {
         let unfolded = self.triangles.farthest_step(uv, direction);
         self.outline.map_or(unfolded, |(outline, _)| outline.farthest_step(uv, direction, unfolded.min(1.0 / SAFE)))
     }

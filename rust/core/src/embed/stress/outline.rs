@@ -8,13 +8,13 @@
 //! with d the distance of a vertex from an edge and g the gap at which it begins, and no step goes farther than to where the
 //! first vertex meets an edge (Smith, Schaefer 2015).
 
-use nalgebra::Vector2;
 use robust::Coord;
 
 use super::triangles::roots;
 use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
 use crate::distortion::overlap::count_crossings;
+use crate::embed::Place;
 use crate::error::Result;
 use crate::surface::Surface;
 
@@ -24,8 +24,6 @@ const GAP: f64 = 0.5;
 
 /// A vertex that comes so near to an edge's line beyond its end, as a part of the edge, counts as meeting it.
 const BESIDE: f64 = 1e-6;
-
-type Place = Vector2<f64>;
 
 /// The boundary of a surface, to be kept from running into itself in the plane.
 #[derive(Debug)]
@@ -156,9 +154,6 @@ impl Outline {
     }
 
     /// Number of times that the boundary crosses itself.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn crossings(&self, uv: &[Place], control: &Control) -> Result<usize> {
         let place = |end: Place| Coord { x: end.x, y: end.y };
         let segments: Vec<_> = (0..self.edges.len()).map(|edge| self.ends(edge, uv).map(place)).collect();

@@ -7,6 +7,7 @@
 //! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error from which it
 //! grows no faster than |r| (pseudo-Huber), so that a few distances that no map can keep do not rule it.
 
+use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -60,9 +61,6 @@ pub struct Pairs {
 
 impl Pairs {
     /// Distance rows among some vertices: their sources and columns are numbers of these.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn new(rows: &DistanceRows, vertices: &[u32], control: &Control) -> Result<Self> {
         let landmarks: Vec<u32> = rows.sources().iter().map(|&number| vertices[number as usize]).collect();
         let width = landmarks.len().next_multiple_of(LANES);
@@ -106,10 +104,10 @@ impl Pairs {
     /// Where the vertices lie by their distances to the landmarks (de Silva, Tenenbaum 2004): with X the landmarks' places and
     /// μ the means of their squared distances among each other, x = −½ X⁺ (δ² − μ) from the centre. Vertices that are in no pair
     /// lie at the centre.
-    pub fn landmark_places(&self, places: &[[f64; 2]], vertices: usize) -> Vec<Vector2<f64>> {
+    pub fn landmark_places(&self, places: &[[f64; 2]], vertices: usize) -> Vec<Place> {
         let count = places.len() as f64;
-        let centre = places.iter().map(|&place| Vector2::from(place)).sum::<Vector2<f64>>() / count;
-        let centred: Vec<Vector2<f64>> = places.iter().map(|&place| Vector2::from(place) - centre).collect();
+        let centre = places.iter().map(|&place| Vector2::from(place)).sum::<Place>() / count;
+        let centred: Vec<Place> = places.iter().map(|&place| Vector2::from(place) - centre).collect();
         let gram: Matrix2<f64> = centred.iter().map(|place| place * place.transpose()).sum();
         let Some(inverse) = gram.try_inverse() else { return vec![centre; vertices] };
         let square = |distance: f32| f64::from(distance).powi(2);
@@ -123,7 +121,7 @@ impl Pairs {
         let mut found = vec![centre; vertices];
         for (&vertex, row) in rows() {
             let terms = centred.iter().zip(&means).zip(row);
-            let sum: Vector2<f64> = terms.map(|((place, mean), &distance)| place * (square(distance) - mean)).sum();
+            let sum: Place = terms.map(|((place, mean), &distance)| place * (square(distance) - mean)).sum();
             found[vertex as usize] -= 0.5 * inverse * sum;
         }
         found
@@ -135,7 +133,7 @@ impl Pairs {
     }
 
     /// Where the landmarks lie, across and along, padded to whole lanes.
-    fn places(&self, uv: &[Vector2<f64>]) -> [Vec<f32>; 2] {
+    fn places(&self, uv: &[Place]) -> [Vec<f32>; 2] {
         let mut places = [vec![0.0; self.width], vec![0.0; self.width]];
         for (n, &landmark) in self.landmarks.iter().enumerate() {
             let place = uv[landmark as usize];
@@ -145,16 +143,7 @@ impl Pairs {
     }
 
     /// The stress, and its gradient added to `gradient`.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    pub fn add(
-        &self,
-        uv: &[Vector2<f64>],
-        bands: &Bands,
-        gradient: &mut [Vector2<f64>],
-        control: &Control,
-    ) -> Result<f64> {
+    pub fn add(&self, uv: &[Place], bands: &Bands, gradient: &mut [Place], control: &Control) -> Result<f64> {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
             control.check()?;
@@ -177,7 +166,7 @@ impl Pairs {
 
     /// How firmly springs hold each vertex where it is, for what the stress around a map bends upwards by its own place; added to
     /// `diagonal`. A pair bends ρ''/δ² along, and ρ'/(δ d) across.
-    pub fn add_curvature(&self, uv: &[Vector2<f64>], bands: &Bands, diagonal: &mut [f64]) {
+    pub fn add_curvature(&self, uv: &[Place], bands: &Bands, diagonal: &mut [f64]) {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
             let sums = vec![0.0; self.width];
@@ -201,7 +190,7 @@ fn weight([all, thirty, ten]: [f32; 3], distance: f32) -> f32 {
 
 struct Batch<'a, Sums> {
     places: &'a [Vec<f32>; 2],
-    uv: &'a [Vector2<f64>],
+    uv: &'a [Place],
     vertices: &'a [u32],
     table: &'a [f32],
     width: usize,
@@ -221,7 +210,7 @@ struct Dials {
 /// The stress of a batch of vertices, its gradient by their places, and minus that by the landmarks'.
 struct Found {
     energy: f64,
-    of_vertices: Vec<Vector2<f64>>,
+    of_vertices: Vec<Place>,
     of_landmarks: [Vec<f32>; 2],
 }
 

@@ -4,6 +4,7 @@
 //! hand they are sums over a few numbers, and each step is read four times instead of eight: together with the others, by
 //! all threads. Steps are kept as 32-bit numbers; sums are of 64 bits, and the same for any number of threads.
 
+use crate::embed::Place;
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
@@ -42,7 +43,7 @@ impl Past {
     }
 
     /// Remembers a step, and forgets the oldest one if there are too many. The gradient must have changed along the move.
-    pub fn push(&mut self, moved: &[Vector2<f64>], bent: &[Vector2<f64>]) {
+    pub fn push(&mut self, moved: &[Place], bent: &[Place]) {
         if self.moved.len() == MEMORY {
             self.moved.pop_front();
             self.bent.pop_front();
@@ -51,14 +52,14 @@ impl Past {
                 products.pop_front();
             }
         }
-        let short = |long: &[Vector2<f64>]| long.par_iter().with_min_len(BATCH).map(|value| value.cast()).collect();
+        let short = |long: &[Place]| long.par_iter().with_min_len(BATCH).map(|value| value.cast()).collect();
         self.moved.push_back(short(moved));
         self.bent.push_back(short(bent));
         self.products.push_back(products(&self.moved, bent).into());
     }
 
     /// The direction of descent: the inverse Hessian, as springs and past steps know it, times minus the gradient.
-    pub fn direction(&self, gradient: &[Vector2<f64>], factor: &Factor) -> Vec<Vector2<f64>> {
+    pub fn direction(&self, gradient: &[Place], factor: &Factor) -> Vec<Place> {
         let steps = self.moved.len();
         let mut shares = products(&self.moved, gradient);
         for n in (0..steps).rev() {
@@ -80,8 +81,8 @@ impl Past {
 }
 
 /// The products of each of some vectors and another one.
-fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Vector2<f64>]) -> Vec<f64> {
-    let of_batch = |(n, by): (usize, &[Vector2<f64>])| {
+fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Place]) -> Vec<f64> {
+    let of_batch = |(n, by): (usize, &[Place])| {
         let vectors: Vec<&[Vector2<f32>]> = of.iter().map(|one| &one[n * BATCH..]).collect();
         let (together, rest) = vectors.as_chunks();
         let together = together.iter().flat_map(|&of| Arch::new().dispatch(Products { of, by }));
@@ -91,14 +92,14 @@ fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Vector2<f64>]) -> Vec<f64> {
     (0..of.len()).map(|n| parts.iter().map(|part| part[n]).sum()).collect()
 }
 
-fn product(one: &[Vector2<f32>], by: &[Vector2<f64>]) -> f64 {
-    one.iter().zip(by).map(|(one, by)| one.cast::<f64>().component_mul(by)).sum::<Vector2<f64>>().sum()
+fn product(one: &[Vector2<f32>], by: &[Place]) -> f64 {
+    one.iter().zip(by).map(|(one, by)| one.cast::<f64>().component_mul(by)).sum::<Place>().sum()
 }
 
 /// A few of these products: side by side, for each sum waits for the number before.
 struct Products<'a> {
     of: [&'a [Vector2<f32>]; TOGETHER],
-    by: &'a [Vector2<f64>],
+    by: &'a [Place],
 }
 
 impl WithSimd for Products<'_> {
@@ -120,7 +121,7 @@ impl WithSimd for Products<'_> {
 }
 
 /// Adds some vectors, each so many times.
-fn add(to: &mut [Vector2<f64>], vectors: &VecDeque<Vec<Vector2<f32>>>, times: &[f64]) {
+fn add(to: &mut [Place], vectors: &VecDeque<Vec<Vector2<f32>>>, times: &[f64]) {
     to.par_chunks_mut(BATCH).enumerate().for_each(|(n, to)| {
         for (vector, times) in vectors.iter().zip(times) {
             to.iter_mut().zip(&vector[n * BATCH..]).for_each(|(to, by)| *to += by.cast::<f64>() * *times);

@@ -3,6 +3,7 @@
 //! What a step of descent lacks in knowledge of the whole map, solving with these springs brings: a pull at one place moves
 //! everything around as far as stiffness carries it.
 
+use crate::embed::Place;
 use faer::Side;
 use faer::linalg::solvers::SolveCore;
 use faer::sparse::linalg::LltError;
@@ -37,9 +38,6 @@ pub struct Factor(Llt<u32, f64>);
 impl Springs {
     /// Springs along the edges of triangles, given by their corners. Those that are no vertex below `vertices` are held where
     /// they are.
-    ///
-    /// # Errors
-    /// [`Error::TooManySprings`], [`Error::Cancelled`].
     pub fn new(triangles: Vec<[u32; 3]>, vertices: usize, control: &Control) -> Result<Self> {
         let ends = |[a, b, c]: [u32; 3]| [(a, b), (a, c), (b, c)].map(|(a, b)| (a.min(b), a.max(b)));
         let is_free = |&(_, larger): &(u32, u32)| (larger as usize) < vertices;
@@ -75,9 +73,6 @@ impl Springs {
 
     /// The factor for the entries off the diagonal that each triangle adds (minus the stiffness of its edges), and springs from
     /// each vertex to the ground: some of these must be stiff, or the whole could float away.
-    ///
-    /// # Errors
-    /// [`Error::TooManySprings`], [`Error::Uneven`].
     pub fn factor(&self, stiffness: &[[f64; 3]], ground: &[f64]) -> Result<Factor> {
         let mut values = vec![0.0; self.pattern.compute_nnz()];
         for ((edges, stiffness), corners) in self.edges.iter().zip(stiffness).zip(&self.triangles) {
@@ -104,7 +99,7 @@ impl Springs {
 
 impl Factor {
     /// The displacements under which the springs balance the forces.
-    pub fn solve(&self, forces: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+    pub fn solve(&self, forces: &[Place]) -> Vec<Place> {
         let mut both = Mat::from_fn(forces.len(), 2, |row, column| forces[row][column]);
         self.0.solve_in_place_with_conj(Conj::No, both.as_mut());
         (0..forces.len()).map(|row| Vector2::new(both[(row, 0)], both[(row, 1)])).collect()

@@ -1,5 +1,6 @@
 //! A map that is known already: descent goes on from it, on the finest level on which it can be mended (`mend`).
 
+use crate::embed::Place;
 use nalgebra::Vector2;
 
 use super::descent::Objective;
@@ -28,10 +29,7 @@ pub struct Start<'a> {
 
 impl Start<'_> {
     /// The places, counterclockwise and around the origin, none farther from there than 3.
-    ///
-    /// # Errors
-    /// [`Error::StartMismatch`], [`Error::StartNotFinite`].
-    pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Vector2<f64>>> {
+    pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Place>> {
         if self.places.len() != surface.len() {
             return Err(Error::StartMismatch { places: self.places.len(), points: surface.len() });
         }
@@ -40,8 +38,8 @@ impl Start<'_> {
         }
         let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
         let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny places are no numbers
-        let places: Vec<Vector2<f64>> = self.places.iter().map(|place| place.map(small).into()).collect();
-        let centre = places.iter().sum::<Vector2<f64>>() / places.len() as f64;
+        let places: Vec<Place> = self.places.iter().map(|place| place.map(small).into()).collect();
+        let centre = places.iter().sum::<Place>() / places.len() as f64;
         let double = |face: &[u32; 3]| {
             let [a, b, c] = face.map(|vertex| places[vertex as usize]);
             (b - a).perp(&(c - a))
@@ -54,36 +52,9 @@ impl Start<'_> {
 /// The map (mm) of least energy near one that is known: descent goes on from there, with the promises of [`flatten`](super::levels::flatten). It begins at the
 /// scale of least energy. Vertices whose triangles are turned over are put where they are not, and lips of a cut that lie on each other
 /// are drawn apart a little; where that is not enough, descent begins on the finest of the coarser levels where it is.
-///
-/// # Errors
-/// [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the
+/// Errors: [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the
 /// start cannot be mended on any level, or descent does not get away from it; and those of [`flatten`](super::levels::flatten).
-///
-/// # Panics
-/// As [`flatten`](super::levels::flatten).
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::stress::levels::Levels;
-/// use voxflat::embed::stress::start::{Start, flatten_from};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::orient::map_area;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&sheet, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let stretched: Vec<[f64; 2]> = sheet.points().iter().map(|point| [3.0 * point.x, 2.0 * point.y]).collect();
-/// let (uv, found) = flatten_from(&mut levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
-/// assert!(found.energies[found.energies.len() - 1] < 0.01 * found.energies[0]);
-/// assert!((map_area(sheet.faces(), &uv) / 64.0 - 1.0).abs() < 0.05);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics as [`flatten`](super::levels::flatten).
 pub fn flatten_from(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -127,7 +98,7 @@ impl Level {
     /// Descent to the map of least energy from a map that is known and lies nowhere on itself.
     fn settle_again(
         &self,
-        uv: &mut Vec<Vector2<f64>>,
+        uv: &mut Vec<Place>,
         dials: Dials,
         stage: &'static str,
         control: &Control,
@@ -139,13 +110,7 @@ impl Level {
     }
 
     /// Brings a map to the scale at which its energy is least, by golden sections.
-    fn scale(
-        &self,
-        uv: &mut [Vector2<f64>],
-        dials: Dials,
-        outline: Option<(&Outline, f64)>,
-        control: &Control,
-    ) -> Result<()> {
+    fn scale(&self, uv: &mut [Place], dials: Dials, outline: Option<(&Outline, f64)>, control: &Control) -> Result<()> {
         let energy = self.energy(&self.pairs, dials, outline);
         let at = |log: f64| {
             control.check()?;

@@ -201,23 +201,6 @@ fn the_energy_of_triangles_is_that_of_their_singular_values() {
 }
 
 #[test]
-fn the_first_landmarks_are_as_if_there_were_no_others() {
-    let (surface, rows) = sheet();
-    let all: Vec<u32> = (0..surface.len() as u32).collect();
-    let control = Control::default();
-    let few = Pairs::new(&rows, &all, &control).unwrap().of_first(17);
-    let data = (0..17).flat_map(|n| rows.row(n).to_vec()).collect();
-    let alone =
-        Pairs::new(&DistanceRows::new(rows.sources()[..17].to_vec(), surface.len(), data), &all, &control).unwrap();
-    let bands = Bands { weights: [1.0, 0.5, 2.0], outliers: [0.2, 0.05] };
-    let stress = |pairs: &Pairs| {
-        let mut gradient = vec![Vector2::zeros(); surface.len()];
-        (pairs.add(&shaken(&surface, 0.2), &bands, &mut gradient, &control).unwrap(), gradient)
-    };
-    assert_eq!(stress(&few), stress(&alone));
-}
-
-#[test]
 fn the_factor_solves_what_the_springs_say() {
     let surface = shapes::surface(shapes::sheet(5, 4));
     let triangles = TriangleEnergy::new(&surface);
@@ -346,21 +329,6 @@ fn parts_of_a_map_that_distances_draw_onto_each_other_stay_apart() {
 }
 
 #[test]
-fn a_map_has_the_same_bits_for_any_number_of_threads() {
-    let (surface, rows) = sheet();
-    let places: Vec<[f64; 2]> = rows.sources().iter().map(|&v| surface.points()[v as usize].xy().into()).collect();
-    let by = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let control = Control::default();
-        let mut levels = Levels::new(&surface, rows.sources(), &control).unwrap();
-        pool.install(|| levels::flatten(&mut levels, &rows, &places, 0.5, &control).unwrap())
-    };
-    let one = by(1);
-    assert_eq!(one, by(2));
-    assert_eq!(one, by(7));
-}
-
-#[test]
 fn a_bound_on_areas_has_the_gradient_of_its_price() {
     let surface = shapes::surface(shapes::sheet(6, 5));
     let mut triangles = TriangleEnergy::new(&surface);
@@ -429,70 +397,4 @@ fn vertices_are_held_as_their_pairs_bend_upwards() {
         sum += held[vertex];
     }
     assert!((held[source] - sum).abs() < 1e-9 * sum);
-}
-
-/// A valley, narrow one way, along which no step is long by springs that were made far from where they are.
-struct Narrow<'a> {
-    springs: &'a Springs,
-    /// From how far on springs do not fit any more.
-    fit: f64,
-    made: std::sync::Mutex<Vec<Vector2<f64>>>,
-}
-
-impl Objective for Narrow<'_> {
-    fn evaluate(&self, uv: &[Vector2<f64>], _: &Control) -> Result<(f64, Vec<Vector2<f64>>)> {
-        Ok((1.0 + 0.5 * uv.iter().map(|place| place.norm_squared()).sum::<f64>(), uv.to_vec()))
-    }
-
-    fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor> {
-        self.made.lock().unwrap().push(uv[0]);
-        self.springs.factor(&[[-1e-9; 3]], &[1.0; 3])
-    }
-
-    fn farthest_step(&self, uv: &[Vector2<f64>], _: &[Vector2<f64>]) -> f64 {
-        let made = self.made.lock().unwrap();
-        if (uv[0] - made[made.len() - 1]).norm() > self.fit { 1e-6 } else { 0.5 }
-    }
-}
-
-#[test]
-fn where_steps_get_short_springs_are_made_anew_and_descent_goes_on() {
-    let springs = Springs::new(vec![[0, 1, 2]], 3, &Control::default()).unwrap();
-    let valley = Narrow { springs: &springs, fit: 3.0, made: Default::default() };
-    let mut uv = vec![Vector2::new(20.0, 0.0); 3];
-    let until = descent::Until { steps: 200, gain: 1e-4, enough: f64::NEG_INFINITY };
-    let run = descent::descend(&valley, &mut uv, until, &Control::default()).unwrap();
-    assert!(run.converged && uv[0].norm() < 0.1, "{uv:?} {:?}", run.energies);
-    let made = valley.made.into_inner().unwrap();
-    assert!((2..20).contains(&made.len()), "{made:?}");
-}
-
-#[test]
-fn where_new_springs_help_no_more_descent_ends() {
-    let springs = Springs::new(vec![[0, 1, 2]], 3, &Control::default()).unwrap();
-    let valley = Narrow { springs: &springs, fit: -1.0, made: Default::default() };
-    let mut uv = vec![Vector2::new(20.0, 0.0); 3];
-    let until = descent::Until { steps: 200, gain: 1e-4, enough: f64::NEG_INFINITY };
-    let run = descent::descend(&valley, &mut uv, until, &Control::default()).unwrap();
-    assert!(run.converged && run.energies.len() < 10, "{:?}", run.energies);
-    assert_eq!(valley.made.into_inner().unwrap().len(), 1);
-}
-
-#[test]
-fn triangles_with_hardly_any_area_left_are_eased_though_they_are_outliers() {
-    let (surface, rows) = sheet();
-    let control = Control::default();
-    let levels = Levels::new(&surface, rows.sources(), &control).unwrap();
-    let pairs = Pairs::new(&rows, levels.judged(), &control).unwrap();
-    let level = levels.prepare(0, &pairs, &control).unwrap();
-    let shape = levels::FINAL.shape;
-    let vertex = (0..surface.len()).find(|&v| surface.points()[v].xy() == Vector2::new(10.0, 7.0)).unwrap();
-    let mut uv = plan(&surface);
-    uv[vertex].x += 0.9999; // next to the neighbour, across which two triangles lie
-    let least = |uv: &[Vector2<f64>]| level.triangles.growths(uv).into_iter().fold(f64::INFINITY, f64::min);
-    assert!(least(&uv) > 0.0 && least(&uv) < 1e-3);
-    level.ease_tiny(&mut uv, shape, &control).unwrap();
-    assert!(least(&uv) > 0.5, "{}", least(&uv));
-    let moved = uv.iter().zip(plan(&surface)).filter(|(one, other)| *one != other).count();
-    assert!(moved < 12, "{moved}"); // its neighbours alone
 }

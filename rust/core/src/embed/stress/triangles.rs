@@ -15,6 +15,7 @@
 
 mod lanes;
 
+use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -73,24 +74,24 @@ impl Rest {
     }
 
     /// J.
-    pub(super) fn jacobian(&self, uv: &[Vector2<f64>]) -> Matrix2<f64> {
+    pub(super) fn jacobian(&self, uv: &[Place]) -> Matrix2<f64> {
         let [a, b, c] = self.corners.map(|vertex| uv[vertex as usize]);
         Matrix2::from_columns(&[b - a, c - a]) * self.inverse
     }
 
     /// The gradient of the function that is 1 at a corner and 0 at the others.
-    pub(super) fn hat(&self, corner: usize) -> Vector2<f64> {
+    pub(super) fn hat(&self, corner: usize) -> Place {
         let [b, c] = [self.inverse.row(0).transpose(), self.inverse.row(1).transpose()];
         [-b - c, b, c][corner]
     }
 
     /// The area times ψ.
-    pub(super) fn energy(&self, uv: &[Vector2<f64>], shape: Shape) -> f64 {
+    pub(super) fn energy(&self, uv: &[Place], shape: Shape) -> f64 {
         self.area * shape.price(&self.jacobian(uv)).value
     }
 
     /// The logarithm of how many times as large as on the surface it is in a map; NaN where it is folded.
-    fn growth(&self, uv: &[Vector2<f64>]) -> f64 {
+    fn growth(&self, uv: &[Place]) -> f64 {
         (signed_area(self.corners, uv) / self.area).ln() + self.trim
     }
 
@@ -288,7 +289,7 @@ impl TriangleEnergy {
     }
 
     /// `weight` times the mean energy, and its gradient added to `gradient`.
-    pub fn add(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64, gradient: &mut [Vector2<f64>]) -> f64 {
+    pub fn add(&self, uv: &[Place], shape: Shape, weight: f64, gradient: &mut [Place]) -> f64 {
         let scale = weight / self.area;
         let mut energies = vec![0.0; self.rests.len()];
         let mut pulls = vec![[Vector2::zeros(); 3]; self.rests.len()];
@@ -311,7 +312,7 @@ impl TriangleEnergy {
     }
 
     /// The mean energy.
-    pub fn energy(&self, uv: &[Vector2<f64>], shape: Shape) -> f64 {
+    pub fn energy(&self, uv: &[Place], shape: Shape) -> f64 {
         let of_batch = |rests: &[Rest]| rests.iter().map(|rest| rest.energy(uv, shape)).sum();
         self.rests.par_chunks(BATCH).map(of_batch).collect::<Vec<f64>>().iter().sum::<f64>() / self.area
     }
@@ -319,7 +320,7 @@ impl TriangleEnergy {
     /// Of each triangle the entries, off the diagonal, that it adds to the matrix of springs that is about as stiff as the
     /// energy around a map: for corners 01, 02, 12. A triangle that has hardly any area left is as stiff as it is: were it softer,
     /// the first step would turn it over, and all others would have to wait for it.
-    pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
+    pub fn stiffness(&self, uv: &[Place], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
         let of_triangle = |rest: &Rest| {
             let jacobian = rest.jacobian(uv);
             let price = self.price(rest, &jacobian, shape);
@@ -330,7 +331,7 @@ impl TriangleEnergy {
     }
 
     /// Of each triangle the part of its area that it has in a map, negative where it is folded.
-    pub fn growths(&self, uv: &[Vector2<f64>]) -> Vec<f64> {
+    pub fn growths(&self, uv: &[Place]) -> Vec<f64> {
         self.rests.iter().map(|rest| signed_area(rest.corners, uv) / rest.area).collect()
     }
 
@@ -340,17 +341,17 @@ impl TriangleEnergy {
     }
 
     /// A triangle's energy, and `scale` times its gradient by the places of its corners.
-    fn part(&self, rest: &Rest, uv: &[Vector2<f64>], shape: Shape, scale: f64) -> (f64, [Vector2<f64>; 3]) {
+    fn part(&self, rest: &Rest, uv: &[Place], shape: Shape, scale: f64) -> (f64, [Place; 3]) {
         let jacobian = rest.jacobian(uv);
         let Price { value, slopes, .. } = self.price(rest, &jacobian, shape);
         let by_sides = by_sides(&jacobian, slopes, &rest.inverse, rest.area);
-        let [b, c]: [Vector2<f64>; 2] = [by_sides.column(0).into(), by_sides.column(1).into()];
+        let [b, c]: [Place; 2] = [by_sides.column(0).into(), by_sides.column(1).into()];
         (rest.area * value, [-b - c, b, c].map(|by_corner| scale * by_corner))
     }
 
     /// The logarithm of how many times as large as the surface a map without folds is, and by which a triangle differs from that at
     /// most.
-    pub fn area_change(&self, uv: &[Vector2<f64>]) -> [f64; 2] {
+    pub fn area_change(&self, uv: &[Place]) -> [f64; 2] {
         let flat: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
         let own: f64 = self.rests.iter().map(|rest| rest.area * (-rest.trim).exp()).sum();
         let mean = (flat / own).ln();
@@ -359,7 +360,7 @@ impl TriangleEnergy {
     }
 
     /// Brings a map to the area of the surface, if it has one.
-    pub fn fit_area(&self, uv: &mut [Vector2<f64>]) {
+    pub fn fit_area(&self, uv: &mut [Place]) {
         let area: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
         let factor = (self.area / area).sqrt();
         if factor.is_finite() {
@@ -368,19 +369,19 @@ impl TriangleEnergy {
     }
 
     /// Number of triangles that are folded or have no area in a map.
-    pub fn folded(&self, uv: &[Vector2<f64>]) -> usize {
+    pub fn folded(&self, uv: &[Place]) -> usize {
         self.rests.par_iter().with_min_len(BATCH).filter(|rest| signed_area(rest.corners, uv) <= 0.0).count()
     }
 
     /// How far a map without folds may move along `direction`, as a part of it, until the first triangle has no area.
-    pub fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
+    pub fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64 {
         let of_batch = |rests| lanes::farthest_step(rests, uv, direction);
         self.rests.par_chunks(BATCH).map(of_batch).reduce(|| f64::INFINITY, f64::min)
     }
 }
 
 /// The signed area of a flat triangle, mm².
-pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
+pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Place]) -> f64 {
     let [a, b, c] = [a, b, c].map(|vertex| uv[vertex as usize]);
     0.5 * (b - a).perp(&(c - a))
 }

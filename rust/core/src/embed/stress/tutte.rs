@@ -5,6 +5,7 @@
 //! Whatever the springs, nothing folds. Springs of equal stiffness crowd what is far from the boundary; so they are made softer
 //! there, and the map is made again, until its triangles are of comparable size.
 
+use crate::embed::Place;
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Vector2};
@@ -37,22 +38,19 @@ const STARTS: usize = 128;
 const NARROWEST: f64 = 0.005;
 
 /// The map of a disk whose vertices are about at some places, which may fold.
-///
-/// # Errors
-/// [`crate::Error::TooManySprings`], [`crate::Error::Uneven`], [`crate::Error::Cancelled`].
 pub fn spread(
     surface: &Surface,
-    places: &[Vector2<f64>],
+    places: &[Place],
     triangles: &TriangleEnergy,
     springs: &Springs,
     control: &Control,
-) -> Result<Vec<Vector2<f64>>> {
+) -> Result<Vec<Place>> {
     let mut ground = vec![0.0; surface.len()];
     let mut forces = vec![Vector2::zeros(); surface.len()];
     for boundary in surface.boundary() {
         let vertices: Vec<usize> = boundary.iter().map(|&half_edge| surface.origin(half_edge) as usize).collect();
         let lengths: Vec<f64> = boundary.iter().map(|&half_edge| surface.length(half_edge)).collect();
-        let outline: Vec<Vector2<f64>> = vertices.iter().map(|&vertex| places[vertex]).collect();
+        let outline: Vec<Place> = vertices.iter().map(|&vertex| places[vertex]).collect();
         for (&vertex, place) in vertices.iter().zip(on_ellipse(&outline, &lengths)) {
             ground[vertex] = FIRM;
             forces[vertex] = FIRM * place;
@@ -76,12 +74,12 @@ pub fn spread(
 
 /// A closed line of places laid onto the ellipse that has its extents: in their order, counterclockwise, at distances as the
 /// given ones from each to the next, each as near to its place as the rest allows.
-fn on_ellipse(outline: &[Vector2<f64>], lengths: &[f64]) -> Vec<Vector2<f64>> {
-    let centre = outline.iter().sum::<Vector2<f64>>() / outline.len() as f64;
+fn on_ellipse(outline: &[Place], lengths: &[f64]) -> Vec<Place> {
+    let centre = outline.iter().sum::<Place>() / outline.len() as f64;
     let next = |n: usize| outline[(n + 1) % outline.len()] - centre;
     let area: f64 = (0..outline.len()).map(|n| (outline[n] - centre).perp(&next(n))).sum();
     let mirror = Vector2::new(1.0, if area < 0.0 { -1.0 } else { 1.0 });
-    let centred: Vec<Vector2<f64>> = outline.iter().map(|place| (place - centre).component_mul(&mirror)).collect();
+    let centred: Vec<Place> = outline.iter().map(|place| (place - centre).component_mul(&mirror)).collect();
     let round: f64 = lengths.iter().sum();
     let spread: Matrix2<f64> =
         centred.iter().zip(lengths).map(|(place, length)| place * place.transpose() * (length / round)).sum();
@@ -93,7 +91,7 @@ fn on_ellipse(outline: &[Vector2<f64>], lengths: &[f64]) -> Vec<Vector2<f64>> {
     } else {
         axes.eigenvectors
     };
-    let ellipse: Vec<Vector2<f64>> = (0..PLACES)
+    let ellipse: Vec<Place> = (0..PLACES)
         .map(|n| {
             let (sin, cos) = (n as f64 / PLACES as f64 * TAU).sin_cos();
             turn * Vector2::new(extents.x * cos, extents.y * sin)

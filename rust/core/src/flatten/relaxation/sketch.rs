@@ -71,9 +71,6 @@ impl Measured {
 
 impl Sketch {
     /// A disk and its map.
-    ///
-    /// # Errors
-    /// As [`levels::unfold`].
     pub fn new(surface: Surface, control: &Control) -> Result<Self> {
         let quiet = control.part();
         let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
@@ -89,9 +86,6 @@ impl Sketch {
     }
 
     /// What becomes of it by a cut along half-edges. Its lips lie on each other at first.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`], and those of descent.
     pub fn with(&self, cut: &[u32], control: &Control) -> Result<Self> {
         let surface = self.surface.cut_open(cut.iter().copied());
         let mut uv = vec![Vector2::zeros(); surface.len()];
@@ -110,17 +104,11 @@ impl Sketch {
     }
 
     /// Descends further.
-    ///
-    /// # Errors
-    /// As [`Sketch::with`].
     pub fn settle(&mut self, control: &Control) -> Result<()> {
         self.descend(SETTLED, control)
     }
 
     /// The mean relative error of its distances, as they are on this surface, at the best scale.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn error(&self, control: &Control) -> Result<f64> {
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
         Ok(measure(&[&uv], &self.measured.rows, 0, &control.part())?.remove(0).best_scale.relative_error)

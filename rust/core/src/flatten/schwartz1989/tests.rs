@@ -1,17 +1,9 @@
 use super::*;
 use crate::error::Error;
 use crate::surface::mesh::shapes;
-use nalgebra::Vector3;
 
-/// Three quarters of a cylinder, unrolled 16 by 24 mm.
 fn cylinder() -> Surface {
-    let surface = shapes::surface(shapes::sheet(16, 24));
-    let radius = 24.0 / (1.5 * std::f64::consts::PI);
-    let curled = |p: &Vector3<f64>| {
-        let (sin, cos) = (p.y / radius).sin_cos();
-        Vector3::new(p.x, radius * sin, radius * cos)
-    };
-    surface.moved(surface.points().iter().map(curled).collect()).unwrap()
+    shapes::curled(16, 24)
 }
 
 fn flattened(surface: &Surface, options: &Options<'_>) -> Result<Mapped> {
@@ -97,14 +89,4 @@ fn what_cannot_be_flattened_is_refused() {
     let refused = |sources| flattened(&surface, &Options { sources, ..options.clone() }).unwrap_err();
     assert_eq!(refused(&[425]), Error::NoSuchPoint { vertex: 425, points });
     assert_eq!(refused(&[4, 5, 4]), Error::DuplicateSource { vertex: 4 });
-}
-
-#[test]
-fn more_distances_need_more_memory() {
-    let surface = cylinder();
-    let control = Control::default();
-    let need = |rings, sources| memory_need(&surface, rings, sources, 2, &control).unwrap();
-    assert!(need(Some(2), 0) < need(Some(5), 0) && need(Some(5), 0) < need(Some(5), 20));
-    assert!(need(Some(5), 20) < need(None, 0) && need(None, 0) == need(None, 20));
-    assert!(need(None, 0) > 16 * (surface.len() as u64).pow(2));
 }

@@ -1,18 +1,10 @@
 use super::*;
 use crate::surface::mesh::shapes;
-use nalgebra::Vector3;
 
 const SIDES: [usize; 2] = [40, 60];
 
-/// Three quarters of a cylinder, unrolled 40 by 60 mm.
 fn cylinder() -> Surface {
-    let surface = shapes::surface(shapes::sheet(SIDES[0], SIDES[1]));
-    let radius = SIDES[1] as f64 / (1.5 * std::f64::consts::PI);
-    let curled = |p: &Vector3<f64>| {
-        let (sin, cos) = (p.y / radius).sin_cos();
-        Vector3::new(p.x, radius * sin, radius * cos)
-    };
-    surface.moved(surface.points().iter().map(curled).collect()).unwrap()
+    shapes::curled(SIDES[0], SIDES[1])
 }
 
 fn pixels() -> Vec<[u32; 2]> {

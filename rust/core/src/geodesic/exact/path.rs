@@ -37,9 +37,7 @@ impl Exact<'_> {
     ///
     /// It ends: each of its legs leads to another vertex. Where edges are so short that rounding tells no distances apart, and
     /// a leg leads back or nowhere, it goes on along edges.
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`] if that run did not reach it, [`Error::Cancelled`].
+    /// Errors: [`Error::Unreachable`] if that run did not reach it, [`Error::Cancelled`].
     pub fn path(&self, wave: &Wave, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if wave.distance[target as usize] == f64::INFINITY {
             return Err(Error::Unreachable { source_vertex: wave.source as usize, vertex: target as usize });

@@ -9,12 +9,7 @@ use crate::geodesic::solver::{Fingerprint, Solver};
 impl Exact<'_> {
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then knows the
     /// [paths](Self::path), too.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    ///
-    /// # Panics
-    /// If `row` has not one value a vertex.
+    /// Panics if `row` has not one value a vertex.
     pub fn distances(&self, source: u32, row: &mut [f64], wave: &mut Wave, control: &Control) -> Result<()> {
         wave.run(self, source, control)?;
         row.copy_from_slice(&wave.distance);

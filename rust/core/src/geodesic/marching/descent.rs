@@ -41,9 +41,6 @@ pub struct Marched<'a> {
 
 impl Marching<'_> {
     /// The distances from `source`, kept for paths.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn march(&self, source: u32, control: &Control) -> Result<Marched<'_>> {
         let mut scratch = self.scratch();
         let mut order = vec![u32::MAX; self.columns()];
@@ -59,17 +56,10 @@ impl Marching<'_> {
 }
 
 impl Marched<'_> {
-    /// The distances to all vertices, mm; infinity where no front came.
-    pub fn distances(&self) -> &[f64] {
-        &self.distance
-    }
-
     /// A path from `target` back to the source. The distance of a march is an estimate, but the path is a line over the
     /// surface: [its length](crate::geodesic::path::length) may be more or less than the distance here, and is never less
     /// than the exact one. Across a triangle that is folded back onto another it may be some per cent more (9 were seen).
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`] if no front came to the target, [`Error::Cancelled`].
+    /// Errors: [`Error::Unreachable`] if no front came to the target, [`Error::Cancelled`].
     pub fn path(&self, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if self.distance[target as usize] == f64::INFINITY {
             return Err(self.unreachable(target));

@@ -7,10 +7,6 @@ fn torus() -> Surface {
     shapes::surface(shapes::torus(18, 11))
 }
 
-fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-}
-
 /// The vertices within so many rings of each vertex, found by going over all faces again and again.
 fn by_brute_force(surface: &Surface, rings: u32) -> Vec<BTreeSet<u32>> {
     let grown = |inside: &BTreeSet<u32>| {
@@ -110,16 +106,6 @@ fn on_a_plane_distances_within_rings_are_straight() {
         let near = found.of_vertex(vertex).iter().filter(|near| near.distance <= 2.0);
         assert!(near.into_iter().all(|near| off(vertex, near) < 1e-6));
     }
-}
-
-#[test]
-fn the_same_bits_for_any_number_of_threads() {
-    let surface = torus();
-    let measured = |threads| {
-        with_threads(threads, || Neighbourhoods::measure(&surface, Some(3), &[7, 90], &Control::default()).unwrap())
-    };
-    assert_eq!(measured(1), measured(2));
-    assert_eq!(measured(1), measured(7));
 }
 
 #[test]

@@ -1,5 +1,4 @@
 use super::*;
-use crate::error::Error;
 use crate::orient::map_area;
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
@@ -90,19 +89,6 @@ proptest! {
 }
 
 #[test]
-fn vertices_move_into_the_kernel_of_their_ring() {
-    // an L of which the corner is seen from one square only; weights alone may lie anywhere
-    let ring = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]].map(Place::from);
-    let kernel = kernel(&ring, true).unwrap();
-    assert!(!sees(&ring, true, Place::new(2.5, 0.5)));
-    for outside in [Place::new(2.5, 0.5), Place::new(0.5, 2.9), Place::new(-4.0, -4.0)] {
-        assert!(sees(&ring, true, inside(&kernel, outside)));
-    }
-    let none = [[0.0, 0.0], [9.0, 0.0], [9.0, 3.0], [8.0, 3.0], [8.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
-    assert_eq!(super::kernel(&none.map(Place::from), true), None);
-}
-
-#[test]
 fn a_coarse_map_that_folds_is_told() {
     let surface = shapes::surface(shapes::sheet(12, 12));
     let found = decimated(&surface, 40);
@@ -112,14 +98,4 @@ fn a_coarse_map_that_folds_is_told() {
     };
     let (uv, turned) = carried(&found, surface.len(), fold, false);
     assert!(turned > 0 && uv.iter().flatten().all(|x| x.is_finite()));
-}
-
-#[test]
-fn it_can_be_cancelled() {
-    let surface = shapes::surface(shapes::sheet(9, 9));
-    let found = decimated(&surface, 20);
-    let control = Control::default();
-    control.cancel();
-    let mut uv = vec![[0.0; 2]; surface.len()];
-    assert_eq!(place(&found.removals, &mut uv, &Placing::default(), &control), Err(Error::Cancelled));
 }

@@ -31,18 +31,6 @@ pub struct Filled {
 }
 
 /// The boundary loops up to a length (mm), but for the longest loop of each component, its rim; the longest first.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::cuts::holes::small_holes;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let is_kept: Vec<bool> = (0..sheet.faces().len()).map(|face| face / 2 != 27).collect();
-/// let holed = sheet.part(&is_kept); // without a square in the middle
-/// let holes = small_holes(&holed, 10.0);
-/// assert_eq!((holes.len(), holes[0].length), (1, 4.0));
-/// ```
 pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
     let mut has_rim = vec![false; surface.components().count()];
     let mut loops = Topology::of(surface).loops;
@@ -56,23 +44,6 @@ pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
 /// Left open is a hole of more than [`MOST_EDGES`] edges, one that is no boundary loop of this surface, and one that cannot be
 /// filled because every choice needs a triangle without area or an edge that exists already. A slit between two vertices is
 /// closed without a face. Takes O(k³) for a hole of k edges.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::cuts::holes::{fill_holes, small_holes};
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let is_kept: Vec<bool> = (0..sheet.faces().len()).map(|face| face / 2 != 27).collect();
-/// let holed = sheet.part(&is_kept); // without a square in the middle
-/// let filled = fill_holes(&holed, &small_holes(&holed, 10.0), &Control::default())?;
-/// assert_eq!((filled.added.len(), filled.surface.boundary().len()), (2, 1));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn fill_holes(surface: &Surface, holes: &[Loop], control: &Control) -> Result<Filled> {
     let mut patch = Cover { faces: surface.faces().to_vec(), twins: surface.twins().to_vec() };
     let network = Network::of(surface);

@@ -15,9 +15,6 @@ pub(crate) struct Inward<'a> {
 
 impl<'a> Inward<'a> {
     /// Takes O(n log n).
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn of(surface: &'a Surface, control: &Control) -> Result<Self> {
         let borders = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h));
         Self::from(surface, borders.map(|h| surface.origin(h)), control)
@@ -53,9 +50,6 @@ impl<'a> Inward<'a> {
 }
 
 /// The distance along edges, mm, of every vertex from the nearest that shares its id with another: from the lips of cuts.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(crate) fn from_lips(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
     let mut by_id: Vec<u32> = (0..surface.len() as u32).collect();
     by_id.sort_by_key(|&v| surface.ids()[v as usize]);
@@ -66,9 +60,6 @@ pub(crate) fn from_lips(surface: &Surface, control: &Control) -> Result<Vec<f64>
 }
 
 /// Vertices inside a surface, each the one farthest from the boundary and from those before it, of those that are allowed.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(crate) fn spread(
     surface: &Surface,
     count: usize,

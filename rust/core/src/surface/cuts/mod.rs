@@ -56,20 +56,6 @@ const SHORT: f64 = 1.0;
 const RINGS: usize = 3;
 
 /// The surface cut open along paths of vertices; ids are kept.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::NotAnEdge`].
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::cuts::cut;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let open = cut(&sheet, &[vec![4, 13, 22]])?; // from the boundary inwards
-/// assert_eq!(open.len(), sheet.len() + 2); // the vertex where it ends is not doubled
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
     let network = Network::of(surface);
     let half_edges: Vec<_> = paths.iter().map(|path| network.along(surface, path)).collect::<Result<_>>()?;
@@ -82,9 +68,6 @@ pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
 /// twice as long as the shortest tree (Mehlhorn 1988). If the surface is still closed, or all but closed, it also gets
 /// a seam between two points that lie far apart, preferably along the depths of folds. A disk is left as it is. Takes
 /// O(n log n) beside the handles; the result is the same each time.
-///
-/// # Errors
-/// [`Error::NoFaces`], [`Error::SeveralComponents`], [`Error::NotADisk`], [`Error::Cancelled`].
 ///
 /// # Examples
 /// ```

@@ -1,7 +1,6 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::scales::{FARTHEST, SMALLEST};
 use crate::surface::mesh::{BORDER, shapes};
 
 fn opened(surface: &Surface) -> Opened {
@@ -99,20 +98,6 @@ fn a_torus_gets_two_cuts() {
     assert_eq!((count(&open, Reason::Handle), count(&open, Reason::JoinBoundaries)), (1, 1));
     let tau = std::f64::consts::TAU;
     assert!(open.cuts[0].length < 1.2 * tau && open.cuts[1].length < 2.3 * tau, "{:?}", open.cuts);
-}
-
-#[test]
-fn any_size_is_opened() {
-    let torus = shapes::surface(shapes::torus(9, 6));
-    let sized = |size: f64| torus.moved(torus.points().iter().map(|p| p * size).collect());
-    for size in [0.0, 1e-200, 1e150, 1e300] {
-        assert!(sized(size).is_err(), "{size}"); // beyond the scales
-    }
-    for size in [SMALLEST, 1e-4, 0.2 * FARTHEST] {
-        let open = opened(&sized(size).unwrap());
-        assert!(Topology::of(&open.surface).is_disk());
-        assert_eq!(count(&open, Reason::Handle), 1);
-    }
 }
 
 #[test]

@@ -58,9 +58,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// # Errors
-    /// [`Error::DecimationOption`].
-    pub fn validate(&self) -> Result<()> {
+    fn validate(&self) -> Result<()> {
         let refuse = |name, value| Err(Error::DecimationOption { name, value });
         if self.longest_edge.is_nan() || self.longest_edge <= 0.0 {
             return refuse("longest_edge", self.longest_edge);
@@ -142,9 +140,7 @@ impl Removals {
 
 /// Takes vertices away, but not those to `keep`, until so many are left or none can go. The same result for the same surface,
 /// bit by bit.
-///
-/// # Errors
-/// [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
+/// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
 ///
 /// # Examples
 /// ```

@@ -122,18 +122,6 @@ fn no_edge_becomes_too_long() {
 }
 
 #[test]
-fn a_hub_of_many_faces_does_not_take_long() {
-    let count = 30_000;
-    let rim = (0..count).map(|n| f64::from(n) * std::f64::consts::TAU / f64::from(count));
-    let mut points: Vec<[f64; 3]> = rim.map(|angle| [100.0 * angle.cos(), 100.0 * angle.sin(), 0.0]).collect();
-    points.push([0.0; 3]);
-    let count = i64::from(count);
-    let faces = (0..count).map(|n| [n, (n + 1) % count, count]).collect();
-    let surface = shapes::surface((points, faces));
-    assert_right(&surface, &decimated(&surface, 100));
-}
-
-#[test]
 fn bad_options_are_refused() {
     let surface = shapes::surface(shapes::sheet(3, 3));
     for (longest_edge, evenness) in
@@ -143,14 +131,6 @@ fn bad_options_are_refused() {
         let refused = decimate(&surface, &[], &options, &Control::default()).unwrap_err();
         assert!(matches!(refused, Error::DecimationOption { .. }));
     }
-}
-
-#[test]
-fn it_can_be_cancelled() {
-    let surface = shapes::surface(shapes::sphere(4));
-    let control = Control::default();
-    control.cancel();
-    assert_eq!(decimate(&surface, &[], &Options::default(), &control).unwrap_err(), Error::Cancelled);
 }
 
 proptest! {

@@ -58,9 +58,6 @@ impl Stiffness {
     }
 
     /// One step of backward Euler: solves (M + t L) y = b, M = diag(`mass`), from a first guess y.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`](crate::Error::Cancelled).
     pub(crate) fn solve(
         &self,
         mass: &[f64],

@@ -46,10 +46,6 @@ pub struct Defects {
 
 impl Defects {
     /// The first reason why the triangles are no surface.
-    ///
-    /// # Errors
-    /// [`Error::DegenerateFace`], [`Error::DuplicateFace`], [`Error::CrowdedEdge`], [`Error::PinchedVertex`],
-    /// [`Error::OneSided`].
     pub fn refuse(&self) -> Result<()> {
         let count = |list: &[u32]| list.len();
         if let Some(&face) = self.degenerate.first() {
@@ -74,11 +70,6 @@ impl Defects {
 
 impl Surface {
     /// A surface from points (mm) and triangles, with what was done: faces may be turned over, and nothing else.
-    ///
-    /// # Errors
-    /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`], those of
-    /// [`Defects::refuse`], and of a surface beyond the [scales](crate::scales) [`Error::PointTooFar`],
-    /// [`Error::SurfaceTooSmall`], [`Error::EdgeTooShort`].
     pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();
@@ -93,22 +84,6 @@ impl Surface {
     /// vertices merged for that, of which the lowest keeps its number as id; duplicates are dropped; every fan around a
     /// vertex gets a vertex of its own. Triangles that were good before are the surface that [`Surface::from_triangles`]
     /// makes of them, bit by bit.
-    ///
-    /// # Errors
-    /// As [`Surface::from_triangles`], for what has no one right answer.
-    ///
-    /// # Examples
-    /// ```
-    /// use voxflat::surface::Surface;
-    ///
-    /// // above the line from 0 to 1 are two triangles, with 4 on it, below is one, and between them one without area
-    /// let points = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, 0.0]];
-    /// let faces = [[0, 4, 2], [4, 1, 2], [1, 0, 3], [0, 1, 4]];
-    /// assert!(Surface::from_triangles(&points, &faces).is_err());
-    /// let (square, mended) = Surface::mended(&points, &faces)?;
-    /// assert_eq!((square.len(), square.faces().len(), mended.flipped), (5, 4, 1));
-    /// # Ok::<(), voxflat::Error>(())
-    /// ```
     pub fn mended(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
         let given = checked(points, faces)?;
         let mut faces = given.clone();
@@ -158,9 +133,6 @@ impl Surface {
     }
 
     /// Everything that is wrong with a mesh.
-    ///
-    /// # Errors
-    /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`].
     pub fn defects(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Defects> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();

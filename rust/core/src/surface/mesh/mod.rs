@@ -43,26 +43,12 @@ pub struct Surface {
 }
 
 /// The next half-edge of the same face.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::next;
-///
-/// assert_eq!([6, 7, 8].map(next), [7, 8, 6]); // of face 2
-/// ```
 #[inline]
 pub const fn next(half_edge: u32) -> u32 {
     if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
 }
 
 /// The half-edge before, of the same face.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::previous;
-///
-/// assert_eq!([6, 7, 8].map(previous), [8, 6, 7]); // of face 2
-/// ```
 #[inline]
 pub const fn previous(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
@@ -70,17 +56,7 @@ pub const fn previous(half_edge: u32) -> u32 {
 
 /// Unit normals of the vertices of faces, weighted by the faces' areas, on the side from which the faces run counterclockwise;
 /// zero where there is none.
-///
-/// # Panics
-/// If a corner is no point.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::{shapes, vertex_normals};
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// assert!(vertex_normals(sheet.points(), sheet.faces()).iter().all(|normal| normal.z == 1.0));
-/// ```
+/// Panics if a corner is no point.
 pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {
@@ -121,9 +97,7 @@ impl Surface {
     }
 
     /// The faces for which `keep` is true, and their vertices.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a face.
+    /// Panics if `keep` has not one value a face.
     pub fn part(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.faces.len(), "one value a face");
         let mut number = vec![BORDER; keep.len()];
@@ -140,9 +114,7 @@ impl Surface {
     }
 
     /// The faces with all three corners among the vertices for which `keep` is true.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a vertex.
+    /// Panics if `keep` has not one value a vertex.
     pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.points.len(), "one value a vertex");
         let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
@@ -162,12 +134,7 @@ impl Surface {
     }
 
     /// The same vertices elsewhere: distances are measured there.
-    ///
-    /// # Errors
-    /// [`Error::PointNotFinite`], [`Error::PointTooFar`], [`Error::SurfaceTooSmall`].
-    ///
-    /// # Panics
-    /// If there is not one point a vertex.
+    /// Panics if there is not one point a vertex.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
         assert_eq!(points.len(), self.points.len(), "one point a vertex");
         finite(points.iter().map(|p| (*p).into()))?;
@@ -208,9 +175,6 @@ impl Surface {
     }
 
     /// The same, and the edges beside it: one that is too short for the box has no direction.
-    ///
-    /// # Errors
-    /// [`Error::PointTooFar`], [`Error::SurfaceTooSmall`], [`Error::EdgeTooShort`].
     fn check_scales(&self) -> Result<()> {
         let size = self.check_size()?;
         match self.edges().find(|&edge| self.length(edge) < SHORTEST_EDGE * size) {
@@ -401,18 +365,6 @@ mod tests {
 
     fn euler(surface: &Surface) -> i64 {
         (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64
-    }
-
-    #[test]
-    fn known_shapes_have_their_euler_characteristic_and_boundary() {
-        for (shape, expected, loops) in
-            [(shapes::sheet(5, 4), 1, 1), (shapes::torus(12, 7), 0, 0), (shapes::sphere(2), 2, 0)]
-        {
-            let surface = shapes::surface(shape);
-            assert_sound(&surface);
-            assert_eq!((euler(&surface), surface.boundary().len()), (expected, loops));
-            assert_eq!(surface.components().count(), 1);
-        }
     }
 
     #[test]

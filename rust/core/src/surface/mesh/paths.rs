@@ -185,22 +185,8 @@ impl EdgeSearch {
 }
 
 /// The half-edges along a path of vertices; where an edge has only one half-edge, that one, which may lead back.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
+/// Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
 /// what lies between.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::paths::along_path;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let half_edges = along_path(&sheet, &[0, 1, 2])?;
-/// assert_eq!(half_edges.len(), 2);
-/// assert!(along_path(&sheet, &[0, 2]).is_err()); // no edge joins them
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
     Network::of(surface).along(surface, vertices)
 }
@@ -209,23 +195,7 @@ pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
 /// `factors`, one a vertex, make an edge cost its length times the mean of its ends' factors.
 ///
 /// Takes O(n log n) for each stop.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::FactorNotPositive`], [`Error::Unreachable`], [`Error::Cancelled`].
-///
-/// # Panics
-/// If there is not one factor a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::paths::shortest_path;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// assert_eq!(shortest_path(&sheet, &[0, 3], None, &Control::default())?, [0, 1, 2, 3]);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if there is not one factor a vertex.
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
     check_points(surface, stops)?;
     let network = match factors {
@@ -253,25 +223,7 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 
 /// The vertices of the cheapest path along edges from a vertex to any of those `to`, both included, through vertices that
 /// `may_pass`: a simple path that meets `to` at its end alone. An edge costs its length times the mean of its ends' factors.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::FactorNotPositive`], [`Error::Unreachable`], [`Error::Cancelled`].
-///
-/// # Panics
-/// If there is not one factor, and one word on each vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::paths::path_to_any;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(4, 4)); // 5 by 5 vertices, 1 mm apart
-/// let to: Vec<bool> = sheet.points().iter().map(|p| p.x == 0.0).collect();
-/// let path = path_to_any(&sheet, 12, &to, &[true; 25], &[1.0; 25], &Control::default())?;
-/// assert_eq!((path[0], path.len(), to[path[2] as usize]), (12, 3, true));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// Panics if there is not one factor, and one word on each vertex.
 pub fn path_to_any(
     surface: &Surface,
     from: u32,

@@ -5,29 +5,30 @@ use nalgebra::Vector3;
 use super::Surface;
 
 /// A sheet of `m` × `n` squares of side 1 in the plane z = 0, each cut along a diagonal.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::shapes;
-///
-/// let (points, faces) = shapes::sheet(2, 1);
-/// assert_eq!((points.len(), faces.len()), (6, 4));
-/// ```
 pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let points = (0..=m).flat_map(|i| (0..=n).map(move |j| [i as f64, j as f64, 0.0])).collect();
     (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
 }
 
+/// Such a sheet, rolled to three quarters of a cylinder.
+pub fn curled(m: usize, n: usize) -> Surface {
+    let sheet = surface(sheet(m, n));
+    let radius = n as f64 / (1.5 * std::f64::consts::PI);
+    let place = |p: &Vector3<f64>| Vector3::new(p.x, radius * (p.y / radius).sin(), radius * (p.y / radius).cos());
+    sheet.moved(sheet.points().iter().map(place).collect()).unwrap()
+}
+
+/// Such a sheet, cut open where y is `y` and x no more than `x`.
+pub fn slit(m: usize, n: usize, x: f64, y: f64) -> Surface {
+    let sheet = surface(sheet(m, n));
+    let is_cut = |h: &u32| {
+        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
+        a.y == y && b.y == y && a.x.max(b.x) <= x
+    };
+    sheet.cut_open(sheet.edges().filter(is_cut))
+}
+
 /// A torus of radii 3 and 1 of `m` × `n` squares, outside outwards.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::Topology;
-///
-/// let torus = shapes::surface(shapes::torus(12, 6));
-/// assert_eq!(Topology::of(&torus).genus, 1);
-/// ```
 pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;
     let place = |i: usize, j: usize| {
@@ -39,14 +40,6 @@ pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
 }
 
 /// An octahedron whose faces were cut into four `times` times, on the unit sphere.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sphere = shapes::surface(shapes::sphere(2));
-/// assert!(sphere.points().iter().all(|p| (p.norm() - 1.0).abs() < 1e-12));
-/// ```
 pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let mut points: Vec<Vector3<f64>> = Vec::new();
     for axis in 0..3 {
@@ -79,16 +72,7 @@ pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
 }
 
 /// The surface of a shape.
-///
-/// # Panics
-/// If the triangles are no surface, or do not run counterclockwise as seen from outside.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::shapes;
-///
-/// assert_eq!(shapes::surface(shapes::sheet(2, 1)).len(), 6);
-/// ```
+/// Panics if the triangles are no surface, or do not run counterclockwise as seen from outside.
 pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
     let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
     assert_eq!((mended.turned, mended.unused), (0, 0));

@@ -126,9 +126,6 @@ pub(crate) struct Homology {
 
 impl Homology {
     /// Takes O(n log n) for n edges, and the lengths of the generators.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn new(shrunk: &Shrunk, control: &Control) -> Result<Self> {
         let tree = spanning_tree(shrunk, control)?;
         let (cotree, left_over) = spanning_cotree(shrunk, &tree, control)?;
@@ -269,12 +266,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn sets_join_once() {
-        let mut sets = Sets::new(5);
-        assert!(sets.join(0, 4) && sets.join(3, 4) && !sets.join(0, 3));
-        assert_eq!((0..5).map(|n| sets.find(n)).collect::<Vec<_>>(), [0, 1, 2, 0, 0]);
     }
 }

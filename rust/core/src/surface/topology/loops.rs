@@ -47,44 +47,12 @@ pub struct Handle {
 
 /// A short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: each separates nothing
 /// after those before it.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::loops::handles;
-///
-/// let torus = shapes::surface(shapes::torus(24, 12));
-/// let found = handles(&torus, &Control::default())?;
-/// assert_eq!(found.len(), 1);
-/// assert!(found[0].length < 7.0); // around the tube, whose radius is 1, not along it
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
     cut_handles(surface, control).map(|(_, handles)| handles)
 }
 
 /// The surface cut open along short loops around all its handles: the way to genus 0 that changes no voxel. Each loop adds one
 /// or two boundary loops, and no component; half-edges keep their numbers.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::Topology;
-/// use voxflat::surface::topology::loops::cut_handles;
-///
-/// let torus = shapes::surface(shapes::torus(24, 12));
-/// let (open, handles) = cut_handles(&torus, &Control::default())?;
-/// assert_eq!((handles.len(), Topology::of(&open).genus), (1, 0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec<Handle>)> {
     let mut open = surface.clone();
     let mut handles = Vec::new();

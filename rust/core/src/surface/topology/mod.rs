@@ -10,15 +10,6 @@ pub mod thin;
 use crate::surface::mesh::Surface;
 
 /// What a surface is, topologically.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::Topology;
-///
-/// let torus = Topology::of(&shapes::surface(shapes::torus(12, 6)));
-/// assert_eq!((torus.euler, torus.genus, torus.is_closed()), (0, 1, true));
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Topology {
     /// Number of vertices.
@@ -144,7 +135,6 @@ pub(crate) fn shrunk(surface: &Surface) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::patch::largest_piece;
     use crate::surface::mesh::shapes;
     use proptest::prelude::*;
 
@@ -176,32 +166,6 @@ mod tests {
         assert_eq!(loops, [(1, 28.0, 28), (1, 8.0, 8), (0, 4.0, 4)]);
         assert!(!topology.is_disk() && !topology.is_closed());
         assert_eq!(topology.loops[1].vertices(&part).len(), 8);
-    }
-
-    #[test]
-    fn the_first_component_is_the_largest_piece_however_many_faces_the_others_have() {
-        let (mut points, mut faces) = shapes::sheet(12, 12); // of many small faces, and one of few large ones
-        points.iter_mut().for_each(|point| *point = point.map(|x| 0.1 * x));
-        let (coarse, of_coarse) = shapes::sheet(3, 3);
-        let first = points.len() as i64;
-        points.extend(coarse.iter().map(|&[x, y, _]| [x, y, 5.0]));
-        faces.extend(of_coarse.iter().map(|face| face.map(|v| first + v)));
-        for turned in [false, true] {
-            if turned {
-                faces.reverse();
-            }
-            let both = shapes::surface((points.clone(), faces.clone()));
-            let components = Topology::of(&both).components;
-            assert_eq!(components.iter().map(|c| c.faces).collect::<Vec<_>>(), [18, 288]);
-            assert!((components[0].area - 9.0).abs() < 1e-12 && (components[1].area - 1.44).abs() < 1e-12);
-            assert_eq!(largest_piece(&both).faces().len(), components[0].faces);
-        }
-        // of equals both take the first
-        let sheet = shapes::surface(shapes::sheet(9, 9));
-        let apart = sheet.part(&(0..sheet.faces().len()).map(|f| f / 2 / 9 != 4).collect::<Vec<_>>());
-        let components = Topology::of(&apart).components;
-        assert_eq!(components.iter().map(|c| (c.label, c.area)).collect::<Vec<_>>(), [(0, 36.0), (1, 36.0)]);
-        assert_eq!(largest_piece(&apart).ids()[0], apart.ids()[0]);
     }
 
     #[test]

@@ -42,20 +42,6 @@ pub struct Thin {
 /// more than three times as far away as through the solid. None, unless the thickness is positive and finite.
 ///
 /// Takes O(n) times the number of vertices within that distance of each.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::thin::thin_places;
-///
-/// let sphere = shapes::surface(shapes::sphere(3)); // of radius 1
-/// assert!(thin_places(&sphere, 1.0, &Control::default())?.vertices.is_empty());
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Result<ThinPlaces> {
     let mut places = ThinPlaces::default();
     if !(thickness > 0.0 && thickness.is_finite()) {

@@ -26,9 +26,6 @@ pub struct CubeTopology {
 
 impl CubeTopology {
     /// The topology of a surface's voxels.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn of(surface: &VoxelSurface, control: &Control) -> Result<Self> {
         let grid = VertexGrid::new(surface);
         let euler = euler_characteristic(surface, &grid);
@@ -132,13 +129,12 @@ fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::{Affine, Mask};
+    use crate::volume::Mask;
     use proptest::prelude::*;
     use std::collections::HashSet;
 
     fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
-        let mask = Mask::from_fn(shape, rule).unwrap();
-        VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &Control::default()).unwrap()
+        crate::tests::voxels(&Mask::from_fn(shape, rule).unwrap(), [1.0; 3])
     }
 
     fn topology_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> CubeTopology {

@@ -25,9 +25,6 @@ pub struct VoxelGraph {
 impl VoxelGraph {
     /// The 26-neighbour graph of surface voxels. `lengths[kind]` is a link's length in mm; the kind is the set of axes along
     /// which it steps (bit 0 for the first axis, bit 1 for the second, bit 2 for the third).
-    ///
-    /// # Errors
-    /// [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of(surface: &VoxelSurface, lengths: [f64; 8], control: &Control) -> Result<Self> {
         let most = (u32::MAX / 26).min(NEIGHBOUR) as usize;
         if surface.len() > most {
@@ -120,14 +117,13 @@ fn kind(offset: [i64; 3]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::{Affine, Mask};
+    use crate::volume::Mask;
     use proptest::prelude::*;
 
     fn graph_of(mask: &Mask) -> (VoxelSurface, VoxelGraph) {
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+        let surface = crate::tests::voxels(mask, [1.0; 3]);
         let lengths = std::array::from_fn(|kind: usize| f64::from(kind.count_ones()).sqrt());
-        let graph = VoxelGraph::of(&surface, lengths, &control).unwrap();
+        let graph = VoxelGraph::of(&surface, lengths, &Control::default()).unwrap();
         (surface, graph)
     }
 

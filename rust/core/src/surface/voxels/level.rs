@@ -18,9 +18,6 @@ const STEPS: i32 = 8;
 
 impl Level {
     /// An image (C order) and a value.
-    ///
-    /// # Errors
-    /// [`Error::ShapeMismatch`].
     pub fn new(shape: [usize; 3], values: Vec<f32>, level: f64) -> Result<Self> {
         let needed = shape.iter().product();
         if values.len() != needed {
@@ -76,25 +73,5 @@ impl Level {
             (a * b <= 0.0 && a != b).then(|| REACH * (start + a / (a - b)) / f64::from(STEPS))
         };
         (0..values.len() - 1).filter_map(crossing).min_by(|a, b| a.abs().total_cmp(&b.abs()))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn of_two_crossings_on_a_ray_the_nearer_counts() {
-        // along k the value falls through the level 0.3 voxels before, and rises through it 0.6 voxels behind, or the other way
-        let of = |values: [f32; 5]| Level::new([1, 1, 5], values.to_vec(), 0.0).unwrap();
-        let along = |level: &Level, way: f64| level.along(Vector3::new(0.0, 0.0, 2.0), Vector3::new(0.0, 0.0, way));
-        let near = |found: Option<f64>, expected: f64| assert!((found.unwrap() - expected).abs() < 1e-6, "{found:?}");
-        let before = of([9.0, 7.0, -3.0, 2.0, 9.0]);
-        near(along(&before, 1.0), -0.3);
-        near(along(&before, -1.0), 0.3);
-        let behind = of([9.0, 2.0, -3.0, 7.0, 9.0]);
-        near(along(&behind, 1.0), 0.3);
-        near(along(&behind, -1.0), -0.3);
-        assert_eq!(along(&of([1.0; 5]), 1.0), None);
     }
 }

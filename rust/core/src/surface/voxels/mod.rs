@@ -38,9 +38,6 @@ pub struct VoxelSurface {
 
 impl VoxelSurface {
     /// The surface of the mask's foreground, all components of it.
-    ///
-    /// # Errors
-    /// [`Error::VoxelTooFar`], [`Error::Cancelled`].
     pub fn from_mask(mask: &Mask, affine: Affine, control: &Control) -> Result<Self> {
         affine.check_reach(mask.shape())?;
         let on_surface = |v: [i64; 3]| DIRECT.iter().any(|&d| !mask.is_inside(plus(v, d)));
@@ -60,9 +57,7 @@ impl VoxelSurface {
     }
 
     /// The voxels for which `keep` is true.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a voxel.
+    /// Panics if `keep` has not one value a voxel.
     pub fn subset(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.voxels.len(), "one value a voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
@@ -118,9 +113,7 @@ impl VoxelSurface {
     }
 
     /// The number of the vertex at this voxel.
-    ///
-    /// # Errors
-    /// [`Error::NotOnSurface`], which names the nearest surface voxel.
+    /// Errors: [`Error::NotOnSurface`], which names the nearest surface voxel.
     pub fn find(&self, voxel: [i64; 3]) -> Result<usize> {
         let fits = (0..3).all(|axis| voxel[axis] >= 0 && (voxel[axis] as usize) < self.shape[axis]);
         if fits {
@@ -133,9 +126,7 @@ impl VoxelSurface {
     }
 
     /// The surface voxel nearest to a voxel, and its distance in mm.
-    ///
-    /// # Panics
-    /// If the surface is empty.
+    /// Panics if the surface is empty.
     pub fn nearest(&self, voxel: [i64; 3]) -> (usize, f64) {
         let place = self.affine.to_mm(voxel.map(|x| x as f64));
         let distances = self.points().into_iter().map(|point| (point - place).norm());
@@ -239,14 +230,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
-        let mask = Mask::from_fn(shape, rule).unwrap();
-        VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 2.0, 3.0]).unwrap(), &Control::default()).unwrap()
-    }
-
-    #[test]
-    fn a_full_block_has_its_shell_as_surface() {
-        let surface = surface_of([5, 6, 7], |_| true);
-        assert_eq!(surface.len(), 5 * 6 * 7 - 3 * 4 * 5);
+        crate::tests::voxels(&Mask::from_fn(shape, rule).unwrap(), [1.0, 2.0, 3.0])
     }
 
     #[test]
@@ -274,8 +258,7 @@ mod tests {
         fn surface_voxels_are_those_with_a_background_neighbour(bits in prop::collection::vec(any::<bool>(), 60)) {
             prop_assume!(bits.contains(&true));
             let mask = Mask::new([3, 4, 5], bits).unwrap();
-            let affine = Affine::from_spacing([1.0; 3]).unwrap();
-            let surface = VoxelSurface::from_mask(&mask, affine, &Control::default()).unwrap();
+            let surface = crate::tests::voxels(&mask, [1.0; 3]);
             for voxel in mask.foreground() {
                 let expected = DIRECT.iter().any(|&d| !mask.is_inside(plus(voxel, d)));
                 prop_assert_eq!(surface.find(voxel).is_ok(), expected);

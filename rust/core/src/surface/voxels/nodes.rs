@@ -44,9 +44,6 @@ impl Polygons {
 impl Nodes {
     /// The nodes of closed surfels, split until their polygons are a manifold, with the triangles. `place` tells where a node
     /// lies (mm), by which diagonals are chosen; it is asked once the nodes are final, and before for surfels' centres only.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn triangulate(
         surfels: &Surfels,
         centres: &[Vector3<f64>],

@@ -75,9 +75,6 @@ pub struct Places {
 }
 
 /// Fits the surface through nodes that lie at `base` (mm along the axes) and roughly look along `outward`.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn fit(
     base: &[Vector3<f64>],
     outward: Vec<Vector3<f64>>,
@@ -300,25 +297,6 @@ impl Fit {
                 (found[0], (normal - first * b - second * c).normalize())
             }
             None => (0.0, normal),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn half_a_voxel_along_each_axis_is_the_limit() {
-        let spacing = [1.0, 2.0, 0.5];
-        let base = vec![Vector3::new(3.0, -4.0, 5.0); 5];
-        let moved = [[0.4, 0.9, 0.2], [0.8, 0.0, 0.0], [0.1, -3.0, 0.1], [0.3, 0.5, -0.5], [0.0, 0.0, 0.0]];
-        let limited = [[0.4, 0.9, 0.2], [0.5, 0.0, 0.0], [0.1 / 3.0, -1.0, 0.1 / 3.0], [0.15, 0.25, -0.25], [0.0; 3]];
-        let points = base.iter().zip(moved).map(|(base, by)| base + Vector3::from(by)).collect();
-        let mut places = Places { points, normals: Vec::new() };
-        places.within_half_a_voxel(&base, spacing);
-        for ((point, base), expected) in places.points.iter().zip(&base).zip(limited) {
-            assert!((point - base - Vector3::from(expected)).norm() < 1e-12, "{point} {expected:?}");
         }
     }
 }

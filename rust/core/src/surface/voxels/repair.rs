@@ -59,27 +59,12 @@ pub struct Repaired {
     pub considered: [usize; 2],
 }
 
-/// What was done about the handles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
-    /// There were none.
-    Nothing,
-    /// All were cut.
-    Cut,
-    /// All were filled.
-    Fill,
-    /// Some were cut, others filled.
-    Both,
-}
-
 /// Cuts and fills voxels of a volume until the boundary of its foreground is one sphere.
 ///
 /// `spacing` is the distance between neighbouring voxels along each axis, in mm. A `probability` of being foreground,
 /// one value a voxel in C order, draws cuts to where it is low and fillings to where it is high; values below 0 and above
 /// 1 are clamped, NaN counts as 0. Whatever lies outside the volume is background and stays so.
-///
-/// # Errors
-/// [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
+/// Errors: [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
 ///
 /// # Examples
@@ -146,16 +131,6 @@ fn both<T: Send>(
 }
 
 impl Repaired {
-    /// What was done about the handles.
-    pub fn way(&self) -> Way {
-        match (self.cut.is_empty(), self.filled.is_empty()) {
-            (true, true) => Way::Nothing,
-            (false, true) => Way::Cut,
-            (true, false) => Way::Fill,
-            (false, false) => Way::Both,
-        }
-    }
-
     /// Lists the changes from what came in to what comes out, `cells`.
     fn compare(
         mask: &Mask,

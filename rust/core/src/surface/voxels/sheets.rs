@@ -38,16 +38,6 @@ const DECIDED: f64 = 0.5;
 const LONGEST_RUN: usize = 16;
 
 /// Is the foreground a sheet? It is if (almost) no voxel has foreground at all its 26 neighbours.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::voxels::sheets::is_sheet;
-/// use voxflat::volume::Mask;
-///
-/// let thick = |voxels| Mask::from_fn([20, 20, 9], |[_, _, k]| k < voxels);
-/// assert!(is_sheet(&thick(1)?) && !is_sheet(&thick(5)?));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn is_sheet(mask: &Mask) -> bool {
     let is_inner = |voxel: [i64; 3]| neighbours().all(|offset| mask.is_inside(moved(voxel, offset)));
     let most = MOST_INNER * mask.foreground().count() as f64;
@@ -66,9 +56,6 @@ pub(crate) struct Side {
 }
 
 /// The side of a sheet that has more surfels: the outer one of a closed shell.
-///
-/// # Errors
-/// [`crate::Error::GraphTooLarge`], [`crate::Error::Cancelled`].
 pub(crate) fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) -> Result<Side> {
     let graph = VoxelGraph::of(voxels, [1.0; 8], control)?;
     let mut normals = spread_least(voxels, &graph, control)?;

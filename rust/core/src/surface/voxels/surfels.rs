@@ -58,9 +58,6 @@ const fn turn(edge: u32, by: u32) -> u32 {
 
 impl Surfels {
     /// The surfels of the mask's surface voxels.
-    ///
-    /// # Errors
-    /// [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn new(mask: &Mask, surface: &VoxelSurface, touching: Touching, control: &Control) -> Result<Self> {
         let most = (u32::MAX / 32) as usize;
         if surface.len() > most {
@@ -146,9 +143,7 @@ impl Surfels {
     }
 
     /// The surfels for which `keep` is true; the surface ends where they do.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a surfel.
+    /// Panics if `keep` has not one value a surfel.
     pub fn restricted(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.len(), "one value a surfel");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&s| keep[s as usize]).collect();
@@ -216,13 +211,11 @@ pub(crate) fn moved(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::Affine;
     use proptest::prelude::*;
 
     fn surfels_of(mask: &Mask, touching: Touching) -> (VoxelSurface, Surfels) {
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let surfels = Surfels::new(mask, &surface, touching, &control).unwrap();
+        let surface = crate::tests::voxels(mask, [1.0; 3]);
+        let surfels = Surfels::new(mask, &surface, touching, &Control::default()).unwrap();
         (surface, surfels)
     }
 

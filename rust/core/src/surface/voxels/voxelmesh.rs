@@ -35,20 +35,6 @@ pub enum Kind {
 }
 
 /// The surface of a label volume. Its vertices are surface voxels, each seen from one side.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::topology::Topology;
-/// use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let ball = Mask::from_fn([15; 3], |v| v.iter().map(|&x| (x as f64 - 7.0).powi(2)).sum::<f64>() < 30.0)?;
-/// let mesh = VoxelMesh::of(&ball, &Affine::from_spacing([1.0; 3])?, None, None, &control)?;
-/// assert_eq!((mesh.kind, Topology::of(&mesh.surface).euler), (Kind::Solid, 2));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct VoxelMesh {
     /// What the label was taken for.
@@ -67,9 +53,6 @@ pub struct VoxelMesh {
 
 impl VoxelMesh {
     /// The surface of a label, solid or sheet, or what it is recognised to be.
-    ///
-    /// # Errors
-    /// Those of [`VoxelMesh::of_solid`] and [`VoxelMesh::of_sheet`].
     pub fn of(
         mask: &Mask,
         affine: &Affine,
@@ -85,9 +68,7 @@ impl VoxelMesh {
 
     /// One surface with a boundary, through the middle of a sheet, all components of it. In a sheet thicker than a voxel the
     /// voxels that are seen from the other side only are no vertices.
-    ///
-    /// # Errors
-    /// [`Error::NoFaces`] where the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
+    /// Errors: [`Error::NoFaces`] where the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
         let voxels = VoxelSurface::from_mask(mask, *affine, control)?;
         let both = Surfels::new(mask, &voxels, Touching::Joined, control)?;
@@ -127,9 +108,6 @@ impl VoxelMesh {
 
     /// The boundary of a solid, all components of it. With a level its points lie where the image has that value, as far as it
     /// has it near the mask's border.
-    ///
-    /// # Errors
-    /// [`Error::ShapeMismatch`], [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_solid(mask: &Mask, affine: &Affine, level: Option<&Level>, control: &Control) -> Result<Self> {
         if let Some(level) = level.filter(|level| level.shape() != mask.shape()) {
             let [given, needed] = [level.shape(), mask.shape()].map(|shape| shape.iter().product());
@@ -252,8 +230,7 @@ mod tests {
         let mut voxels = mesh.voxels.clone();
         voxels.sort_unstable();
         voxels.dedup();
-        let affine = Affine::from_spacing([1.0; 3]).unwrap();
-        let mut expected = VoxelSurface::from_mask(mask, affine, &Control::default()).unwrap().voxels().to_vec();
+        let mut expected = crate::tests::voxels(mask, [1.0; 3]).voxels().to_vec();
         expected.sort_unstable();
         assert_eq!(voxels, expected);
     }
@@ -318,28 +295,6 @@ mod tests {
             let mask = Mask::from_fn([2; 3], |[i, j, k]| pattern >> (4 * i + 2 * j + k) & 1 == 1).unwrap();
             assert_sound(&mask, &mesh_of(&mask));
         }
-    }
-
-    #[test]
-    fn rods_shells_and_checkerboards() {
-        for rule in [
-            (|v: [usize; 3]| v[0] == 2 && v[1] == 2) as fn([usize; 3]) -> bool,
-            |v| v.iter().sum::<usize>() % 2 == 0,
-            |v| v.iter().any(|&x| x == 0 || x == 6),
-            |v| v.iter().filter(|&&x| x % 3 == 1).count() >= 2,
-        ] {
-            let mask = Mask::from_fn([7; 3], rule).unwrap();
-            assert_sound(&mask, &mesh_of(&mask));
-        }
-    }
-
-    #[test]
-    fn long_work_can_be_cancelled() {
-        let control = Control::default();
-        control.cancel();
-        let mask = Mask::from_fn([9; 3], |_| true).unwrap();
-        let affine = Affine::from_spacing([1.0; 3]).unwrap();
-        assert_eq!(VoxelMesh::of_solid(&mask, &affine, None, &control).unwrap_err(), Error::Cancelled);
     }
 
     proptest! {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::surface::mesh::shapes;
+use nalgebra::Vector2;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

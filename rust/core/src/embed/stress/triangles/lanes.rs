@@ -1,5 +1,6 @@
 //! Triangles that are looked at together, in the processor's registers: bit by bit what each of them alone has.
 
+use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -14,11 +15,11 @@ type Lanes = [f64; LANES];
 /// Sets the energies of triangles in a map, and `scale` times the gradients by the places of their corners.
 pub(super) fn energies(
     rests: &[Rest],
-    uv: &[Vector2<f64>],
+    uv: &[Place],
     shape: Shape,
     scale: f64,
     energies: &mut [f64],
-    pulls: &mut [[Vector2<f64>; 3]],
+    pulls: &mut [[Place; 3]],
 ) {
     if shape.has_outliers() {
         Arch::new().dispatch(Energies::<true> { rests, uv, shape, scale, energies, pulls });
@@ -29,11 +30,11 @@ pub(super) fn energies(
 
 struct Energies<'a, const OUTLIERS: bool> {
     rests: &'a [Rest],
-    uv: &'a [Vector2<f64>],
+    uv: &'a [Place],
     shape: Shape,
     scale: f64,
     energies: &'a mut [f64],
-    pulls: &'a mut [[Vector2<f64>; 3]],
+    pulls: &'a mut [[Place; 3]],
 }
 
 impl<const OUTLIERS: bool> WithSimd for Energies<'_, OUTLIERS> {
@@ -83,14 +84,14 @@ impl<const OUTLIERS: bool> WithSimd for Energies<'_, OUTLIERS> {
 }
 
 /// How far a map may move along `direction` until the first of some triangles has no area.
-pub(super) fn farthest_step(rests: &[Rest], uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
+pub(super) fn farthest_step(rests: &[Rest], uv: &[Place], direction: &[Place]) -> f64 {
     Arch::new().dispatch(Farthest { rests, uv, direction })
 }
 
 struct Farthest<'a> {
     rests: &'a [Rest],
-    uv: &'a [Vector2<f64>],
-    direction: &'a [Vector2<f64>],
+    uv: &'a [Place],
+    direction: &'a [Place],
 }
 
 impl WithSimd for Farthest<'_> {
@@ -119,7 +120,7 @@ impl WithSimd for Farthest<'_> {
 }
 
 #[inline(always)]
-fn sides_of(rest: &Rest, values: &[Vector2<f64>]) -> [Vector2<f64>; 2] {
+fn sides_of(rest: &Rest, values: &[Place]) -> [Place; 2] {
     let [a, b, c] = rest.corners; // without a closure, which would be called
     let a = values[a as usize];
     [values[b as usize] - a, values[c as usize] - a]

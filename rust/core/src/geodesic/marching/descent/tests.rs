@@ -104,52 +104,24 @@ fn paths_bend_round_the_corner_of_a_hole() {
 
 #[test]
 fn paths_go_round_the_end_of_a_cut() {
-    let sheet = shapes::surface(shapes::sheet(12, 10));
-    let is_slit = |h: &u32| {
-        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
-        a.y == 5.0 && b.y == 5.0 && a.x.max(b.x) <= 9.0
-    };
-    let slit = sheet.cut_open(sheet.edges().filter(is_slit));
-    assert_eq!(slit.len(), sheet.len() + 9);
+    let slit = shapes::slit(12, 10, 9.0, 5.0);
+    assert_eq!(slit.len(), 13 * 11 + 9);
     let excess = excess(&slit, Wave::Circle, 3);
     assert!(mean(&excess) < 1e-3 && greatest(&excess) < 0.015 && least(&excess) > -1e-12, "{excess:?}");
 }
 
 #[test]
 fn where_no_front_comes_is_unreachable_and_work_is_cancelled() {
-    let sheet = shapes::surface(shapes::sheet(4, 8));
-    let is_cut = |h: &u32| [sheet.origin(*h), sheet.target(*h)].iter().all(|&v| sheet.points()[v as usize].y == 4.0);
-    let apart = sheet.cut_open(sheet.edges().filter(is_cut));
+    let apart = shapes::slit(4, 8, 4.0, 4.0);
     let control = Control::default();
     let marching = Marching::new(&apart, Wave::Circle, &control).unwrap();
     let marched = marching.march(0, &control).unwrap();
-    let target = marched.distances().iter().position(|d| d.is_infinite()).unwrap();
+    let target = marched.distance.iter().position(|d| d.is_infinite()).unwrap();
     let expected = Error::Unreachable { source_vertex: 0, vertex: target };
     assert_eq!(marched.path(target as u32, &control), Err(expected));
     control.cancel();
     assert_eq!(marched.path(4, &control), Err(Error::Cancelled));
     assert!(matches!(marching.march(0, &control), Err(Error::Cancelled)));
-}
-
-#[test]
-fn a_way_along_edges_leads_to_what_was_final_before() {
-    let surface = shapes::surface(shapes::sphere(3));
-    let control = Control::default();
-    let marching = Marching::new(&surface, Wave::Circle, &control).unwrap();
-    let marched = marching.march(17, &control).unwrap();
-    for half_edge in 0..surface.twins().len() as u32 {
-        let before = marched.order[surface.origin(half_edge) as usize];
-        for site in [Site::Vertex(surface.origin(half_edge)), Site::Edge { half_edge, along: 0.4 }] {
-            let mut path = vec![PathPoint::at(&surface, site)];
-            if before == 0 {
-                continue; // from the source there is no way on
-            }
-            let end = marched.along_edges(site, before, &mut path, &control).unwrap();
-            assert!(marched.order[end as usize] < before);
-            assert!(path.len() > 1 && path[path.len() - 1].site == Site::Vertex(end));
-            assert_on_surface(&surface, &path);
-        }
-    }
 }
 
 proptest! {

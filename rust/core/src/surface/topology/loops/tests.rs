@@ -93,14 +93,6 @@ fn several_components_have_their_own() {
     assert_eq!(assert_cut(&surface).len(), 4);
 }
 
-#[test]
-fn long_work_can_be_cancelled() {
-    let control = Control::default();
-    control.cancel();
-    let torus = shapes::surface(shapes::torus(9, 9));
-    assert_eq!(handles(&torus, &control).unwrap_err(), crate::Error::Cancelled);
-}
-
 /// The shortest loop that separates nothing: from every vertex along shortest paths, over every edge, each cut open to see.
 fn shortest_of_all(surface: &Surface) -> f64 {
     let shrunk = Shrunk::new(surface, TOLL);

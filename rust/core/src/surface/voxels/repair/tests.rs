@@ -1,8 +1,5 @@
 use super::*;
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::DIRECT;
 use crate::surface::voxels::surfels::{Surfels, Touching};
-use crate::volume::Affine;
 use proptest::prelude::*;
 use std::collections::{BTreeSet, HashSet};
 
@@ -75,9 +72,7 @@ fn euler(voxels: &Voxels) -> i64 {
 fn assert_sphere(mask: &Mask) {
     let voxels = foreground(mask);
     assert_eq!((count_pieces(&voxels, 1), count_pieces(&background(mask), 2), euler(&voxels)), (1, 1, 1));
-    let control = Control::default();
-    let surface = VoxelSurface::from_mask(mask, Affine::from_spacing(CUBE).unwrap(), &control).unwrap();
-    let surfels = Surfels::new(mask, &surface, Touching::Apart, &control).unwrap();
+    let surfels = Surfels::new(mask, &crate::tests::voxels(mask, CUBE), Touching::Apart, &Control::default()).unwrap();
     let mut seen = BTreeSet::from([0]);
     let mut stack = vec![0];
     while let Some(surfel) = stack.pop() {
@@ -106,7 +101,7 @@ fn assert_lists(mask: &Mask, repaired: &Repaired) {
 fn a_ball_stays() {
     let mask = Mask::from_fn([21; 3], |v| ball(v, 10, 8)).unwrap();
     let repaired = repaired(&mask);
-    assert_eq!((repaired.way(), repaired.handles, repaired.considered), (Way::Nothing, 0, [0, 0]));
+    assert_eq!((repaired.handles, repaired.considered), (0, [0, 0]));
     assert_eq!(foreground(&repaired.mask), foreground(&mask));
     assert_sphere(&mask);
 }
@@ -120,12 +115,9 @@ fn a_narrow_tunnel_is_filled_and_a_thin_handle_is_cut() {
     let bored = Mask::from_fn([21; 3], |v| ball(v, 10, 8) && !tunnel(v)).unwrap();
     let wired = Mask::from_fn([21; 3], |v| ball(v, 10, 8) || wire(v)).unwrap();
     let both = Mask::from_fn([21; 3], |v| ball(v, 10, 8) && !tunnel(v) || wire(v)).unwrap();
-    for (mask, way, handles, cut, filled) in
-        [(bored, Way::Fill, 1, 0, 1), (wired, Way::Cut, 1, 1, 0), (both, Way::Both, 2, 1, 1)]
-    {
+    for (mask, handles, cut, filled) in [(bored, 1, 0, 1), (wired, 1, 1, 0), (both, 2, 1, 1)] {
         let repaired = repaired(&mask);
-        assert_eq!((repaired.way(), repaired.handles), (way, handles));
-        assert_eq!((repaired.cut.len(), repaired.filled.len()), (cut, filled));
+        assert_eq!((repaired.handles, repaired.cut.len(), repaired.filled.len()), (handles, cut, filled));
         assert!(repaired.filled.iter().all(|v| tunnel(v.map(|x| x as usize))));
         assert!(repaired.cut.iter().all(|v| wire(v.map(|x| x as usize))));
         assert_sphere(&repaired.mask);
@@ -142,7 +134,8 @@ fn the_hole_of_a_torus_is_closed_where_it_is_narrower() {
         });
         let mask = mask.unwrap();
         let repaired = repaired(&mask);
-        assert_eq!((repaired.handles, repaired.way()), (1, if large > 5.0 { Way::Cut } else { Way::Fill }));
+        let (is_cut, is_filled) = (!repaired.cut.is_empty(), !repaired.filled.is_empty());
+        assert_eq!((repaired.handles, is_cut, is_filled), (1, large > 5.0, large <= 5.0));
         assert_sphere(&repaired.mask);
     }
 }
@@ -154,26 +147,10 @@ fn smaller_components_and_cavities_are_not_handles() {
         |v: [usize; 3]| ball(v, 10, 8) && !ball(v, 10, 2) && v != [4, 10, 10] || v == [10, 10, 10] || v == [0, 0, 0];
     let mask = Mask::from_fn([21; 3], hollow).unwrap();
     let repaired = repaired(&mask);
-    assert_eq!((repaired.way(), repaired.dropped.as_slice()), (Way::Nothing, &[[0, 0, 0]][..]));
+    assert_eq!((repaired.handles, repaired.dropped.as_slice()), (0, &[[0, 0, 0]][..]));
     assert_eq!(repaired.cavities.len(), (0..5 * 5 * 5).filter(|n| ball([n / 25, n / 5 % 5, n % 5], 2, 2)).count());
     assert_sphere(&repaired.mask);
     assert_lists(&mask, &repaired);
-}
-
-#[test]
-fn extreme_volumes() {
-    let one = Mask::new([1, 1, 1], vec![true]).unwrap();
-    let full = Mask::from_fn([5, 1, 7], |_| true).unwrap();
-    let ring = Mask::from_fn([3, 3, 1], |v| v != [1, 1, 0]).unwrap(); // touches the borders of the volume
-    let checkerboard = Mask::from_fn([4, 5, 6], |v| v.iter().sum::<usize>() % 2 == 0).unwrap();
-    for (mask, way, dropped) in
-        [(one, Way::Nothing, 0), (full, Way::Nothing, 0), (ring, Way::Cut, 0), (checkerboard, Way::Nothing, 59)]
-    {
-        let repaired = repaired(&mask);
-        assert_eq!((repaired.way(), repaired.dropped.len()), (way, dropped));
-        assert_sphere(&repaired.mask);
-        assert_lists(&mask, &repaired);
-    }
 }
 
 #[test]
@@ -269,10 +246,6 @@ fn volume(side: usize) -> impl Strategy<Value = Mask> {
     })
 }
 
-fn with_threads<T: Send>(count: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap().install(work)
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
@@ -282,46 +255,7 @@ proptest! {
         assert_sphere(&repaired.mask);
         assert_lists(&mask, &repaired);
         let again = to_genus_zero(&repaired.mask, CUBE, None, &Control::default()).unwrap();
-        prop_assert_eq!((again.way(), again.handles), (Way::Nothing, 0));
-    }
-
-    #[test]
-    fn exchanging_never_changes_more(mask in volume(8)) {
-        let repaired = repaired(&mask);
-        let solid = Solid::of(&mask, &Control::default()).unwrap();
-        let in_solid = |v: [i64; 3]| solid.grid.cell(v).is_some_and(|cell| solid.cells[cell]);
-        let [ni, nj, nk] = mask.shape();
-        let all = (0..ni * nj * nk).map(|n| [n / (nj * nk), n / nk % nj, n % nk].map(|x| x as i64));
-        let changes = all.filter(|&v| in_solid(v) != repaired.mask.is_inside(v)).count();
-        prop_assert!(changes <= repaired.considered[0].min(repaired.considered[1]));
-        let voxels = foreground(&mask);
-        if repaired.dropped.is_empty() && repaired.cavities.is_empty() {
-            prop_assert_eq!(repaired.handles as i64, 1 - euler(&voxels));
-        }
-    }
-
-    #[test]
-    fn runs_hang_together_as_their_cells_do(mask in volume(7)) {
-        let control = Control::default();
-        let grid = Grid::around(mask.foreground(), &control).unwrap();
-        let edges: Vec<_> = neighbours().filter(|offset| offset.contains(&0)).collect();
-        for (touch, offsets) in [(FACES, DIRECT.to_vec()), (EDGES, edges)] {
-            let is_in = |cell: usize| mask.is_inside(grid.voxel(cell));
-            let runs = Runs::of(&grid, is_in, touch, &control).unwrap();
-            let mut pieces = grid.pieces(&offsets, is_in, &control).unwrap();
-            pieces.iter_mut().for_each(|piece| piece.sort_unstable());
-            let cells = |run| runs.component(run).flatten().collect::<Vec<_>>();
-            let largest = cells(runs.largest().unwrap());
-            prop_assert_eq!(Some(&largest), pieces.iter().rev().max_by_key(|piece| piece.len()));
-            let components: Vec<_> = (0..grid.len() as u32).map(cells).filter(|piece| !piece.is_empty()).collect();
-            prop_assert_eq!(components, pieces);
-        }
-    }
-
-    #[test]
-    fn threads_change_nothing(mask in volume(9)) {
-        let [one, four] = [1, 4].map(|count| with_threads(count, || repaired(&mask)));
-        prop_assert_eq!((one.cut, one.filled, one.considered), (four.cut, four.filled, four.considered));
+        prop_assert_eq!((again.handles, again.cut.len(), again.filled.len()), (0, 0, 0));
     }
 
     #[test]
@@ -337,23 +271,5 @@ proptest! {
             let nearest = mask.foreground().map(apart).fold(f64::INFINITY, f64::min);
             prop_assert!((f64::from(found) - nearest).abs() <= 1e-6 * nearest, "{} {}", found, nearest);
         }
-    }
-}
-
-proptest! {
-    #[test]
-    fn a_probability_counts_the_same_whatever_the_unit_of_length(
-        bits in prop::collection::vec(prop::bool::weighted(0.55), 216),
-        likely in prop::collection::vec(prop::sample::select(vec![0.0f32, 0.2, 0.7, 1.0, f32::NAN]), 216),
-    ) {
-        let Ok(mask) = Mask::new([6; 3], bits) else { return Ok(()) };
-        let cut = |unit: f64| {
-            let spacing = [1.0, 1.5, 2.0].map(|length| unit * length);
-            let repaired = to_genus_zero(&mask, spacing, Some(&likely), &Control::default()).unwrap();
-            (repaired.cut, repaired.filled)
-        };
-        let expected = cut(1.0);
-        prop_assert_eq!(&cut(8.0), &expected);
-        prop_assert_eq!(&cut(0.0625), &expected);
     }
 }
