@@ -30,7 +30,7 @@ def main(packages, output):
     flat = voxflat.flatten(demo.hemisphere(white_matter), cuts="standard")
     draw(figures.flat_map(flat), output / "gallery_folds.png")
     label = "left against right button presses (z)"
-    statistic = figures.Overlay(data / "image_10426.nii.gz", above=3, below=-3, limits=(-8, 8), label=label)
+    statistic = figures.Overlay(data / "image_10426.nii.gz", threshold=3, limits=(-8, 8), label=label)
     contrast = figures.flat_map(flat, statistic, depth=1.5)
     draw(contrast, output / "gallery_statistic.png")
     for number, depth in enumerate(DEPTHS):

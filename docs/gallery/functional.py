@@ -25,14 +25,14 @@ def main(output):
     """Draw all of them."""
     flat = hemisphere()
     series = stimulated(flat)
-    look = {"above": 0.8, "below": -0.8, "limits": (-3, 3), "label": "signal change (%), simulated"}
+    look = {"threshold": 0.8, "limits": (-3, 3), "label": "signal change (%), simulated"}
     shown = figures.Overlay(series[:, : round(PERIOD / STEP)], **look, time_step=STEP)
     film = figures.movie(flat, shown, rate=8, size=480)
     figures.save_movie(film, output / "functional_movie.gif")
     phase, coherence = travelling_wave(series)
     drawn = figures.flat_map(
         flat,
-        figures.Overlay(phase, above=0.4, strength=coherence, period=360, label="polar angle (degrees), simulated"),
+        figures.Overlay(phase, threshold=0.4, strength=coherence, period=360, label="polar angle (degrees), simulated"),
     )
     figures.save(drawn, output / "functional_phase.png")
     print(*(output / name for name in ("functional_movie.gif", "functional_phase.png")), sep="\n")

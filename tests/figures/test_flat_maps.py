@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 from PIL import Image
 
@@ -115,7 +117,9 @@ def test_thresholds_and_opacity_pixel_by_pixel(above, below, passes, opacity):
 def test_an_overlay_lies_where_the_map_shows_it(flat_map):
     values = np.zeros(COUNT)
     values[:] = np.repeat(np.arange(LONG), HIGH)  # y
-    figure = figures.flat_map(flat_map, figures.Overlay(values, above=20, limits=(0, 40), colour_map="magma"))
+    figure = figures.flat_map(
+        flat_map, figures.Overlay(values, threshold=(20, None), limits=(0, 40), colour_map="magma")
+    )
     (shown,) = layer(figure, "data")
     pixel = figure.axes[1].images[1].get_extent()
     size = (pixel[1] - pixel[0]) / shown.shape[1]
@@ -138,7 +142,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"above": 1.0}, "an overlay shows values"),
+        ({"threshold": 1.0}, "an overlay shows values"),
         ({"overlay": np.ones(3)}, "3 values"),
         ({"overlay": np.arange(640.0), "limits": (3, 2)}, "lower one first"),
         ({"overlay": np.arange(640.0), "limits": (3,)}, "two numbers"),
@@ -148,7 +152,10 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"opacity": 2.0}, "opacity"),
         ({"underlay": "sulc"}, "underlay"),
         ({"width": 5.0}, "width"),
-        ({"width": None}, "the width is None; give a number"),
+        ({"width": "a"}, "the width is 'a'; give a number"),
+        ({"overlay": np.arange(640.0), "threshold": -1}, "the threshold is -1"),
+        ({"overlay": np.arange(640.0), "threshold": (1, 2, 3)}, "a pair"),
+        ({"overlay": np.arange(640.0), "opacity": np.zeros(640)}, "0 everywhere"),
     ],
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):
@@ -161,7 +168,7 @@ def test_colours_and_labels_are_shown_as_they_are(flat_map):
     (shown,) = layer(figures.flat_map(flat_map, colours), "data")
     assert (shown[..., 3] > 0).sum() > 1000
     with pytest.raises(InputError, match="for values"):
-        figures.flat_map(flat_map, figures.Overlay(colours, above=3))
+        figures.flat_map(flat_map, figures.Overlay(colours, threshold=3))
     labels = np.repeat([3, 9], COUNT // 2)
     figure = figures.flat_map(flat_map, labels)
     assert len(figure.axes) == 2  # no colour bar
@@ -176,8 +183,56 @@ def test_a_volume_elsewhere_is_refused(flat_map):
 
 
 def test_thresholds_that_nothing_passes_are_told(flat_map, caplog):
-    figures.flat_map(flat_map, figures.Overlay(np.linspace(0, 1, COUNT), above=7))
+    figures.flat_map(flat_map, figures.Overlay(np.linspace(0, 1, COUNT), threshold=(7, None)))
     assert "no value of the overlay passes" in caplog.text
+
+
+def test_a_threshold_is_symmetric_and_a_second_map_is_the_opacity(flat_map):
+    values, sure = np.linspace(-5, 5, COUNT), np.repeat(np.linspace(0, 4, LONG), HIGH)
+    figure = figures.flat_map(flat_map, figures.Overlay(values, threshold=2.3))
+    (shown,) = layer(figure, "data")
+    (left, right, *_), width = figure.axes[1].images[1].get_extent(), shown.shape[1]
+    size = (right - left) / width
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(shown[..., 3] > 0, np.abs(flat_map.image(values, size).data) > 2.3)
+    figure = figures.flat_map(flat_map, values, opacity=figures.Overlay(sure, limits=(0, 2)))
+    (shown,) = layer(figure, "data")
+    expected = 255 * np.clip(np.nan_to_num(flat_map.image(sure, size).data) / 2, 0, 1)
+    np.testing.assert_allclose(shown[..., 3], np.round(expected), atol=1)
+    assert "opacity: overlay from 0 to 2" in figure.axes[2].get_title(loc="right")
+
+
+def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
+    right = dataclasses.replace(
+        flat_map, uv=flat_map.uv * (-0.5, 0.5), metadata={**flat_map.metadata, "structure": "CortexRight"}
+    )
+    low, high = np.linspace(0, 1, COUNT), np.linspace(2, 6, COUNT)
+    figure = figures.flat_map([flat_map, right], figures.Overlay((low, high), label="effect"))
+    paper, first, second, bar = figure.axes
+    assert bar.get_xlim() == pytest.approx((0, 6), abs=0.3)
+    spans = [np.diff(axes.get_xlim())[0] / axes.get_position().width for axes in (first, second)]
+    assert spans[0] == pytest.approx(spans[1])
+    letters = {text.get_text(): text.get_position()[0] for text in paper.texts if text.get_text() in ("L", "R")}
+    assert letters["L"] < 20 < 170 - 20 < letters["R"]
+    means = [axes.images[1].get_array()[..., :3].mean() for axes in (first, second)]
+    assert means[0] < means[1]  # dark and light of viridis
+    with pytest.raises(InputError, match="one map, or those of both hemispheres"):
+        figures.flat_map([flat_map] * 3)
+
+
+def test_a_figure_fills_the_axes_that_it_is_given(flat_map):
+    figure = Figure(figsize=(8, 4), dpi=100)
+    left, right = figure.subplots(1, 2)
+    assert figures.flat_map(flat_map, np.linspace(0, 1, COUNT), ax=right) is figure
+    FigureCanvasAgg(figure).draw()
+    inner = right.child_axes
+    assert [len(axes.images) for axes in inner] == [0, 2, 1]  # paper, map, colour bar
+    box = right.get_window_extent()
+    for axes in inner:
+        own = axes.get_window_extent()
+        assert box.x0 - 1 <= own.x0 < own.x1 <= box.x1 + 1
+        assert box.y0 - 1 <= own.y0 < own.y1 <= box.y1 + 1
+    assert not left.child_axes
 
 
 # ---------------------------------------------------------------------------------------------- phases
@@ -187,7 +242,7 @@ def test_thresholds_that_nothing_passes_are_told(flat_map, caplog):
 def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero):
     phase = np.repeat(np.linspace(-180, 170, LONG), HIGH)
     strength = np.tile(np.linspace(0, 1, HIGH), LONG)
-    how = {"period": 360, "zero": zero, "strength": strength, "above": 0.5, "interpolation": "nearest"}
+    how = {"period": 360, "zero": zero, "strength": strength, "threshold": (0.5, None), "interpolation": "nearest"}
     figure = composed.flat_map(flat_map, phase, **how)
     (shown,) = layer(figure, "data")
     (left, right, *_), width = figure.axes[1].images[1].get_extent(), shown.shape[1]
@@ -221,9 +276,9 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
         ({"period": 360, "limits": (0, 90)}, "limits are for values"),
         ({"period": -1}, "the period is -1"),
         ({"period": 360, "zero": "left"}, "zero is 'left'"),
-        ({"strength": np.ones(COUNT)}, "strength is what has to pass"),
-        ({"strength": np.full(COUNT, np.nan), "above": 0}, "its strength has no value anywhere"),
-        ({"strength": np.ones((COUNT, 2)), "above": 0}, "choose one"),
+        ({"strength": np.ones(COUNT)}, "strength is compared with the threshold"),
+        ({"strength": np.full(COUNT, np.nan), "threshold": (0, None)}, "its strength has no value anywhere"),
+        ({"strength": np.ones((COUNT, 2)), "threshold": (0, None)}, "choose one"),
         ({"overlay": None, "period": 360}, "an overlay shows values"),
     ],
 )

@@ -41,7 +41,7 @@ def along(flat_map):
 def film(flat_map, along):
     """Frame n has the value n + 1 left of (n + 1) / 6 of the map's length, else 0."""
     values = np.stack([np.where(along < (n + 1) / 6, n + 1.0, 0.0) for n in range(FRAMES)], axis=1)
-    look = {"above": 0.5, "limits": (0, 6), "colour_map": "magma", "underlay": "none"}
+    look = {"threshold": (0.5, None), "limits": (0, 6), "colour_map": "magma", "underlay": "none"}
     return composed.movie(flat_map, values, **look, interpolation="nearest", time_step=0.75, rate=8, size=320)
 
 

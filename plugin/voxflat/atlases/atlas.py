@@ -32,6 +32,7 @@ from voxflat.io.files import (
     naming,
 )
 from voxflat.io.grid import FARTHEST
+from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, saving
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
@@ -298,6 +299,10 @@ class Atlas(FlatPieces, ABC):
         >>> sorted(atlas.figures())[:3]
         ['area', 'broken', 'certificate']
         """
+
+    def _repr_html_(self) -> str:
+        """Return the table of the pieces, for Jupyter."""
+        return page(self, self.table())
 
     @abstractmethod
     def table(self) -> str:

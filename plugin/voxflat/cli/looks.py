@@ -57,6 +57,12 @@ def of_colours(*further: Any) -> Callable[[_Command], _Command]:
     """Return the section on which data are shown, and in which colours."""
     return options.section(
         "Colours",
+        cloup.option(
+            "--threshold",
+            type=click.FloatRange(min=0),
+            metavar="X",
+            help="Show data only where their magnitude is greater than this: above X and below -X.",
+        ),
         cloup.option("--above", type=float, metavar="X", help="Show data only where they are greater than this."),
         cloup.option(
             "--below",
@@ -103,8 +109,7 @@ def of_page(*further: Any) -> Callable[[_Command], _Command]:
 _OF_OVERLAY: tuple[str, ...] = (
     "channel",
     "interpolation",
-    "above",
-    "below",
+    "threshold",
     "strength",
     "period",
     "zero",
@@ -114,10 +119,15 @@ _OF_OVERLAY: tuple[str, ...] = (
 _OF_OVERLAY += ("label", "time_step")
 
 
-def overlay_of(data: Path | None, given: dict[str, Any]) -> Overlay | None:
+def each(files: tuple[Path, ...]) -> Any:
+    """Return the only file of an option that may be given for each map, or all of them; None if there is none."""
+    return files if len(files) > 1 else files[0] if files else None
+
+
+def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
     """Take the options of an overlay out of what a command was given; those that nobody gave are taken out, too.
 
-    `data`: the overlay's file. `given`: all options of the command.
+    `data`: the overlay's file, or one for each map. `given`: all options of the command.
     """
     from voxflat.figures import Overlay  # brings in matplotlib
 
@@ -128,17 +138,23 @@ def overlay_of(data: Path | None, given: dict[str, Any]) -> Overlay | None:
     for name in ("depth", "fraction", "layering"):
         if given[name] is None:
             del given[name]
+    names = {"limits": "range", "colour_map": "cmap", "time_step": "time-step"}
+    sides = given.pop("above"), given.pop("below")
+    if sides != (None, None):
+        if given["threshold"] is not None:
+            raise click.UsageError("Give --threshold, or --above and --below.")
+        given["threshold"], names["threshold"] = sides, "above" if sides[0] is not None else "below"
     unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
     own = {name: value for name, value in own.items() if value is not None}
     channel = given.pop("strength_channel", None)
     if data is None:
-        names = {"limits": "range", "colour_map": "cmap", "time_step": "time-step"}
         unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
         if unused:
             raise click.UsageError(f"{', '.join(unused)}: only with --overlay.")
         return None
     if unit is not None:
-        own["label"] = f"{own.get('label') or data.name} ({unit})"
+        name = data[0].name if isinstance(data, tuple) else data.name
+        own["label"] = f"{own.get('label') or name} ({unit})"
     if channel is not None:
         if "strength" not in own:
             raise click.UsageError("--strength-channel is for --strength.")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
+from voxflat.io.notebook import page
 
 __all__ = ["Distortion", "table_of_several"]
 
@@ -117,6 +118,10 @@ class Distortion:
         ['best_scale', 'mean_geodesic']
         """
         return dict(json_ready(_without_arrays(asdict(self))))
+
+    def _repr_html_(self) -> str:
+        """Return the table of the figures, for Jupyter."""
+        return page(self, self.table())
 
     def table(self) -> str:
         """Return the figures as a table of text.

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.paper import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
+from voxflat.figures.paper import DARK, LIGHT, STRIP, WHEEL_STRIP, Page, Panel
+from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
-from voxflat.maps.sampler import Sampler
 
-__all__ = ["UNDERLAYS", "check_underlay", "flat_map", "folds"]
+__all__ = ["UNDERLAYS", "check_underlay", "flat_map", "folds", "maps_of"]
 
 UNDERLAYS = ("curvature", "sulcal depth", "none")
 """What the folds may be shown by."""
@@ -32,41 +34,50 @@ _PARCELS_OPACITY = 0.75
 
 
 def flat_map(
-    flat_map: FlatMap,
+    flat_map: FlatMap | Sequence[FlatMap],
     overlay: object | None = None,
     *,
     depth: float | Sequence[float] = 0.0,
     fraction: float | Sequence[float] | None = None,
     layering: str = "equivolume",
-    opacity: float | None = None,
+    opacity: object | None = None,
     parcels: object | None = None,
     table: object | None = None,
     underlay: str = "curvature",
     title: str | None = None,
-    width: float = 85.0,
+    width: float | None = None,
+    ax: Axes | None = None,
 ) -> Figure:
-    """Show a flat map: its folds in two greys, over them data and parcels, and marks to find one's way.
+    """Draw a flat map, or both hemispheres side by side: folds, data over them, parcels, and marks.
 
     Parameters
     ----------
-    flat_map : FlatMap
-        A flat map.
+    flat_map : FlatMap, or sequence of two
+        A flat map, or the maps of the left and the right hemisphere, which share one colour scale.
     overlay : Overlay, path, ndarray, image object or Volume, optional
-        Data over the folds: everything that `FlatMap.image` takes, or an `Overlay` that says how they are shown.
+        Data over the folds: everything that `FlatMap.image` takes, or an `Overlay` that says how they are shown. For
+        two maps a volume or CIFTI file that covers both, or a sequence of two, one for each map.
     depth, fraction, layering
         As in `FlatMap.image`, of overlay and parcels, as far as they are volumes.
-    opacity : float, optional
-        Of the overlay, from 0 to 1; by default 1. Without an overlay that of the parcels, by default 0.75.
+    opacity : float, Overlay, path, ndarray, image object or Volume, optional
+        Opacity of the overlay: a number from 0 to 1, or a second map, such as t or R². Where that map is 0 the overlay
+        is transparent; it is opaque where the magnitude reaches the upper limit of ``Overlay(map, limits=(0, 5))``, by
+        default its 99th percentile. By default 1; without an overlay this is the opacity of the parcels, by default
+        0.75.
     parcels : path, ndarray, image object, Volume or Parcels, optional
         Labels, as in `parcels_of`: their borders and names, and without an overlay their colours, as the file has them.
+        For two maps as `overlay`.
     table : path, optional
         Names and colours of the parcels where their file has none: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
     underlay : {"curvature", "sulcal depth", "none"}
         What the folds are shown by: gyri are light, sulci dark.
     title : str, optional
         Above the map.
-    width : float
-        Of the figure on paper, mm: 85 for one column, 170 for two. Fonts have 6 points or more at this size.
+    width : float, optional
+        Width of the figure on paper, mm: by default 85 (one column) for one map, 170 for two. Fonts have 6 points or
+        more at this size.
+    ax : matplotlib.axes.Axes, optional
+        Draw into these axes, with their size, instead of a new figure.
 
     Returns
     -------
@@ -85,53 +96,168 @@ def flat_map(
     >>> figure = voxflat.figures.flat_map(flat_map, flat_map.points[:, 2], title="height")
     >>> voxflat.figures.save(figure, "height.png")
     """
-    checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
+    maps = maps_of(flat_map)
     checked_text(title, "title")
     check_underlay(underlay)
-    of = None if overlay is None else Overlay._of(overlay)
-    strength = None if of is None or of.strength is None else Overlay._of(of.strength)
-    if opacity is not None and not 0 <= checked_number(opacity, "opacity") <= 1:
-        raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     depths = Depths.of(depth, fraction, layering)
-    sampler = flat_map._triangles.on_surface
-    given = {"overlay": of and of.values, "strength": strength and strength.values, "parcels": parcels}
-    in_volume = {name for name, values in given.items() if _is_volume(sampler, values)}
-    if depths != ON_SURFACE and not in_volume:
+    of = None if overlay is None else Overlay._of(overlay, len(maps))
+    shown_by = _opacity(opacity)
+    strip = STRIP if of is None or of.period is None else WHEEL_STRIP
+    page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
+    sides = [
+        _Side(panel, n, len(maps), page.pixel_size, of, shown_by, parcels, table, depths)
+        for n, panel in enumerate(page.panels)
+    ]
+    if depths != ON_SURFACE and not any(side.has_volume for side in sides):
         raise InputError("depth and fraction are for volumes: neither overlay nor parcels is one; leave them out")
-    page = Page.of(flat_map, width, title, strip=STRIP if of is None or of.period is None else WHEEL_STRIP)
-    raster = flat_map.raster(page.pixel_size)
-    under = folds(flat_map, raster, underlay)
-    page.image(under, raster, "curvature")
-    look = under[..., :3].mean(axis=2)
-    of_parcels = depths if "parcels" in in_volume else ON_SURFACE
-    areas = None if parcels is None else _parcels(flat_map, parcels, table, of_parcels)
-    if of is not None:
-        where = {name: depths if name in in_volume else ON_SURFACE for name in ("overlay", "strength")}
-        how: dict[str, Any] = {"interpolation": of.interpolation, "period": of.period, "depths": where["overlay"]}
-        image, by = sampler.image(raster, of.values, channel=of.channel, **how), None
-        if strength is not None:
-            by = sampler.image(raster, strength.values, channel=strength.channel, depths=where["strength"])
-        colours = OverlayColours.of(image, of, 1.0 if opacity is None else opacity, by)
-        over = colours.paint(image.data, None if by is None else by.data)
-        page.image(over, raster, "data")
-        look = _over(over, look)
-        told = of.label if of.label is not None else _named(image, by, of.above, of.below)
+    full = _full(sides, shown_by)
+    colours = None if of is None else OverlayColours.of(*_pooled(sides), of)
+    for side in sides:
+        under = folds(side.flat_map, side.raster, underlay)
+        side.panel.image(under, side.raster, "curvature")
+        look = under[..., :3].mean(axis=2)
+        if colours is not None:
+            assert side.image is not None
+            over = colours.paint(side.image.data, None if side.strength is None else side.strength.data)
+            over[..., 3] = np.round(over[..., 3] * (shown_by if side.opacity is None else side.shares(full)))
+            side.panel.image(over, side.raster, "data")
+            look = _over(over, look)
+        if side.parcels is not None:
+            labels = side.parcels.raster(side.raster)
+            if colours is None:
+                filled = side.parcels.coloured(labels)
+                strength = _PARCELS_OPACITY if opacity is None else shown_by
+                filled[..., 3] = np.round(255 * strength * (filled[..., 3] > 0))
+                side.panel.image(filled, side.raster, "parcels")
+                look = _over(filled, look)
+            side.panel.lines(side.parcels.borders, "parcels", _THIN, "black")
+            page.names(side.panel, side.parcels, labels, side.raster, look)
+        rim = outline(side.flat_map.uv, side.flat_map.faces[~side.flat_map.torn])
+        side.panel.lines(rim, "marks", _LINE, "0.25")
+    if of is not None and colours is not None:
+        told = of.label if of.label is not None else _named(sides[0], *of.thresholds)
+        if full is not None and sides[0].opacity is not None:
+            told += f", opacity: {sides[0].opacity.name} from 0 to {full:.3g}"
         if colours.is_cyclic:
             page.wheel(colours, told, of.zero)
         elif colours.colour_map is not None:
             page.bar(colours, told)
-    if areas is not None:
-        labels = areas.raster(raster)
-        if of is None:
-            filled = areas.coloured(labels)
-            filled[..., 3] = np.round(255 * (_PARCELS_OPACITY if opacity is None else opacity) * (filled[..., 3] > 0))
-            page.image(filled, raster, "parcels")
-            look = _over(filled, look)
-        page.lines(areas.borders, "parcels", _THIN, "black")
-        page.names(areas, labels, raster, look)
-    page.lines(outline(flat_map.uv, flat_map.faces[~flat_map.torn]), "marks", _LINE, "0.25")
-    page.marks(flat_map)
-    return page.figure
+    page.marks()
+    figure: Figure = page.figure
+    return figure
+
+
+_COLUMN = 85.0  # mm
+
+
+def maps_of(given: object) -> list[FlatMap]:
+    """Return the maps to be shown: one, or those of both hemispheres."""
+    maps: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
+    if not 1 <= len(maps) <= 2:
+        raise InputError(f"a figure shows one map, or those of both hemispheres; {len(maps)} are given")
+    for one in maps:
+        checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
+    return maps
+
+
+def _opacity(opacity: object) -> Any:
+    """Return an opacity as a number, or the map that it is taken from as an `Overlay`."""
+    if opacity is None:
+        return 1.0
+    if isinstance(opacity, int | float | np.number) and not isinstance(opacity, bool):
+        if not 0 <= checked_number(float(opacity), "opacity") <= 1:
+            raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1, or a map")
+        return float(opacity)
+    if isinstance(opacity, bool):
+        raise InputError(f"the opacity is {opacity}; give a number from 0 to 1, or a map")
+    return opacity
+
+
+class _Side:
+    """A map of the figure, and what is shown on it."""
+
+    def __init__(
+        self,
+        panel: Panel,
+        number: int,
+        count: int,
+        pixel_size: float,
+        overlay: Overlay | None,
+        opacity: Any,
+        parcels: object,
+        table: object,
+        depths: Depths,
+    ) -> None:
+        self.panel, self.flat_map = panel, panel.flat_map
+        self.raster = self.flat_map.raster(pixel_size)
+        self.has_volume = False
+        self._number, self._count, self._depths = number, count, depths
+        self._sampler = self.flat_map._triangles.on_surface
+        self.image = None if overlay is None else self._sampled(overlay, interpolation=overlay.interpolation)
+        strength = None if overlay is None else overlay.strength
+        self.strength = None if strength is None else self._sampled(Overlay._of(strength, count))
+        is_map = overlay is not None and not isinstance(opacity, float)
+        self.opacity = self._sampled(Overlay._of(opacity, count)) if is_map else None
+        own = self._own(parcels)
+        self.parcels = None if own is None else self._parcels(own, table)
+
+    def _own(self, values: Any) -> Any:
+        """Return this side's of values that are given for each; else all of them."""
+        is_each = isinstance(values, list | tuple) and len(values) == self._count > 1
+        return values[self._number] if is_each else values
+
+    def _depths_of(self, values: object) -> Depths:
+        is_volume = not (isinstance(values, Parcels) or self._sampler.is_overlay(values))
+        self.has_volume |= is_volume
+        return self._depths if is_volume else ON_SURFACE
+
+    def _sampled(self, overlay: Overlay, interpolation: str | None = None) -> FlatImage:
+        values = self._own(overlay.values)
+        how: dict[str, Any] = {"interpolation": interpolation, "period": overlay.period}
+        return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
+
+    def _parcels(self, parcels: object, table: object) -> Parcels:
+        depths = self._depths_of(parcels)
+        if isinstance(parcels, Parcels):
+            return parcels
+        return parcels_of(self.flat_map, parcels, table=table, depths=depths)
+
+    def shares(self, full: float | None) -> NDArray[np.float64]:
+        """Return how opaque the overlay is at each pixel."""
+        assert self.opacity is not None
+        assert full is not None
+        return np.asarray(np.clip(np.abs(np.nan_to_num(self.opacity.data)) / full, 0, 1))
+
+
+def _full(sides: list[_Side], opacity: Any) -> float | None:
+    """Return the magnitude of the opacity's map from which the overlay is opaque."""
+    images = [side.opacity for side in sides if side.opacity is not None]
+    if not images:
+        return None
+    limits = opacity.limits if isinstance(opacity, Overlay) else None
+    if limits is None:
+        values = np.abs(np.concatenate([image.data[np.isfinite(image.data)].ravel() for image in images]))
+        full = float(np.percentile(values, WINDOW[1])) if len(values) else 0.0
+    else:
+        full = max(abs(checked_number(float(end), "limit of the opacity")) for end in limits)
+    if full <= 0:
+        raise InputError("the map of the opacity is 0 everywhere on the flat map: do their affines agree?")
+    return full
+
+
+def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
+    """Return the overlay of all sides, and its strength, in one image each, by which colours are chosen."""
+    found = []
+    for images in ([side.image for side in sides], [side.strength for side in sides]):
+        first = images[0]
+        if first is None or len(images) == 1:
+            found.append(first)
+            continue
+        data = [image.data.reshape(-1, *image.data.shape[2:]) for image in images if image is not None]
+        found.append(replace(first, data=np.concatenate(data)))
+    image, strength = found
+    assert image is not None
+    return image, strength
 
 
 def check_underlay(underlay: str) -> None:
@@ -160,26 +286,17 @@ def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDA
     return pixels
 
 
-def _named(image: FlatImage, by: FlatImage | None, above: float | None, below: float | None) -> str:
+def _named(side: _Side, above: float | None, below: float | None) -> str:
     """Return what the colour bar says of its own: the overlay, and where it is shown if that is not to be seen."""
-    name = "" if image.name == "volume" else image.name
-    if by is None:
+    assert side.image is not None
+    name = "" if side.image.name == "volume" else side.image.name
+    if side.strength is None:
         return name
     ends = " or ".join(f"{sign} {end:g}" for sign, end in ((">", above), ("<", below)) if end is not None)
-    return f"{name}, {by.name} {ends}"
+    return f"{name}, {side.strength.name} {ends}"
 
 
 def _over(pixels: NDArray[np.uint8], grey: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Return how light it is where pixels lie over a grey."""
     share = pixels[..., 3] / 255
     return np.asarray(share * (pixels[..., :3] @ np.array([0.3, 0.59, 0.11])) + (1 - share) * grey)
-
-
-def _is_volume(sampler: Sampler, values: object) -> bool:
-    return not (values is None or isinstance(values, Parcels) or sampler.is_overlay(values))
-
-
-def _parcels(flat_map: FlatMap, parcels: object, table: object, depths: Depths) -> Parcels:
-    if isinstance(parcels, Parcels):
-        return parcels
-    return parcels_of(flat_map, parcels, table=table, depths=depths)

@@ -13,11 +13,11 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from voxflat.arguments import Progress, checked_kind, checked_switch, is_number, is_whole, log, shown
+from voxflat.arguments import Progress, checked_switch, is_number, is_whole, log, shown
 from voxflat.errors import InputError
-from voxflat.figures.flat_maps import check_underlay, folds
+from voxflat.figures.flat_maps import check_underlay, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.paper import Page
+from voxflat.figures.paper import Page, Panel
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
@@ -38,8 +38,8 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     Parameters
     ----------
-    stack : FlatStack
-        The frames.
+    stacks : sequence of FlatStack
+        The frames, of each map that is shown.
     colours : OverlayColours
         Of all of them.
     page : Page
@@ -58,15 +58,17 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     def __init__(
         self,
-        stack: FlatStack,
+        stacks: Sequence[FlatStack],
         colours: OverlayColours,
         page: Page,
         layers: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         rate: float,
     ) -> None:
-        self.stack, self.colours, self.rate = stack, colours, rate
+        self.stacks, self.stack, self.colours, self.rate = tuple(stacks), stacks[0], colours, rate
         self._below, self._above = (Image.fromarray(layer) for layer in layers)
-        self._rows, self._columns = _places(page, stack, self.size)
+        self._places = [
+            _places(page, panel, stack, self.size) for panel, stack in zip(page.panels, stacks, strict=True)
+        ]
         self._font = _font(round(_TIME * self._below.width / page.width))
         self._corner = round(_CORNER * self._below.width / page.width)
 
@@ -103,17 +105,17 @@ class Movie(Sequence[NDArray[np.uint8]]):
         if not -len(self) <= n < len(self):
             raise IndexError(n)
         n %= len(self)
-        data = self.colours.paint(self.stack[n].data)
-        (top, rows), (left, columns) = self._rows, self._columns
         drawn = self._below.copy()
-        drawn.alpha_composite(Image.fromarray(data[rows][:, columns]), (left, top))
+        for stack, ((top, rows), (left, columns)) in zip(self.stacks, self._places, strict=True):
+            data = self.colours.paint(stack[n].data)
+            drawn.alpha_composite(Image.fromarray(data[rows][:, columns]), (left, top))
         drawn.alpha_composite(self._above)
         ImageDraw.Draw(drawn).text((self._corner, self._corner), self._told(n), (0, 0, 0), self._font)
         return np.asarray(drawn.convert("RGB"))
 
 
 def movie(
-    flat_map: FlatMap,
+    flat_map: FlatMap | Sequence[FlatMap],
     overlay: object,
     *,
     depth: float | Sequence[float] = 0.0,
@@ -131,8 +133,8 @@ def movie(
 
     Parameters
     ----------
-    flat_map : FlatMap
-        A flat map.
+    flat_map : FlatMap, or sequence of two
+        A flat map, or those of both hemispheres, as in `figures.flat_map`.
     overlay : Overlay, path, ndarray, image object
         A series: everything that `FlatMap.images` takes, or an `Overlay` that says how it is shown. Values are sampled
         linearly between voxels unless it says otherwise: series are hardly ever of labels. Limits that are not given,
@@ -169,10 +171,10 @@ def movie(
     >>> len(movie)
     3
     """
-    of = Overlay._of(overlay)
+    maps = maps_of(flat_map)
+    of = Overlay._of(overlay, len(maps))
     if of.channel is not None or of.strength is not None or of.period is not None:
         raise InputError("channel, strength and period are for figures: a movie shows the values of all frames")
-    checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     check_underlay(underlay)
     checked_switch(change, "change")
     if not (is_number(rate) and 0.1 <= rate <= 120):
@@ -183,10 +185,32 @@ def movie(
         )
     if not (is_number(opacity) and 0 <= opacity <= 1):
         raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
-    page = Page.of(flat_map, _WIDTH, title, head=True, pixels=int(size))
-    raster, sampler = flat_map.raster(page.pixel_size), flat_map._triangles.on_surface
+    page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
+    depths = Depths.of(depth, fraction, layering)
     how: dict[str, Any] = {"interpolation": of.interpolation or "linear", "time_step": of.time_step, "average": True}
-    stack = sampler.images(raster, of.values, depths=Depths.of(depth, fraction, layering), **how)
+    values = of.values if len(maps) > 1 and isinstance(of.values, list | tuple) else [of.values] * len(maps)
+    stacks = []
+    for own, panel in zip(values, page.panels, strict=True):
+        raster = panel.flat_map.raster(page.pixel_size)
+        stack = panel.flat_map._triangles.on_surface.images(raster, own, depths=depths, **how)
+        _check_series(stack)
+        panel.image(folds(panel.flat_map, raster, underlay), raster, "curvature")
+        stacks.append(stack.percent_change(progress) if change else stack)
+    if len({len(stack) for stack in stacks}) > 1:
+        raise InputError(f"the series have {' and '.join(str(len(one)) for one in stacks)} frames: give equally many")
+    colours = OverlayColours.of(_look(stacks), None, of, opacity)
+    beneath = _pixels(page)
+    for panel in page.panels:
+        for artist in panel.axes.images:
+            artist.set_visible(False)
+        panel.lines(outline(panel.flat_map.uv, panel.flat_map.faces[~panel.flat_map.torn]), "marks", _LINE, "0.25")
+    page.figure.patch.set_alpha(0)
+    page.marks()
+    page.bar(colours, stacks[0].name if of.label is None else of.label)
+    return Movie(stacks, colours, page, (beneath, _pixels(page)), rate)
+
+
+def _check_series(stack: FlatStack) -> None:
     if len(stack) < 2:
         raise InputError(f"{stack.name} has one frame: voxflat figure shows it (figures.flat_map)")
     if stack[0].is_colour:
@@ -195,30 +219,19 @@ def movie(
         log.info(
             "%s does not say how far its frames are apart, so they are numbered; the time step says it", stack.name
         )
-    if change:
-        stack = stack.percent_change(progress)
-    seen = _look(stack)
-    colours = OverlayColours.of(seen, of, opacity)
-    under = folds(flat_map, raster, underlay)
-    page.image(under, raster, "curvature")
-    beneath = _pixels(page)
-    for artist in page.axes.images:
-        artist.set_visible(False)
-    page.figure.patch.set_alpha(0)
-    page.lines(outline(flat_map.uv, flat_map.faces[~flat_map.torn]), "marks", _LINE, "0.25")
-    page.marks(flat_map)
-    page.bar(colours, stack.name if of.label is None else of.label)
-    return Movie(stack, colours, page, (beneath, _pixels(page)), rate)
 
 
-def _look(stack: FlatStack) -> FlatImage:
-    """Return values of frames spread over a series, in one image, for the choice of colours."""
-    frames = np.unique(np.linspace(0, len(stack) - 1, min(_LOOKED_AT, len(stack))).round().astype(int)).tolist()
-    every = max(1, len(frames) * stack[0].data.size // _VALUES)
-    values = np.stack([stack[n].data.ravel()[n % every :: every][: stack[0].data.size // every] for n in frames])
-    if len(frames) < len(stack):
-        log.info("colours are chosen by %d of %d frames", len(frames), len(stack))
-    return FlatImage(values, stack.pixel_size, stack.origin, stack.name, labels=False)
+def _look(stacks: Sequence[FlatStack]) -> FlatImage:
+    """Return values of frames spread over the series, in one image, for the choice of colours."""
+    first, count = stacks[0], len(stacks[0])
+    frames = np.unique(np.linspace(0, count - 1, min(_LOOKED_AT, count)).round().astype(int)).tolist()
+    every = max(1, len(frames) * sum(stack[0].data.size for stack in stacks) // _VALUES)
+    values = [
+        stack[n].data.ravel()[n % every :: every][: stack[0].data.size // every] for stack in stacks for n in frames
+    ]
+    if len(frames) < count:
+        log.info("colours are chosen by %d of %d frames", len(frames), count)
+    return FlatImage(np.concatenate(values)[None], first.pixel_size, first.origin, first.name, labels=False)
 
 
 def _pixels(page: Page) -> NDArray[np.uint8]:
@@ -230,10 +243,10 @@ def _pixels(page: Page) -> NDArray[np.uint8]:
     return np.pad(drawn, (*odd, (0, 0)), mode="edge")
 
 
-def _places(page: Page, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
+def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
     """Return of rows, and of columns, the first of a picture that shows the map, and which pixels these show."""
     per_mm = page.figure.dpi / 25.4
-    left, bottom = (per_mm * at for at in page.at(*stack.origin))  # of pixel (0, 0), from the lower left corner
+    left, bottom = (per_mm * at for at in panel.at(*stack.origin))  # of pixel (0, 0), from the lower left corner
     step = per_mm * page.scale * stack.pixel_size
     down = np.arange(shape[0]) + 0.5 - (page.figure.bbox.height - bottom)
     right = np.arange(shape[1]) + 0.5 - left

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, log, optional_number, shown
+from voxflat.arguments import checked_choice, is_number, log, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import described
 from voxflat.maps.colours import WINDOW, label_colours, passing
@@ -33,13 +33,12 @@ class Overlay:
         Which map of the data, where there are several: its name, or its number from 0. Not for movies.
     interpolation : str, optional
         Between voxels, as in `FlatMap.image`.
-    above : float, optional
-        Show data only where they are greater than this.
-    below : float, optional
-        Show data only where they are less than this; with `above`, beyond either where `below` is the lesser one
-        (``above=2.3, below=-2.3``), else between them (``above=1, below=3``).
+    threshold : float, or (above, below), optional
+        Show data only where their magnitude is greater than this, as nilearn does: 2.3 shows values above 2.3 and below
+        -2.3. A pair names each side, None for neither: ``(2.3, None)`` shows values above 2.3, ``(None, -2.3)`` those
+        below -2.3, ``(3, -2)`` both, and ``(1, 3)``, whose second number is greater, those between.
     strength : path, ndarray, image object, Volume or Overlay, optional
-        Apply the thresholds to this map instead of the data, for example t, R² or coherence: how sure their values are.
+        Apply the threshold to this map instead of the data, for example t, R² or coherence.
         ``Overlay(values, channel=2)`` where it has several maps. Not for movies.
     period : float, optional
         The values are phases with this period (360, 2π, seconds): sampled the short way round, in a cyclic colour map,
@@ -60,15 +59,14 @@ class Overlay:
     Examples
     --------
     >>> from voxflat.figures import Overlay
-    >>> Overlay("zstat.nii.gz", above=2.3, below=-2.3, limits=(-6, 6)).label is None
+    >>> Overlay("zstat.nii.gz", threshold=2.3, limits=(-6, 6)).label is None
     True
     """
 
     values: object
     channel: int | str | None = None
     interpolation: str | None = None
-    above: float | None = None
-    below: float | None = None
+    threshold: float | Sequence[float | None] | None = None
     strength: object | None = None
     period: float | None = None
     zero: str = "right"
@@ -82,12 +80,29 @@ class Overlay:
         if self.values is None:
             raise InputError("an overlay shows values, and none are given; give data, or leave its options out")
         checked_choice(self.zero, "zero", ("right", "top"))
-        if self.strength is not None and self.above is None and self.below is None:
-            raise InputError("strength is what has to pass the thresholds; give above, below or both")
+        if self.strength is not None and self.thresholds == (None, None):
+            raise InputError("strength is compared with the threshold, and none is given: give threshold")
+
+    @property
+    def thresholds(self) -> tuple[float | None, float | None]:
+        """Above which value data are shown, and below which."""
+        if self.threshold is None:
+            return None, None
+        if is_number(self.threshold):
+            size = float(self.threshold)
+            if not 0 <= size < np.inf:
+                raise InputError(f"the threshold is {size:g}: give 0 or more, or a pair (above, below)")
+            return size, -size
+        pair = self.threshold
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            raise InputError(f"the threshold is {shown(pair)}; give a number, or a pair (above, below)")
+        return optional_number(pair[0], "threshold above"), optional_number(pair[1], "threshold below")
 
     @classmethod
-    def _of(cls, overlay: object) -> Overlay:
-        """Return an overlay; of data alone with defaults."""
+    def _of(cls, overlay: object, maps: int = 1) -> Overlay:
+        """Return an overlay, of data alone with defaults; of two maps each may have an `Overlay` of its values."""
+        if maps > 1 and isinstance(overlay, list | tuple) and any(isinstance(one, Overlay) for one in overlay):
+            raise InputError("give one Overlay of both maps: Overlay((left, right), ...)")
         return overlay if isinstance(overlay, Overlay) else cls(overlay)
 
     @property
@@ -157,17 +172,16 @@ class OverlayColours:
     def of(
         cls,
         image: FlatImage,
+        strength: FlatImage | None,
         overlay: Overlay,
         opacity: float = 1.0,
-        strength: FlatImage | None = None,
     ) -> OverlayColours:
         """Choose what is not given, by what an image shows.
 
-        `image`: the overlay on the map. `overlay`: how it is to be shown. `opacity`: from 0 to 1. `strength`: what has
-        to pass the thresholds, on the map. Raises InputError if something does not fit the image.
+        `image`: the overlay on the map. `strength`: what has to pass the thresholds, on the map. `overlay`: how it is
+        to be shown. `opacity`: from 0 to 1. Raises InputError if something does not fit the image.
         """
-        above = optional_number(overlay.above, "threshold above")
-        below = optional_number(overlay.below, "threshold below")
+        above, below = overlay.thresholds
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
         if not inside.any():

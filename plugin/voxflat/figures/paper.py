@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
@@ -21,7 +23,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import Raster
 
-__all__ = ["DARK", "LIGHT", "STRIP", "WHEEL_STRIP", "Page"]
+__all__ = ["DARK", "LIGHT", "STRIP", "WHEEL_STRIP", "Page", "Panel"]
 
 DARK, LIGHT = 0.47, 0.75
 """Greys of sulci and gyri."""
@@ -38,88 +40,29 @@ _TALLEST = 1.4  # of the width
 _FONT, _LETTER = 6.5, 7.5  # points
 _NAMES_PIXEL = 0.2  # mm of paper
 _MARKS = 30.0  # mm, that directions, side and scale bar take
+_SIDE = 14.0  # mm, that directions and side take
+_GAP = 2.0  # mm between maps
 _BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # a name over data
 
 
-class Page:
-    """A sheet of paper in mm: the map above, a strip of marks below."""
+class Panel:
+    """One map on a page: its axes in mm of the map, and where they lie on paper."""
 
-    def __init__(
-        self, width: float, height: float, scale: float, box: tuple[float, float, float, float], pixels: int | None
-    ) -> None:
-        dpi = max(_LEAST_DPI, int(np.ceil(_MOST_PIXELS * _INCH / width))) if pixels is None else pixels * _INCH / width
-        self.width, self.height, self.scale = width, height, scale
-        self.pixel_size = _INCH / dpi / scale
-        self.figure = Figure(figsize=(width / _INCH, height / _INCH), dpi=dpi)
-        self.paper = self.figure.add_axes((0, 0, 1, 1), zorder=2)
-        self.paper.set(xlim=(0, width), ylim=(0, height))
-        left, bottom, wide, high = box
-        self.axes = self.figure.add_axes((left / width, bottom / height, wide * scale / width, high * scale / height))
-        for axes in (self.paper, self.axes):
-            axes.set_axis_off()
-            axes.patch.set_visible(False)
-        self.axes.set_label(MAP)
-        self.box = box
+    def __init__(self, axes: Any, flat_map: FlatMap, corner: tuple[float, float], scale: float) -> None:
+        self.axes, self.flat_map, self.corner, self.scale = axes, flat_map, corner, scale
+        self.low = flat_map.uv.min(axis=0)
+        self.size = np.ptp(flat_map.uv, axis=0)
+        axes.set_label(MAP)
+        self._show_all()
 
-    @classmethod
-    def of(
-        cls,
-        flat_map: FlatMap,
-        width: float,
-        title: str | None,
-        *,
-        strip: float = STRIP,
-        head: bool = False,
-        pixels: int | None = None,
-    ) -> Page:
-        """Lay a map on a page.
+    def _show_all(self) -> None:
+        right, top = self.low + self.size
+        self.axes.set(xlim=(self.low[0], right), ylim=(self.low[1], top))
 
-        Parameters
-        ----------
-        flat_map : FlatMap
-            What is shown.
-        width : float
-            Of the page, mm.
-        title : str or None
-            Above the map.
-        strip : float
-            Height of the strip below the map, mm.
-        head : bool
-            Leave room above the map, whether there is a title or not.
-        pixels : int, optional
-            Width of the page in pixels; by default as many as print needs.
-
-        Returns
-        -------
-        Page
-
-        Raises
-        ------
-        InputError
-            If the page is too narrow or too wide.
-        """
-        if not 30 <= checked_number(width, "width") <= 1000:
-            raise InputError(f"the width is {shown(width)} mm; give 30 to 1000, such as 85 for a column")
-        checked_text(title, "title")
-        low = flat_map.uv.min(axis=0)
-        wide, high = np.ptp(flat_map.uv, axis=0).tolist()
-        top = _TITLE + _EDGE if title or head else _EDGE
-        room = width - 2 * _EDGE
-        scale = min(room / wide, (_TALLEST * width - strip - top) / high)
-        height = strip + _EDGE + high * scale + top
-        page = cls(width, height, scale, ((width - wide * scale) / 2, strip + _EDGE, wide, high), pixels)
-        page.low = low
-        page.axes.set(xlim=(low[0], low[0] + wide), ylim=(low[1], low[1] + high))
-        if title:
-            page.text(width / 2, height - _EDGE, title, "marks", va="top", size=_LETTER)
-        return page
-
-    low: NDArray[np.float64]
-
-    def text(self, x: float, y: float, text: str, layer: str, **how: Any) -> None:
-        """Write a text at a place on paper, mm."""
-        style = {"ha": "center", "va": "center", "size": _FONT, "linespacing": 1.05, "gid": layer, **how}
-        self.paper.text(x, y, text, **style)
+    def at(self, u: float, v: float) -> tuple[float, float]:
+        """Return a place of the map on paper, mm."""
+        left, bottom = self.corner
+        return left + (u - self.low[0]) * self.scale, bottom + (v - self.low[1]) * self.scale
 
     def image(self, pixels: NDArray[np.uint8], raster: Raster, layer: str) -> None:
         """Lay pixels where they lie on the map."""
@@ -130,7 +73,7 @@ class Page:
         self.axes.imshow(
             pixels, extent=extent, origin="upper", interpolation="nearest", aspect="auto", gid=layer, clip_on=False
         )
-        self.axes.set(xlim=(self.low[0], self.low[0] + self.box[2]), ylim=(self.low[1], self.low[1] + self.box[3]))
+        self._show_all()
 
     def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
         """Draw lines in mm of the map."""
@@ -139,7 +82,93 @@ class Page:
         )
         self.axes.add_collection(drawn, autolim=False)
 
-    def names(self, parcels: Parcels, labels: NDArray[np.int64], raster: Raster, look: NDArray[np.float64]) -> None:
+
+class Page:
+    """A sheet of paper in mm: maps side by side on one scale, a strip of marks below.
+
+    It is a figure of its own, or fills the axes that it is given.
+    """
+
+    def __init__(self, width: float, height: float, scale: float, pixels: int | None, axes: Axes | None = None) -> None:
+        dpi = max(_LEAST_DPI, int(np.ceil(_MOST_PIXELS * _INCH / width))) if pixels is None else pixels * _INCH / width
+        self.width, self.height, self.scale = width, height, scale
+        self.pixel_size = _INCH / dpi / scale
+        self.panels: list[Panel] = []
+        self._within = axes
+        if axes is None:
+            self.figure: Any = Figure(figsize=(width / _INCH, height / _INCH), dpi=dpi)
+        else:
+            self.figure = axes.figure
+            axes.set_axis_off()
+            axes.set(xlim=(0, width), ylim=(0, height), aspect="equal")
+        self.paper = self._add_axes((0, 0, width, height), zorder=2)
+        self.paper.set(xlim=(0, width), ylim=(0, height))
+        self.paper.set_axis_off()
+        self.paper.patch.set_visible(False)
+
+    def _add_axes(self, box: tuple[float, float, float, float], zorder: float = 0) -> Any:
+        """Add axes at a place on paper: left, bottom, width and height, mm."""
+        if self._within is not None:
+            return self._within.inset_axes(box, transform=self._within.transData, zorder=5 + zorder)
+        left, bottom, wide, high = box
+        at = (left / self.width, bottom / self.height, wide / self.width, high / self.height)
+        return self.figure.add_axes(at, zorder=zorder)
+
+    @classmethod
+    def of(
+        cls,
+        maps: Sequence[FlatMap],
+        width: float,
+        title: str | None,
+        *,
+        strip: float = STRIP,
+        head: bool = False,
+        pixels: int | None = None,
+        axes: Axes | None = None,
+    ) -> Page:
+        """Lay maps on a page, side by side.
+
+        `maps`: the maps shown. `width`: of the page, mm; axes that are given have their own. `title`: above the maps.
+        `strip`: height of the strip below the maps, mm. `head`: leave room above the maps, whether there is a title or
+        not. `pixels`: width of the page in pixels; by default as many as print needs. `axes`: fill these instead of a
+        figure. Raises InputError if the page is too narrow or too wide.
+        """
+        tallest = _TALLEST * checked_number(width, "width")
+        if axes is not None:
+            box = axes.get_window_extent()
+            width, tallest = (side / axes.figure.dpi * _INCH for side in (box.width, box.height))
+        elif not 30 <= width <= 1000:
+            raise InputError(f"the width is {shown(width)} mm; give 30 to 1000, such as 85 for a column")
+        checked_text(title, "title")
+        sizes = [np.ptp(one.uv, axis=0).tolist() for one in maps]
+        wide, high = sum(size[0] for size in sizes), max(size[1] for size in sizes)
+        top = _TITLE + _EDGE if title or head else _EDGE
+        room = width - 2 * _EDGE - (len(maps) - 1) * _GAP
+        scale = min(room / wide, (tallest - strip - top - (0 if axes is None else _EDGE)) / high)
+        if scale <= 0:
+            raise InputError("the axes are too small for a flat map: make them at least 30 mm wide and high")
+        height = strip + _EDGE + high * scale + top
+        page = cls(width, height, scale, pixels, axes)
+        left = (width - wide * scale - (len(maps) - 1) * _GAP) / 2
+        for flat_map, (across, up) in zip(maps, sizes, strict=True):
+            corner = (left, strip + _EDGE + (high - up) * scale / 2)
+            drawn = page._add_axes((*corner, across * scale, up * scale))
+            drawn.set_axis_off()
+            drawn.patch.set_visible(False)
+            page.panels.append(Panel(drawn, flat_map, corner, scale))
+            left += across * scale + _GAP
+        if title:
+            page.text(width / 2, height - _EDGE, title, "marks", va="top", size=_LETTER)
+        return page
+
+    def text(self, x: float, y: float, text: str, layer: str, **how: Any) -> None:
+        """Write a text at a place on paper, mm."""
+        style = {"ha": "center", "va": "center", "size": _FONT, "linespacing": 1.05, "gid": layer, **how}
+        self.paper.text(x, y, text, **style)
+
+    def names(
+        self, panel: Panel, parcels: Parcels, labels: NDArray[np.int64], raster: Raster, look: NDArray[np.float64]
+    ) -> None:
         """Write the names of parcels that have room, black or white."""
         every = max(1, int(_NAMES_PIXEL / (raster.pixel_size * self.scale)))
         pixel = every * raster.pixel_size * self.scale
@@ -151,7 +180,8 @@ class Page:
                 for at, of in ((row, name.height), (column, name.width))
             )
             light = float(look[rows, columns].mean())
-            x, y = self.at(raster.origin[0] + raster.pixel_size * column, raster.origin[1] - raster.pixel_size * row)
+            step = raster.pixel_size
+            x, y = panel.at(raster.origin[0] + step * column, raster.origin[1] - step * row)
             turned = {"rotation": 90 if name.is_upright else 0, "color": "black" if light > 115 else "white"}
             self.text(x, y, name.text, "names", size=name.size, **turned)
         small = sum(name.size < 6 for name in placed)
@@ -165,17 +195,12 @@ class Page:
                 ", ".join(left_out),
             )
 
-    def at(self, u: float, v: float) -> tuple[float, float]:
-        """Return a place of the map on paper, mm."""
-        left, bottom, *_ = self.box
-        return left + (u - self.low[0]) * self.scale, bottom + (v - self.low[1]) * self.scale
-
     def bar(self, colours: OverlayColours, label: str) -> None:
         """Draw the colour bar, with what is beyond the thresholds in grey."""
         low, high = colours.limits
-        wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5
-        box = ((x - wide) / self.width, 4.1 / self.height, wide / self.width, 1.9 / self.height)
-        axes = self.figure.add_axes(box, zorder=3)
+        beside = 0.0 if len(self.panels) == 1 else _SIDE  # the marks of the last map
+        wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5 - beside
+        axes = self._add_axes((x - wide, 4.1, wide, 1.9), zorder=3)
         axes.set_gid("data")
         values = np.linspace(low, high, 512)[None]
         pixels = colours.legend(values)
@@ -195,9 +220,9 @@ class Page:
 
     def wheel(self, colours: OverlayColours, label: str, zero: str) -> None:
         """Draw the wheel of a cyclic colour map, with the phases at its quarters."""
-        x, y = self.width - _EDGE - 5.5 - _WHEEL / 2, WHEEL_STRIP / 2
-        box = ((x - _WHEEL / 2) / self.width, (y - _WHEEL / 2) / self.height, _WHEEL / self.width, _WHEEL / self.height)
-        axes = self.figure.add_axes(box, zorder=3)
+        beside = 0.0 if len(self.panels) == 1 else _SIDE
+        x, y = self.width - _EDGE - 5.5 - _WHEEL / 2 - beside, WHEEL_STRIP / 2
+        axes = self._add_axes((x - _WHEEL / 2, y - _WHEEL / 2, _WHEEL, _WHEEL), zorder=3)
         axes.set_gid("data")
         axes.set_axis_off()
         across = (np.arange(_WHEEL_PIXELS) + 0.5) / _WHEEL_PIXELS * 2 - 1
@@ -218,9 +243,26 @@ class Page:
             label = label[:-2].rstrip() + "…"
         self.text(x - _WHEEL / 2 - 6.5, WHEEL_STRIP - 5, label, "data", ha="right")
 
-    def marks(self, flat_map: FlatMap) -> None:
-        """Draw the scale bar, the directions of the body, the side, and the names of cuts."""
-        x, middle = _EDGE + 4.0, STRIP / 2
+    def marks(self) -> None:
+        """Draw the scale bar, and for each map the directions of the body, the side, and the names of cuts."""
+        x = _EDGE + 4.0
+        for panel in self.panels:
+            if panel is not self.panels[0]:  # the last map's marks end the strip
+                x = max(x, self.width - _EDGE - _SIDE + 4.0)
+            x = self._directions(panel.flat_map, x)
+            if panel is self.panels[0]:
+                length = round_length(0.22 * self.width / self.scale / len(self.panels))
+                end = x + length * self.scale
+                self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
+                self.text((x + end) / 2, 5.4, f"{length:g} mm", "marks")
+                x = end
+            for name, u, v in cut_names(panel.flat_map):
+                at_x, at_y = panel.at(u, v)
+                self.text(at_x, at_y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+
+    def _directions(self, flat_map: FlatMap, x: float) -> float:
+        """Draw the directions of the body and the side from a place on; return where they end, mm."""
+        middle = STRIP / 2
         found = directions(flat_map)
         if not found and flat_map.space.name == "unknown":
             log.info("the space of the surface is unknown: where anterior and superior are is not shown")
@@ -237,18 +279,10 @@ class Page:
                 self.text(letter[0], letter[1], one.letter, "marks")
             x += 6.5
         which = side(flat_map)
-        if which is not None:
-            self.text(x, middle, which, "marks", size=9, weight="bold")
-            x += 4.5
-        else:
-            x += 1.0
-        length = round_length(0.22 * self.width / self.scale)
-        end = x + length * self.scale
-        self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
-        self.text((x + end) / 2, 5.4, f"{length:g} mm", "marks")
-        for name, u, v in cut_names(flat_map):
-            x, y = self.at(u, v)
-            self.text(x, y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+        if which is None:
+            return x + 1.0
+        self.text(x, middle, which, "marks", size=9, weight="bold")
+        return x + 4.5
 
 
 def _phase(quarter: int, period: float) -> str:

@@ -19,6 +19,7 @@ from voxflat.io.channels import is_cifti, opened
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
 from voxflat.io.formats.freesurfer import annot_table
+from voxflat.io.objects import is_gifti
 
 __all__ = ["LabelTable", "own_table", "read_table"]
 
@@ -63,30 +64,45 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
         return found
 
 
-def own_table(path: str | os.PathLike[str], channel: int = 0) -> LabelTable | None:
-    """Read the names and colours that a file of labels holds itself.
+def own_table(labels: object, channel: int = 0) -> LabelTable | None:
+    """Read the names and colours that a file of labels, or an image of nibabel, holds itself.
 
-    `path`: ``.annot``, ``.label.gii`` or ``.dlabel.nii``. `channel`: the map that is meant, where they differ between
-    maps (CIFTI). Returns: none for files without. Raises InputError if it is damaged; FileNotFoundError,
-    PermissionError if it cannot be opened.
+    `labels`: ``.annot``, ``.label.gii`` or ``.dlabel.nii``, GiftiImage or Cifti2Image. `channel`: the map that is
+    meant, where they differ between maps (CIFTI). Returns: None if there are none. Raises InputError if it is damaged;
+    FileNotFoundError, PermissionError if it cannot be opened.
     """
-    path = checked_path(path)
+    if is_gifti(labels):
+        return _of_gifti(labels)
+    if is_cifti(labels):
+        return _of_cifti(labels, channel)
+    if not isinstance(labels, str | os.PathLike):
+        return None
+    path = checked_path(labels)
     name = path.name.lower()
     with naming(path, REMEDY):
         if name.endswith(".annot"):
             table, names = annot_table(path, contents(path))
             return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(names, table, strict=False)))
         if formats.by_name(path) == formats.GIFTI:
-            labels = gifti.load(contents(path)).labeltable.labels
-            found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in labels)
-            return found if found.names else None
+            return _of_gifti(gifti.load(contents(path)))
         if name.endswith(".nii"):
             image, _ = opened(path)
-            if image is not None and is_cifti(image) and hasattr(image.header.get_axis(0), "label"):
-                axis = image.header.get_axis(0)
-                labels = axis.label[min(channel, len(axis) - 1)]
-                return _table((key, name, _bytes(rgba[:3])) for key, (name, rgba) in labels.items())
+            if image is not None and is_cifti(image):
+                return _of_cifti(image, channel)
         return None
+
+
+def _of_gifti(image: Any) -> LabelTable | None:
+    found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in image.labeltable.labels)
+    return found if found.names else None
+
+
+def _of_cifti(image: Any, channel: int) -> LabelTable | None:
+    axis = image.header.get_axis(0)
+    if not hasattr(axis, "label"):
+        return None
+    labels = axis.label[min(channel, len(axis) - 1)]
+    return _table((key, name, _bytes(rgba[:3])) for key, (name, rgba) in labels.items())
 
 
 def _table(rows: Iterable[tuple[Any, Any, Any]]) -> LabelTable:

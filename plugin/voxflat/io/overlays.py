@@ -171,11 +171,15 @@ def read_region(
             mesh = parsed(path, data)
             _fitting(mesh.points[:, 0], points)
             return _mask(np.unique(mesh.faces), points)
-        channels = _channels(path, points, structure)
-        if len(channels) > 1:
-            raise InputError(f"has {len(channels)} maps: give a file with one")
-        values = channels.read(0)
-        return np.asarray((values != 0) & ~np.isnan(values))
+        return region_of(_channels(path, points, structure), points)
+
+
+def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
+    """Return where the only map of some channels is neither 0 nor NaN, shape (points,)."""
+    if len(channels) > 1:
+        raise InputError(f"has {len(channels)} maps: give a file with one")
+    values = _fitting(channels.read(0), points)
+    return np.asarray((values != 0) & ~np.isnan(values))
 
 
 def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:

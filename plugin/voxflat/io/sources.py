@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
-from voxflat.io.formats.vtk import polydata_triangles
 from voxflat.io.grid import given_affine
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
+from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
@@ -36,11 +36,14 @@ def taken(source: object, *, spacing: Sequence[float] | None = None, affine: Arr
 
 
 def as_mesh(source: object) -> Mesh | None:
-    """Take a path, (points, faces), a Mesh or a pyvista.PolyData as a `Mesh`; None for everything else.
+    """Take a path, (points, faces), a `Mesh` or a mesh object of another package as a `Mesh`; None for all else.
 
     A damaged mesh is an `InputError`.
     """
-    return next((of(source) for is_one, of in _MESHES if is_one(source)), None)
+    for is_one, of in _MESHES:
+        if is_one(source):
+            return of(source)
+    return mesh_of_object(source)
 
 
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
@@ -91,16 +94,20 @@ def _of_pair(pair: tuple[Any, Any]) -> Mesh:
     return Mesh(points, faces)
 
 
-def _of_polydata(mesh: Any) -> Mesh:
-    faces, remarks = polydata_triangles(mesh)
-    return Mesh(np.asarray(mesh.points), faces, remarks=remarks)
-
-
 def _of_image(read: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], Volume]:
     def of(image: Any) -> Volume:
         return Volume._placed(*read(image))
 
     return of
+
+
+def _of_array(given: object) -> Volume:
+    array = as_array(given)
+    if array.dtype == object and is_values(given):
+        raise InputError("holds values and not a surface: pass the surface that they belong to")
+    if array.dtype == object:
+        raise InputError(f"this object is not supported. Give {SUPPORTED}")
+    return Volume._placed(array, None)
 
 
 def _of_masked(_: Any) -> Volume:
@@ -114,7 +121,6 @@ _MESHES: _Kinds[Mesh] = (
     (lambda given: isinstance(given, Mesh), lambda mesh: mesh),
     (lambda given: _is_path(given) and is_mesh_name(given), read_mesh),
     (lambda given: isinstance(given, tuple) and len(given) == 2, _of_pair),
-    (lambda given: type(given).__name__ == "PolyData" and hasattr(given, "regular_faces"), _of_polydata),
 )
 
 _VOLUMES: _Kinds[Volume] = (
@@ -126,5 +132,5 @@ _VOLUMES: _Kinds[Volume] = (
         _of_image(from_itk),
     ),
     (lambda given: isinstance(given, np.ma.MaskedArray), _of_masked),
-    (lambda _: True, lambda given: Volume._placed(as_array(given), None)),
+    (lambda _: True, _of_array),
 )

@@ -16,8 +16,8 @@ __all__ = ["named_structure", "refuse_other_side"]
 
 _LEFT, _RIGHT = "CortexLeft", "CortexRight"
 _NAMES = {
-    r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.": _LEFT,  # FreeSurfer, BIDS, HCP
-    r"^rh\.|[._]rh[._]|(^|_)hemi-R[_.]|\.R\.": _RIGHT,
+    r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.|_left[_.]": _LEFT,  # FreeSurfer, BIDS, HCP, nilearn
+    r"^rh\.|[._]rh[._]|(^|_)hemi-R[_.]|\.R\.|_right[_.]": _RIGHT,
 }
 
 

@@ -24,6 +24,7 @@ from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
 from voxflat.io.spaces import Space
+from voxflat.maps.conversions import Convertible
 from voxflat.maps.drawn_regions import regions_of
 from voxflat.maps.map_files import mesh_of_vertices, read_map, write_map
 from voxflat.maps.plane import FlatTriangles, Planar
@@ -40,7 +41,7 @@ MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply",
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMap(Planar):
+class FlatMap(Planar, Convertible):
     """A flattened surface.
 
     Parameters
@@ -398,7 +399,7 @@ class FlatMap(Planar):
         elif name.endswith(FLAT_PATCH_ENDINGS):
             write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
-            write_mesh(path, self._mesh() if self.is_voxels else self._mesh_of_vertices(), self.provenance)
+            write_mesh(path, self._flat_mesh(), self.provenance)
         elif name.endswith(".vtp"):
             write_mesh(path, self._mesh(with_torn=True))
         elif name.endswith((".ply", ".obj")):
@@ -453,8 +454,10 @@ class FlatMap(Planar):
         structure, point_data = self.metadata.get("structure"), {"distance_error": self.distortion.per_point}
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 
-    def _mesh_of_vertices(self) -> Mesh:
-        """Return the map as a mesh in the plane with the vertex numbers of the flattened mesh."""
+    def _flat_mesh(self) -> Mesh:
+        """Return the map as a mesh in the plane, with the vertex numbers of the flattened mesh if it was one."""
+        if self.is_voxels:
+            return self._mesh()
         count, structure = self.metadata["vertices"], self.metadata.get("structure")
         return mesh_of_vertices(self._places, self.ids, self.faces, count, structure)
 

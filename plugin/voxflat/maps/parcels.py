@@ -115,7 +115,7 @@ def parcels_of(
     known = table if isinstance(table, LabelTable) else None
     if known is None and isinstance(table, str | os.PathLike):
         known = read_table(table)
-    if known is None and isinstance(labels, str | os.PathLike):
+    if known is None:
         known = own_table(labels, number)
     known = known or LabelTable()
     with np.errstate(invalid="ignore"):  # what no whole number holds is no label

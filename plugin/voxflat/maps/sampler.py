@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, checked_choice, checked_number, checked_switch, checked_text, is_whole, log
 from voxflat.errors import InputError
-from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
+from voxflat.io.channels import Channels, Timing, series_of
 from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.grid import voxel_size
+from voxflat.io.objects import values_of_object
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
@@ -284,14 +285,16 @@ class Sampler:
             channels = read_channels(volume, count, structure=structure)
             self._doubt(Path(volume), channels.read(0))
             return channels
-        if hasattr(volume, "dataobj"):
-            with naming(type(volume).__name__, REMEDY):
-                return points_of_nibabel(volume, count, structure)
-        if isinstance(volume, np.ndarray | list) and np.ndim(values := array_of(volume, "overlay's values")) in (1, 2):
+        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # a Series of pandas, too
+        if (
+            is_array
+            and not hasattr(volume, "dataobj")
+            and (values := array_of(volume, "overlay's values")).ndim in (1, 2)
+        ):
             if len(values) != count:
                 raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
             return Channels.of_array(values)
-        return None
+        return values_of_object(volume, count, structure)
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
         """Tell if a file of as many values seems to be of another surface: by its name, or by its curvature."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
+from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
@@ -189,6 +190,12 @@ class CutSurface(Generic[_Surface]):
         return (
             f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} vertices left out>"
         )
+
+    def _repr_html_(self) -> str:
+        """Return the cuts with their lengths, for Jupyter."""
+        lengths = ["" if one.length is None else f"{one.length:.0f} mm" for one in self.cuts]
+        names = [self.title(n) for n in range(len(self.cuts))]
+        return page(self, "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True)))
 
     def title(self, number: int) -> str:
         """Say which cut one is: by its name, or its number, which begin at 1, and where it lies.

@@ -25,6 +25,7 @@ from voxflat.arguments import (
 from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
+from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
@@ -115,6 +116,13 @@ class Manifold:
     def __repr__(self) -> str:
         kind = "voxels" if self.is_voxels else "a mesh"
         return f"<{type(self).__name__} from {kind}: {len(self)} vertices, {len(self.faces)} triangles>"
+
+    def _repr_html_(self) -> str:
+        """Return what the surface is and where it lies, for Jupyter."""
+        facts = {"space": self.space.name, "structure": self.metadata.get("structure"), "file": self.metadata["input"]}
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        facts["extent, mm"] = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
+        return page(self, "\n".join(f"{name:12}{value}" for name, value in facts.items() if value))
 
     @property
     def is_voxels(self) -> bool:

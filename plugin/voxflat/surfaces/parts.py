@@ -14,7 +14,8 @@ from voxflat import _core
 from voxflat.arguments import Progress, array_of, checked_number, shown
 from voxflat.errors import InputError
 from voxflat.io.meshes import holds_mesh
-from voxflat.io.overlays import read_region
+from voxflat.io.objects import values_of_object
+from voxflat.io.overlays import read_region, region_of
 from voxflat.io.patches import Patch, is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
@@ -118,7 +119,8 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
             return None
     if isinstance(keep, Patch):
         return whole._in_patch(keep)
-    mesh = as_mesh(keep)
+    is_values = values_of_object(keep, whole.count, whole.metadata.get("structure")) is not None
+    mesh = None if is_values else as_mesh(keep)
     if mesh is None:
         return None
     if len(mesh.points) != whole.metadata["vertices"]:
@@ -151,7 +153,8 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     if isinstance(region, str | os.PathLike):
         chosen = read_region(region, count, structure=whole.metadata.get("structure"))
     else:
-        chosen = _as_mask(array_of(region, name), count, name)
+        values = values_of_object(region, count, whole.metadata.get("structure"))
+        chosen = _as_mask(array_of(region, name), count, name) if values is None else region_of(values, count)
     chosen = chosen.copy()
     np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
     return np.asarray(chosen[whole.vertices]), None

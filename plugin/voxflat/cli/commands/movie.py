@@ -11,7 +11,7 @@ import cloup
 from voxflat._core import __version__
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.looks import of_colours, of_data, of_page, overlay_of
+from voxflat.cli.looks import each, of_colours, of_data, of_page, overlay_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.files import require
@@ -27,18 +27,21 @@ _ENDINGS = (".mp4", ".gif")
     epilog="""\b
 Examples:
   voxflat movie map.npz --overlay bold.nii.gz --fraction 0.5 --change --range -3,3 -o bold.mp4
-  voxflat movie map.npz --overlay residuals.dtseries.nii --above 1 --below -1 --range -4,4 --unit % -o bold.mp4
+  voxflat movie map.npz --overlay residuals.dtseries.nii --threshold 1 --range -4,4 --unit % -o bold.mp4
+  voxflat movie lh.npz rh.npz --overlay bold.dtseries.nii --range -3,3 -o both.mp4
   voxflat movie map.npz --overlay lh.bold.func.gii --time-step 2 --rate 5 --size 640 -o bold.gif
 """,
 )
-@cloup.argument("map_", metavar="MAP", type=FILE)
+@cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 @of_data(
     cloup.option(
         "--overlay",
         type=FILE,
         metavar="F",
         required=True,
-        help="A series: of volumes, or of values at the mesh's vertices.",
+        multiple=True,
+        help="A series of volumes, or of values at the mesh's vertices. For two maps a file that covers both, or two "
+        "files, each with its own --overlay.",
     ),
     cloup.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals."),
     options.time_step,
@@ -52,8 +55,8 @@ Examples:
 )
 @options.run(options.quiet)
 def command(
-    map_: Path,
-    overlay: Path,
+    maps: tuple[Path, ...],
+    overlay: tuple[Path, ...],
     output: Path,
     sidecar: bool,
     overwrite: bool,
@@ -61,13 +64,15 @@ def command(
     quiet: bool,
     **look: Any,
 ) -> None:
-    """Show a series on a flat map, frame by frame.
+    """Show a series on a flat map, or on both hemispheres side by side, frame by frame.
 
-    MAP is a file that voxflat flatten made. The data lie over the folds in one scale of colours, with their time; what
-    does not pass --above and --below is transparent. Volumes are sampled linearly unless --interpolation says other.
+    Each MAP is a file that voxflat flatten wrote. The data lie over the folds in one colour scale, with their time;
+    data that do not pass the threshold are transparent. Volumes are sampled linearly unless --interpolation says other.
     For the values of all frames see voxflat image.
     """
-    data = overlay_of(overlay, look)
+    if len(maps) > 2 or len(overlay) > len(maps):
+        raise click.UsageError("Give one map, or both hemispheres, and at most one --overlay for each.")
+    data = overlay_of(each(overlay), look)
     check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
     if output.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "movie")  # before the long work
@@ -75,7 +80,8 @@ def command(
 
     with bars(quiet) as shown:
         with reading() as files:
-            flat_map = load(map_)
+            loaded = [load(one) for one in maps]
+            flat_map = loaded[0] if len(loaded) == 1 else loaded
             movie = figures.movie(flat_map, data, **look, progress=shown.progress)
         record: Record = {
             "voxflat": __version__,

@@ -116,7 +116,7 @@ def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
         (_as_numpy(cells.GetOffsetsArray()).astype(np.int64), _as_numpy(cells.GetConnectivityArray()).astype(np.int64))
         for cells in (mesh.GetPolys(), mesh.GetStrips())
     )
-    points = _as_numpy(mesh.GetPoints().GetData()).astype(np.float64, copy=False)
+    points = polydata_points(mesh)
     places, remarks = triangulated(points, corners, np.diff(offsets))
     if not len(strip_corners):
         return corners[places], remarks
@@ -124,6 +124,11 @@ def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     of_all = of_strips(strips)
     remarks = (*remarks, f"{len(strips)} strips were cut into {len(of_all)} triangles")
     return np.concatenate([corners[places], of_all]), remarks
+
+
+def polydata_points(mesh: Any) -> NDArray[np.float64]:
+    """Return the points of a vtkPolyData."""
+    return _as_numpy(mesh.GetPoints().GetData()).astype(np.float64, copy=False)
 
 
 def write_vtp(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.io.sources import as_mesh
 from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
@@ -138,14 +139,13 @@ def registered_sphere(found: Registration) -> Sphere:
 
 
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
-    if isinstance(sphere, Mesh):
-        return sphere
     if isinstance(sphere, str | os.PathLike):
         if not Path(sphere).is_file():
             raise InputError(f"the sphere {os.fspath(sphere)}: there is no such file")
         return read_mesh(sphere)
-    if isinstance(sphere, tuple) and len(sphere) == 2:
-        return Mesh(np.asarray(sphere[0]), np.asarray(sphere[1]))
+    mesh = as_mesh(sphere)
+    if mesh is not None:
+        return mesh
     try:
         points = array_of(sphere, "points of the sphere")
     except ValueError:

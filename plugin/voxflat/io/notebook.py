@@ -1,0 +1,26 @@
+"""What Jupyter shows of a result."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from typing import Any
+
+_DPI = 150  # of pictures, of 85 mm of paper
+
+
+def page(value: object, text: str = "", figure: Any = None, about: str = "") -> str:
+    """Return HTML of a value: what `repr` says, a picture, and text that is aligned in columns.
+
+    `figure`: of matplotlib, or None. `about`: what the picture shows, for those who do not see it.
+    """
+    parts = [f"<p><code>{html.escape(repr(value))}</code></p>"]
+    if figure is not None:
+        drawn = io.BytesIO()
+        figure.savefig(drawn, dpi=_DPI, format="png")
+        data = base64.b64encode(drawn.getvalue()).decode()
+        parts.append(f'<img alt="{html.escape(about)}" src="data:image/png;base64,{data}">')
+    if text:
+        parts.append(f"<pre>{html.escape(text)}</pre>")
+    return "\n".join(parts)

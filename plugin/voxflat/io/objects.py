@@ -1,0 +1,176 @@
+"""Surfaces and values that other packages hold as objects: nilearn, nibabel, trimesh, meshio and VTK.
+
+Objects are recognised by the attributes that are read, so that none of these packages has to be imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.channels import Channels, points_of_nibabel
+from voxflat.io.files import naming
+from voxflat.io.formats import gifti
+from voxflat.io.formats.vtk import polydata_points, polydata_triangles
+from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.io.triangles import triangulated
+
+SUPPORTED = (
+    "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or of ITK; a mesh of "
+    "nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
+)
+"""What `voxflat.surface` takes, for messages."""
+
+_STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
+_REMEDY = "convert it to a file or to arrays"
+
+
+def mesh_of_object(given: object) -> Mesh | None:
+    """Return the surface that an object of another package holds; None if it is no such object."""
+    for is_one, of in _MESHES:
+        if is_one(given):
+            with naming(type(given).__name__, _REMEDY):
+                return of(given)
+    return None
+
+
+def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
+    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none.
+
+    `points`: the number of vertices of the surface. `structure`: "CortexLeft" or "CortexRight", if that is known.
+    """
+    if isinstance(given, np.ndarray | list | tuple):
+        return None
+    with naming(type(given).__name__, "give the values of this surface"):
+        if hasattr(given, "dataobj"):
+            return points_of_nibabel(given, points, structure)
+        parts = _value_parts(given)
+        if parts is not None:
+            return Channels.of_array(_of_side(parts, points, structure))
+        if not is_gifti(given) or gifti._has_triangles(given):
+            return None
+        values, own = gifti.values(given), given.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
+        if len(values) != points:
+            raise InputError(f"has {len(values)} values; the surface has {points} points")
+        if {own, structure} == set(_STRUCTURES.values()):
+            raise InputError(f"is of {own}, and the surface of {structure}")
+        return Channels.of_array(values, gifti.map_names(given))
+
+
+def is_values(given: object) -> bool:
+    """Tell whether an object holds values at the vertices of a surface, and no surface."""
+    return is_gifti(given) or _value_parts(given) is not None
+
+
+def is_gifti(given: object) -> bool:
+    """Tell whether an object is a GIFTI image of nibabel."""
+    return hasattr(given, "darrays") and hasattr(given, "agg_data")
+
+
+# --------------------------------------------------------------------------------------- surfaces
+
+
+def _has(*names: str) -> Callable[[object], bool]:
+    return lambda given: all(hasattr(given, name) for name in names)
+
+
+def _has_parts(given: object) -> bool:
+    parts = getattr(given, "parts", None)
+    return isinstance(parts, Mapping) and all(hasattr(part, "coordinates") for part in parts.values())
+
+
+def _of_gifti(image: Any) -> Mesh:
+    points, faces, structure, space, remarks = gifti.surface(image)
+    return Mesh(points, faces, structure=structure, space=space, remarks=remarks)
+
+
+def _of_nilearn(mesh: Any) -> Mesh:
+    path = getattr(mesh, "file_path", None)  # a FileMesh: its file says more
+    return Mesh(np.asarray(mesh.coordinates), np.asarray(mesh.faces)) if path is None else read_mesh(path)
+
+
+def _of_parts(mesh: Any) -> Mesh:
+    if len(mesh.parts) != 1:
+        raise InputError(f"has the parts {', '.join(mesh.parts)}: choose one, such as .parts['left']")
+    ((side, part),) = mesh.parts.items()
+    return replace(_of_nilearn(part), structure=_STRUCTURES.get(side))
+
+
+def _of_surface_image(image: Any) -> Mesh:
+    if len(image.mesh.parts) != 1:
+        raise InputError("has two hemispheres: choose one, such as .mesh.parts['left']")
+    return _of_parts(image.mesh)
+
+
+def _of_meshio(mesh: Any) -> Mesh:
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.pad(points, ((0, 0), (0, 1)))
+    polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in _POLYGONS]
+    if not polygons:
+        kinds = ", ".join(sorted({str(block.type) for block in mesh.cells})) or "no cells"
+        raise InputError(f"has {kinds}, and no triangles, quadrilaterals or polygons: extract its surface first")
+    corners = np.concatenate([block.ravel() for block in polygons])
+    lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
+    places, remarks = triangulated(points, corners, lengths)
+    return Mesh(points, corners[places], remarks=remarks)
+
+
+def _of_trimesh(mesh: Any) -> Mesh:
+    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+def _of_polydata(mesh: Any) -> Mesh:
+    faces, remarks = polydata_triangles(mesh)
+    return Mesh(polydata_points(mesh), faces, remarks=remarks)
+
+
+_POLYGONS = ("triangle", "quad", "polygon")
+
+_Reader: TypeAlias = tuple[Callable[[object], bool], Callable[[Any], Mesh]]
+
+_MESHES: tuple[_Reader, ...] = (
+    (_has("GetPolys", "GetStrips", "GetPoints"), _of_polydata),  # VTK, and PyVista's PolyData
+    (_has("coordinates", "faces", "n_vertices"), _of_nilearn),  # InMemoryMesh, FileMesh
+    (lambda given: _has_parts(getattr(given, "mesh", None)), _of_surface_image),
+    (_has_parts, _of_parts),  # PolyMesh
+    (lambda given: is_gifti(given) and gifti._has_triangles(given), _of_gifti),
+    (_has("points", "cells", "cells_dict"), _of_meshio),
+    (_has("vertices", "faces", "face_normals"), _of_trimesh),
+)
+
+
+# ----------------------------------------------------------------------------------------- values
+
+
+def _value_parts(given: object) -> Mapping[str, Any] | None:
+    """Return the values of each hemisphere of a SurfaceImage or PolyData of nilearn."""
+    data = getattr(given, "data", None) if hasattr(given, "mesh") else given
+    parts = getattr(data, "parts", None)
+    if not isinstance(parts, Mapping) or not all(hasattr(part, "shape") for part in parts.values()):
+        return None
+    return parts
+
+
+def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> NDArray[Any]:
+    """Return the values of the hemisphere that a surface is."""
+    fitting = {side: part for side, part in parts.items() if len(part) == points}
+    known = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
+    if known:
+        return np.asarray(next(iter(known.values())))
+    if structure in _STRUCTURES.values() and structure not in map(_STRUCTURES.get, parts):
+        raise InputError(f"has values of {', '.join(parts)}, and the surface is {structure}")
+    if len(fitting) == 1:
+        return np.asarray(next(iter(fitting.values())))
+    if fitting:
+        raise InputError(
+            f"has {points} values for each hemisphere, and the surface does not say which it is: pass one, such as "
+            ".data.parts['left']"
+        )
+    lengths = ", ".join(f"{side}: {len(part)}" for side, part in parts.items())
+    raise InputError(f"has values at {lengths} vertices; the surface has {points}")

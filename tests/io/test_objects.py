@@ -1,0 +1,209 @@
+"""Surfaces and values of nilearn, nibabel, trimesh, meshio, PyVista and VTK, in and out."""
+
+import base64
+import io
+
+import meshio
+import nibabel
+import numpy as np
+import pytest
+import pyvista as pv
+import trimesh
+import vtk
+from matplotlib.figure import Figure
+from nilearn import plotting
+from nilearn.surface import FileMesh, InMemoryMesh, PolyData, PolyMesh, SurfaceImage
+from PIL import Image
+
+import voxflat
+from voxflat.errors import InputError
+from voxflat.io.label_tables import own_table
+
+HILL = voxflat.samples.hill()
+POINTS, FACES = HILL.points, HILL.faces.astype(np.int64)
+COUNT = len(POINTS)
+VALUES = np.linspace(-1, 1, COUNT).astype(np.float32)
+
+
+def gifti_surface(structure="CortexLeft"):
+    meta = nibabel.gifti.GiftiMetaData({"AnatomicalStructurePrimary": structure})
+    arrays = [
+        nibabel.gifti.GiftiDataArray(POINTS.astype("f4"), intent="NIFTI_INTENT_POINTSET", meta=meta),
+        nibabel.gifti.GiftiDataArray(FACES.astype("i4"), intent="NIFTI_INTENT_TRIANGLE"),
+    ]
+    return nibabel.gifti.GiftiImage(darrays=arrays)
+
+
+def gifti_values(structure="CortexLeft", values=VALUES):
+    meta = nibabel.gifti.GiftiMetaData({"AnatomicalStructurePrimary": structure})
+    array = nibabel.gifti.GiftiDataArray(values, intent="NIFTI_INTENT_NONE", datatype="NIFTI_TYPE_FLOAT32")
+    return nibabel.gifti.GiftiImage(meta=meta, darrays=[array])
+
+
+def cifti(values=VALUES):
+    axes = (
+        nibabel.cifti2.ScalarAxis(["effect"]),
+        nibabel.cifti2.BrainModelAxis.from_mask(np.ones(COUNT, dtype=bool), name="CortexLeft")
+        + nibabel.cifti2.BrainModelAxis.from_mask(np.ones(COUNT, dtype=bool), name="CortexRight"),
+    )
+    return nibabel.cifti2.Cifti2Image(np.concatenate([values, -values])[None], header=axes)
+
+
+def vtk_polydata():
+    raw = vtk.vtkPolyData()
+    raw.ShallowCopy(pv.PolyData.from_regular_faces(POINTS, FACES))
+    return raw
+
+
+def nilearn_mesh():
+    return InMemoryMesh(POINTS, FACES)
+
+
+SURFACES = {
+    "InMemoryMesh": nilearn_mesh,
+    "PolyMesh": lambda: PolyMesh(left=nilearn_mesh()),
+    "SurfaceImage": lambda: SurfaceImage(PolyMesh(left=nilearn_mesh()), PolyData(left=VALUES)),
+    "GiftiImage": gifti_surface,
+    "Trimesh": lambda: trimesh.Trimesh(POINTS, FACES, process=False),
+    "meshio": lambda: meshio.Mesh(POINTS, [("vertex", [[0]]), ("triangle", FACES)]),
+    "PyVista": lambda: pv.PolyData.from_regular_faces(POINTS, FACES),
+    "VTK": vtk_polydata,
+}
+
+
+@pytest.mark.parametrize("kind", SURFACES)
+def test_a_surface_of_another_package_is_that_of_its_arrays(kind):
+    given = SURFACES[kind]()
+    surface = voxflat.surface(given)
+    np.testing.assert_allclose(surface.points, POINTS, atol=1e-5)
+    np.testing.assert_array_equal(surface.faces, FACES)
+    assert voxflat.check(given).euler_characteristic == 1
+
+
+def test_a_file_mesh_is_read_as_its_file(tmp_path):
+    path = tmp_path / "white_left.gii.gz"
+    path.with_suffix("").with_name("white_left.gii").write_bytes(gifti_surface("CortexLeft").to_bytes())
+    surface = voxflat.surface(FileMesh(tmp_path / "white_left.gii"))
+    assert surface.metadata["structure"] == "CortexLeft"
+    assert surface.metadata["input"].endswith("white_left.gii")
+
+
+def test_a_quadrilateral_of_meshio_is_cut_in_two():
+    quads = meshio.Mesh([[0, 0], [1, 0], [1, 1], [0, 1]], [("quad", [[0, 1, 2, 3]])])
+    assert len(voxflat.surface(quads).faces) == 2
+
+
+BOTH = PolyMesh(left=nilearn_mesh(), right=nilearn_mesh())
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (object(), r"object: this object is not supported. Give a path; a NumPy array; .*nilearn.*"),
+        ({"a": 1}, "dict: this object is not supported"),
+        (None, "NoneType: this object is not supported"),
+        (BOTH, r"PolyMesh: has the parts left, right: choose one, such as .parts\['left'\]"),
+        (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres: choose one, such as .mesh.parts"),
+        (PolyData(left=VALUES), "PolyData: holds values and not a surface"),
+        (gifti_values(), "GiftiImage: holds values and not a surface"),
+        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "has line, and no triangles"),
+    ],
+)
+def test_what_is_no_surface_is_told(given, said):
+    with pytest.raises(InputError, match=said):
+        voxflat.surface(given)
+
+
+@pytest.fixture(scope="module")
+def left():
+    """The map of the left hemisphere's surface."""
+    return voxflat.flatten(gifti_surface(), relax=False)
+
+
+OVERLAYS = {
+    "GiftiImage": gifti_values,
+    "Cifti2Image": cifti,
+    "SurfaceImage": lambda: SurfaceImage(BOTH, PolyData(left=VALUES, right=-VALUES)),
+    "PolyData": lambda: PolyData(left=VALUES, right=-VALUES),
+    "one side": lambda: PolyData(left=VALUES),
+}
+
+
+@pytest.mark.parametrize("kind", OVERLAYS)
+def test_values_of_another_package_are_those_of_this_side(left, kind):
+    given = OVERLAYS[kind]()
+    np.testing.assert_array_equal(left.image(given, 1.0).data, left.image(VALUES, 1.0).data)
+    assert len(left.plot(given).axes) == 3
+    part = voxflat.surface(gifti_surface()).keep(gifti_values(values=np.float32(VALUES > 0)))
+    assert 0 < len(part) < COUNT
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (gifti_values("CortexRight"), "GiftiImage: is of CortexRight, and the surface of CortexLeft"),
+        (gifti_values(values=VALUES[:9]), "has 9 values; the surface has 441"),
+        (PolyData(right=VALUES), "has values of right, and the surface is CortexLeft"),
+        (PolyData(left=VALUES[:9]), "has values at left: 9 vertices; the surface has 441"),
+    ],
+)
+def test_values_of_another_surface_are_refused(left, given, said):
+    with pytest.raises(InputError, match=said):
+        left.image(given)
+
+
+def test_where_the_side_is_unknown_one_has_to_be_chosen():
+    flat_map = voxflat.flatten(nilearn_mesh(), relax=False)
+    with pytest.raises(InputError, match="the surface does not say which it is"):
+        flat_map.image(PolyData(left=VALUES, right=-VALUES))
+
+
+def test_labels_of_another_package_bring_their_table():
+    labels = gifti_values(values=np.ones(COUNT, np.float32))
+    label = nibabel.gifti.GiftiLabel(key=1, red=1.0, green=0.5, blue=0.0, alpha=1.0)
+    label.label = "V1"
+    labels.labeltable.labels.append(label)
+    assert (own_table(labels).names, own_table(labels).colours) == ({1: "V1"}, {1: (255, 128, 0)})
+
+
+# ------------------------------------------------------------------------------------------- out
+
+
+def test_maps_become_objects_of_other_packages(left):
+    places = np.zeros((COUNT, 3))
+    places[left.ids, :2] = left.uv
+    nilearn, gifti, mesh, polydata = left.to_nilearn(), left.to_gifti(), left.to_trimesh(), left.to_pyvista()
+    np.testing.assert_array_equal(nilearn.coordinates, places)
+    np.testing.assert_array_equal(mesh.vertices, places)
+    np.testing.assert_allclose(gifti.agg_data("pointset"), places, rtol=1e-6)
+    np.testing.assert_array_equal(polydata.points[:, :2], left.uv)
+    for faces in (nilearn.faces, mesh.faces, gifti.agg_data("triangle")):
+        np.testing.assert_array_equal(faces, left.ids[left.faces])
+    drawn = plotting.plot_surf(nilearn, VALUES, view="dorsal", engine="matplotlib")
+    assert len(drawn.axes[0].collections) == 1
+    back = voxflat.measure(gifti_surface(), nilearn)
+    assert back.raw.relative_error == pytest.approx(left.distortion.raw.relative_error, abs=0.01)
+
+
+def test_jupyter_shows_a_picture_and_figures(left):
+    page = left._repr_html_()
+    picture = Image.open(io.BytesIO(base64.b64decode(page.split("base64,")[1].split('"')[0])))
+    assert picture.size[0] > 400
+    assert "relative error, %" in page
+    surface = voxflat.surface(voxflat.samples.ball())
+    opened = surface.cut(relax=False)
+    for value, said in (
+        (surface, "extent, mm"),
+        (opened, "cut 1, "),
+        (surface.patches(), "triangles"),
+        (left.distortion, "stress-1"),
+    ):
+        assert value._repr_html_().startswith("<p><code>&lt;")
+        assert said in value._repr_html_()
+
+
+def test_plot_draws_on_given_axes(left):
+    figure = Figure()
+    ax = figure.add_subplot()
+    assert left.plot(VALUES, ax=ax, title="effect") is ax
+    assert len(ax.child_axes) == 3
