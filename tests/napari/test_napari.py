@@ -156,10 +156,12 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     from voxflat.demo import demo_cortex, hemisphere
 
     viewer = make_napari_viewer()
+    first = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")[1].form
     (seed,) = viewer.open_sample("voxflat", "demo_cortex")  # at once; the rest as it is read
+    assert not seed.visible  # alone it would fill the view
     window = viewer.window._qt_viewer
     assert {*"ÅÉÑŐjgpqy"} <= {*window._font_manager.get_font(window._overlay_font)._glyphs}  # drawn before a text is
-    qtbot.waitUntil(lambda: seed.visible and [bar.desc for bar in progress._all_instances] == ["Demo cortex"])
+    qtbot.waitUntil(lambda: [bar.desc for bar in progress._all_instances] == ["Demo cortex"])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3, timeout=PATIENCE)
     t1, labels, _ = viewer.layers
     qtbot.waitUntil(lambda: not progress._all_instances, timeout=PATIENCE)
@@ -169,7 +171,7 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     assert_array_equal(labels.data == 2, hemisphere(white_matter, "right").data)
     assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
     qtbot.waitUntil(lambda: viewer.layers.selection.active is labels, timeout=PATIENCE)
-    assert all(layer.visible for layer in viewer.layers)
+    qtbot.waitUntil(lambda: all(layer.visible for layer in viewer.layers), timeout=PATIENCE)
     assert {*viewer.window._qt_viewer.controls.widgets} == {*viewer.layers}
     camera = getattr(viewer, "scene", viewer).camera
     qtbot.waitUntil(
@@ -179,6 +181,10 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
     assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
     assert labels.data[seed_of(seed, labels)] == labels.selected_label
+    second = viewer.window.add_plugin_dock_widget("voxflat", "Flatten in patches")[1].form
+    for form in (first, second):  # opened before the sample and after it
+        assert (form.surface.layer, form.sampled.layer) == (labels, t1)
+        qtbot.waitUntil(lambda form=form: form.label.label == 1, timeout=PATIENCE)
 
 
 def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
@@ -188,7 +194,7 @@ def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
     viewer = make_napari_viewer()
     seeds = [seed for _ in range(2) for seed in viewer.open_sample("voxflat", "demo_cortex")]
     qtbot.waitUntil(lambda: len(progress._all_instances) == 2, timeout=PATIENCE)
-    assert all(seed.visible for seed in seeds)
+    assert not any(seed.visible for seed in seeds)
     viewer.close()
     wait_for_threads(qtbot)
 

@@ -120,7 +120,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     assert [len(cut) for cut in json.loads(path.read_text())["cuts"]] == [len(dock.drawing.paths()[0])]
 
     dock.use.click()
-    assert "as drawn" in widget.form.plan.text()
+    assert "along the drawn lines" in widget.form.plan.text()
     run(widget, qtbot)
     assert "ball distortion" in viewer.layers, widget.status.text()
     expected = voxflat.flatten((points, faces), cuts=str(path))  # by the command line's way

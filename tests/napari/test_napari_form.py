@@ -1,5 +1,8 @@
 """The form of *Flatten surface*: what it chooses by itself, what can be chosen, and what the plan says of it."""
 
+import subprocess
+import sys
+
 import nibabel as nib
 import numpy as np
 import pytest
@@ -118,7 +121,64 @@ def test_of_a_subjects_surfaces_white_is_usual_to_pial_whatever_came_first(make_
     assert_array_equal(viewer.layers["lh.thickness"].vertices, viewer.layers["lh.pial"].vertices)
     form.surface.choose(viewer.layers["lh.thickness"])
     assert form.pial.layer is None  # it lies there itself
-    assert "distances midway" not in form.plan.text()
+    assert "midway" not in form.plan.text()
+
+
+def test_the_surface_follows_what_the_user_would_mean_until_the_user_chooses(open_widget, qtbot):
+    points, faces, _ = bumps(9)
+    cube = np.zeros((9, 9, 9), np.uint8)
+    cube[2:7, 2:7, 2:7] = 1
+    viewer, widget = open_widget(Image(cube.astype(np.float32), name="T1"))
+    chosen = widget.form.surface
+    assert chosen.layer is viewer.layers["T1"]
+    mesh = viewer.add_surface((points, faces), name="mesh")
+    assert chosen.layer is mesh
+    older, newer = (viewer.add_labels(cube, name=name) for name in ("older", "newer"))
+    assert chosen.layer is newer
+    viewer.add_image(cube.astype(np.float32), name="T2")  # napari selects it, nobody else
+    assert chosen.layer is newer
+    qtbot.wait(10)
+    for layer in (older, mesh, viewer.layers["T1"]):
+        viewer.layers.selection.active = layer
+        assert chosen.layer is layer
+    viewer.layers.selection.active = viewer.add_points([[4, 4, 4]], name="seed")
+    assert chosen.layer is viewer.layers["T1"]
+    chosen.setCurrentIndex(chosen.findText("T1"))
+    chosen.activated.emit(chosen.currentIndex())  # as a click does
+    viewer.layers.selection.active = older
+    assert chosen.layer is viewer.layers["T1"]
+    viewer.layers.remove("T1")
+    assert chosen.layer in (older, newer)  # what was chosen is gone
+
+
+def test_a_surface_that_is_flattened_stays_chosen(open_widget, qtbot):
+    points, faces, _ = bumps(9)
+    viewer, widget = open_widget(Surface((points, faces), name="first"), Surface((points, faces), name="second"))
+    qtbot.wait(10)
+    viewer.layers.selection.active = viewer.layers["first"]
+    run(widget, qtbot)
+    viewer.layers.selection.active = viewer.layers["second"]
+    assert widget.form.surface.layer is viewer.layers["first"]
+
+
+CLOSED_MEANWHILE = """
+import sys
+import napari, numpy as np
+from qtpy.QtCore import QTimer
+i, j, k = np.indices((60, 60, 60)) - 29.5
+viewer = napari.Viewer(show=True)
+viewer.add_labels((np.sqrt(i**2 + j**2 + k**2) + 3 * np.sin(i / 5) * np.sin(j / 6) < 24).astype(np.uint8))
+_, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+QTimer.singleShot(0, widget.start.click)
+QTimer.singleShot(int(sys.argv[1]), lambda: viewer.window._qt_window.close(confirm_need=False))
+napari.run()
+"""
+
+
+@pytest.mark.parametrize("after", [5, 300, 301, 1000])  # ms; at 300 the plan begins to count
+def test_a_window_closed_during_a_run_ends_the_program_quietly(after):
+    done = subprocess.run([sys.executable, "-c", CLOSED_MEANWHILE, str(after)], capture_output=True, text=True)
+    assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
 
 
 def test_what_is_usual(open_widget):
@@ -137,7 +197,7 @@ def test_what_is_usual(open_widget):
     white = viewer.add_surface((points, faces), name="lh.white")
     form.surface.choose(white)
     assert form.sample_depth.value() == DEPTH
-    assert "Closed, it is opened along automatic cuts" in form.plan.text()
+    assert "Opens a closed surface along automatic cuts" in form.plan.text()
     assert f"{len(points):,}\u00a0points" in form.plan.text()
     form.sample_depth.setValue(1.25)
     form.sample_depth.editingFinished.emit()  # someone chose it

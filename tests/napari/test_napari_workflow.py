@@ -159,7 +159,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     widget = dock(viewer, "Flatten surface")
     chosen = widget.form.surface, widget.form.pial, widget.form.sampled
     assert [choice.currentText() for choice in chosen] == ["lh.white", "lh.pial", "lh.thickness"]
-    assert "standard cuts, by lh.sphere.reg" in widget.form.plan.text()
+    assert "standard cuts, located by lh.sphere.reg" in widget.form.plan.text()
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
     flat = flatten(hand, viewer)
@@ -206,7 +206,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert len(cuts.drawing.cuts) == found
     hand.press(cuts.use)
     viewer.window.remove_dock_widget(cuts)
-    assert "as drawn" in widget.form.plan.text()
+    assert "along the drawn lines" in widget.form.plan.text()
 
     # the script does the same without a window
     widget.parentWidget().raise_()

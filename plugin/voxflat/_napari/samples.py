@@ -32,10 +32,10 @@ _SAMPLE = ("voxflat", "demo_cortex")
 
 
 def demo_cortex() -> list[LayerData]:
-    """Open the MNI152 template: a seed point on the left central cortex at once, T1 and white matter as they are read.
+    """Open the MNI152 template: T1 and white matter as they are read, and a seed point on the left central cortex.
 
-    Returns: in mm, RAS+: the seed point, which is shown in the next turn of the event loop, and to which another thread
-    adds the rest; without a viewer all.
+    Returns: in mm, RAS+: the seed point, hidden, to which another thread adds the rest before it is shown; without a
+    viewer all.
     """
     from napari import current_viewer
 
@@ -119,7 +119,7 @@ def _glyphs(viewer: Viewer) -> Iterator[bool]:
 
 
 def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
-    """Show the seed point; read in another thread, and add the layers below it."""
+    """Read in another thread, add the layers below the seed point, then show it."""
     from napari.layers import Layer
     from napari.utils.notifications import show_error
     from qtpy.QtCore import QTimer
@@ -161,7 +161,7 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
     def add(found: list[LayerData]) -> None:
         """Add the layers, a step at a time."""
         steps.extend(partial(make, data=data) for data in found)
-        steps.extend((choose, look))
+        steps.extend((choose, look, show_seed))  # the seed point last: alone it would fill the view
         QTimer.singleShot(0, go_on)
 
     def make(shown: Viewer, data: LayerData) -> None:
@@ -184,5 +184,5 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
         shown.reset_view()
         shown.dims.set_point(range(3), SEED_POINT)
 
-    steps.extend((show_seed, read))
+    steps.append(read)
     QTimer.singleShot(BREATH, go_on)

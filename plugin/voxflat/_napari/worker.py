@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Protocol
 
-from napari.qt.threading import WorkerBase
 from napari.utils import cancelable_progress
 from qtpy.QtCore import QObject, QTimer
 from qtpy.QtWidgets import QApplication, QLabel, QMainWindow
 
+from voxflat._napari.errand import Errand
 from voxflat._napari.garbage import put_off_collections
 from voxflat._napari.results.listed import BREATH
 from voxflat.arguments import Progress
@@ -27,7 +27,7 @@ class Work(Protocol):
         """Do it, and tell how far it is; where `progress` returns False, stop."""
 
 
-class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
+class JobWorker(Errand):
     """Runs a job outside the GUI's thread; `quit` cancels it, which napari also does when it closes.
 
     Its progress is shown in napari's activity dock. Whatever goes wrong is emitted by `errored`, and nothing shows it
@@ -42,7 +42,7 @@ class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     """
 
     def __init__(self, job: Work, title: str = "voxflat") -> None:
-        super().__init__()
+        super().__init__(lambda: job.run(self._progress))
         self.job: Any = job
         self.title = title
         self.stage = ("starting", 0, 1)
@@ -59,13 +59,9 @@ class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
             QTimer.singleShot(BREATH, begin)
 
         def begin() -> None:
-            WorkerBase.start(self)
+            Errand.start(self)
 
         QTimer.singleShot(BREATH, show)
-
-    def work(self) -> Any:
-        """Run the job; called by the thread."""
-        return self.job.run(self._progress)
 
     def _progress(self, stage: str, done: int, total: int) -> bool:
         self.stage = (stage, done, total)

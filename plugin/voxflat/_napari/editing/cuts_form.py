@@ -54,7 +54,7 @@ class CutsForm(LayerForm):
 
     def _on_surface(self) -> None:
         super()._on_surface()
-        self.shown_on.reconsider()
+        self.shown_on.refresh()
         self._show_row(self.shown_on, self.shown_on.count() > 1)
 
     def _on_sampled(self) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QComboBox, QWidget
-from superqt.utils import FunctionWorker
 
+from voxflat._napari.errand import Errand
 from voxflat._napari.layers.volumes import finest
 from voxflat.surfaces.foreground import labels_in
 
@@ -77,7 +78,7 @@ class LabelChoice(QComboBox):
         """List the labels, in another thread."""
         if self._layer is None or np.prod(finest(self._layer).shape) > _SCANNED:
             return
-        worker = FunctionWorker(_labels, finest(self._layer))
+        worker = Errand(partial(_labels, finest(self._layer)))
         worker.returned.connect(self._on_scanned)
         worker.start()
 

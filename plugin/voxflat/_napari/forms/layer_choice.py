@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
 
 if TYPE_CHECKING:
@@ -16,14 +16,20 @@ if TYPE_CHECKING:
 class LayerChoice(QComboBox):
     """Chooses a layer, and follows the viewer's layers as they come, go and change their names.
 
+    Until the user has chosen, the best layer is chosen, whatever the order in which layers come: of the greatest rank,
+    and of several the newest.
+
     Parameters
     ----------
     viewer : Viewer
         The viewer.
     rank : callable
-        How well a layer suits, or None if it does not at all. When nothing is chosen, the best of rank 1 or more is.
+        How well a layer suits, or None if it does not at all. Layers of rank 0 are offered, and not chosen unasked.
     none : str, optional
         An entry for no layer; without it one layer is chosen as soon as there is one.
+    follows_selection : bool
+        Prefer the layer that the user selects in the viewer's list to better ones. napari selects each layer that
+        comes; that does not count.
     parent : QWidget, optional
         The widget's parent.
     """
@@ -36,6 +42,7 @@ class LayerChoice(QComboBox):
         viewer: Viewer,
         rank: Callable[[Layer], int | None],
         none: str | None = None,
+        follows_selection: bool = False,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
@@ -46,9 +53,16 @@ class LayerChoice(QComboBox):
         self._told: Layer | None = None
         self._by_user = False
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long names do not widen the window
-        self._events = (viewer.layers.events.inserted, viewer.layers.events.removed, viewer.layers.events.renamed)
+        self._selected: Layer | None = None
+        self._has_new = False
+        layers = viewer.layers
+        self._events = (layers.events.inserted, layers.events.removed, layers.events.renamed)
         for event in self._events:
             event.connect(self.refresh)
+        self._follows_selection = follows_selection
+        if follows_selection:
+            layers.events.inserting.connect(self._on_inserting)
+            layers.selection.events.active.connect(self._on_selection)
         self.activated.connect(self._on_activated)
         self.currentIndexChanged.connect(self._tell)
         self.refresh()
@@ -60,20 +74,20 @@ class LayerChoice(QComboBox):
         return self._layers[index] if 0 <= index < len(self._layers) else None
 
     def choose(self, layer: Layer | None) -> None:
-        """Choose a layer.
+        """Choose a layer, as the user does.
 
         `layer`: one of those that are offered.
         """
+        self._by_user = True
         self.setCurrentIndex(self._layers.index(layer))
 
     def refresh(self) -> None:
-        """Offer the layers that are there now, and keep the choice if possible."""
+        """Offer the layers that are there now, and choose the best unless the user has chosen."""
         before = self.layer
         offered = [layer for layer in self._viewer.layers if self._rank(layer) is not None]
         if before is not None and before not in offered:
             self._by_user = False  # what was chosen is gone
-        keep = before in offered or (before is None and self._by_user)
-        wanted = before if keep else self._best(offered)
+        wanted = before if self._by_user else self._best(offered)
         self.blockSignals(True)
         self.clear()
         self._layers = offered if self._none is None else [None, *offered]
@@ -82,21 +96,34 @@ class LayerChoice(QComboBox):
         self.blockSignals(False)
         self._tell()
 
-    def reconsider(self) -> None:
-        """Offer the layers anew because other ones suit now, and choose the best unless the user has chosen."""
-        if not self._by_user:
-            self.blockSignals(True)
-            self.setCurrentIndex(-1)
-            self.blockSignals(False)
-        self.refresh()
+    def keep(self) -> None:
+        """Keep what is chosen, as if the user had chosen it."""
+        self._by_user = self.layer is not None
 
     def release(self) -> None:
         """Stop following the viewer."""
         for event in self._events:
             event.disconnect(self.refresh)
+        if self._follows_selection:
+            self._viewer.layers.events.inserting.disconnect(self._on_inserting)
+            self._viewer.layers.selection.events.active.disconnect(self._on_selection)
+
+    def _on_inserting(self) -> None:
+        self._has_new = True
+        QTimer.singleShot(0, self._on_inserted)
+
+    def _on_inserted(self) -> None:
+        self._has_new = False
+
+    def _on_selection(self) -> None:
+        if not self._has_new:
+            self._selected = self._viewer.layers.selection.active
+            self.refresh()
 
     def _best(self, offered: list[Layer]) -> Layer | None:
         suitable = [layer for layer in reversed(offered) if self._rank(layer)]
+        if self._selected in suitable:
+            return self._selected
         return max(suitable, key=lambda layer: self._rank(layer) or 0, default=None)
 
     def _on_activated(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +39,7 @@ class LayerForm(QWidget):
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.surface = LayerChoice(viewer, _surface_rank)
+        self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
         self.surface.setToolTip("A Labels layer, an Image layer and a threshold, or a Surface layer of triangles")
         self.label = LabelChoice()
@@ -79,7 +80,7 @@ class LayerForm(QWidget):
         self._show_row(self.label, isinstance(layer, Labels))
         self._show_row(self.threshold, isinstance(layer, Image))
         self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
-        self.sampled.reconsider()
+        self.sampled.refresh()
         if not self._depth_by_user:
             self.sample_depth.setValue(usual_depth(layer))
 
@@ -112,6 +113,7 @@ class LayerForm(QWidget):
         """Return the surface's layer."""
         if self.surface.layer is None:
             raise InputError("nothing to flatten: open a Labels, Image or Surface layer")
+        self.surface.keep()
         return self.surface.layer
 
     def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
@@ -152,13 +154,31 @@ class LayerForm(QWidget):
             part.release()
 
 
-def _surface_rank(layer: Layer) -> int | None:
-    """Say how well a layer suits to be flattened: cortex is measured on the white surface, or from it outwards."""
+def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
+    """Say how well a layer suits to be flattened: labels, then surfaces, then images.
+
+    A surface that belongs to another one in the list, as the pial surface to the white one, is not chosen unasked.
+    """
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
     if layer.ndim != 3:
         return 0
-    if not isinstance(layer, Surface):
-        return 1 if isinstance(layer, Image) else 3
+    if any(_is_of(layer, other) for other in viewer.layers):
+        return 0
+    if isinstance(layer, Surface):
+        return 2 if _is_partner(layer) else 3
+    return 4 if isinstance(layer, Labels) else 1
+
+
+def _is_partner(layer: Surface) -> bool:
+    """Tell whether a surface is hardly ever flattened itself: a pial, inflated or spherical one."""
     name = surface_name(layer)
-    return 2 if "pial" in name or is_elsewhere(name) else 3
+    return "pial" in name or is_elsewhere(name)
+
+
+def _is_of(layer: Layer | None, other: Layer) -> bool:
+    """Tell whether a layer is a pial, inflated or spherical surface, and another layer the surface it belongs to."""
+    if not isinstance(layer, Surface) or not isinstance(other, Surface) or not _is_partner(layer):
+        return False
+    is_same_mesh = len(other.vertices) == len(layer.vertices)
+    return is_same_mesh and "voxflat" not in other.metadata and not _is_partner(other)

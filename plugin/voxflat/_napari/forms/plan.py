@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from napari.layers import Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QLabel, QWidget
-from superqt.utils import FunctionWorker
 
+from voxflat._napari.errand import Errand
 from voxflat._napari.layers.volumes import finest
 from voxflat.surfaces.standard.sphere import sphere_at
 
@@ -24,11 +25,11 @@ _PAUSE = 300  # ms without a change before they are
 _SECONDS = 2e-4  # a point, on two cores (docs/decisions/0027)
 _BYTES = 6500.0  # a point
 _PARTS = {
-    "whole": "The whole surface",
-    "disk": "The disk of {radius:g} mm",
-    "polygon": "What the polygon encloses",
-    "mask": "What lies in the mask",
-    "values": "Where the values are not 0",
+    "whole": "the whole surface",
+    "disk": "the disk within {radius:g} mm of the seed point",
+    "polygon": "the region inside the polygon",
+    "mask": "the region inside the mask",
+    "values": "the region whose values are not 0",
 }
 
 
@@ -91,7 +92,7 @@ class Plan(QLabel):
         asked = self._asked
         if asked is None or not isinstance(finest(asked.layer), np.ndarray) or finest(asked.layer).size > _COUNTED:
             return
-        worker = FunctionWorker(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted)
+        worker = Errand(partial(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted))
         worker.returned.connect(self._on_counted)
         worker.start()
 
@@ -117,36 +118,34 @@ class Plan(QLabel):
 
 def _steps(asked: _Asked) -> list[str]:
     """Return in sentences what will be done."""
+    part = _PARTS[asked.part].format(radius=asked.radius)
     if asked.method == "grossmann2002":
-        return [f"{_PARTS[asked.part].format(radius=asked.radius)}, over its voxels; it must be open."]
-    told = [_PARTS[asked.part].format(radius=asked.radius)]
-    if isinstance(asked.layer, Surface):
-        if asked.has_pial:
-            told.append("distances midway to the pial surface")
-    elif asked.part == "whole":
-        told.append("of its largest component")
-    sentences = [f"{', '.join(told)}."]
-    if not isinstance(asked.layer, Surface):
-        sentences.append("Handles are closed where that changes at most 1\u00a0% of the voxels.")
+        return [f"Flattens {part} over its voxels. The surface must be open."]
+    is_mesh = isinstance(asked.layer, Surface)
+    told = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
+    if is_mesh and asked.has_pial:
+        told.append("Distances are measured midway to the pial surface.")
+    if not is_mesh:
+        told.append("Repairs topology if that changes at most 1\u00a0% of the voxels.")
     if asked.goes_on:
-        sentences.append("It goes on from the map that is shown.")
+        told.append("Starts from the map that is shown.")
     if asked.part == "whole":
-        sentences.append(_cutting(asked))
-    return sentences
+        told.append(_cutting(asked))
+    return told
 
 
 def _cutting(asked: _Asked) -> str:
     if asked.goes_on and asked.cuts is None:
-        return "What that covers is flattened, cut as it is."
+        return "Keeps its cuts."
     if asked.cuts == "drawn":
-        return "It is cut as drawn, and further only if that does not open it."
+        return "Cuts along the drawn lines, and automatically if these do not open the surface."
     if asked.cuts == "standard":
-        return "Closed, it is opened along standard cuts, found by its folds if there is no sphere."
+        return "Opens a closed surface along standard cuts, which are located by its folds if it has no sphere."
     path = getattr(asked.layer.source, "path", None)
     sphere = sphere_at(path) if path and isinstance(asked.layer, Surface) and asked.cuts is None else None
     if sphere is not None:
-        return f"Closed, it is opened along standard cuts, by {sphere.name}."
-    return "Closed, it is opened along automatic cuts."
+        return f"Opens a closed surface along standard cuts, located by {sphere.name}."
+    return "Opens a closed surface along automatic cuts."
 
 
 def _expected(asked: _Asked, count: int | None) -> list[str]:
@@ -154,9 +153,9 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
         return []
     points = f"{float(f'{count:.2g}'):,.0f}\u00a0points"
     if asked.method != "voxflat" or asked.part != "whole":
-        return [f"The whole has about {points}."]
+        return [f"The whole surface has about {points}."]
     seconds, gigabytes = count * _SECONDS, count * _BYTES / 1e9
-    return [f"About {points}, {_about(seconds)}\u00a0s, {_about(gigabytes)}\u00a0GB of memory."]
+    return [f"About {points}: some {_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory."]
 
 
 def _about(value: float) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.layers import Labels, Points, Shapes, Surface
 from numpy.typing import NDArray
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox, QWidget
 
 from voxflat._napari.forms.fields import choice, offer, spin
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from napari.layers import Layer
 
 _RADIUS = 45.0  # mm, as README's
-_METHODS = {name: f"{name}: {method.summary}" for name, method in METHODS.items()}
+_METHODS = {name: name for name in METHODS}  # the summary of each is its tooltip: it is longer than the box
 _OVER_VOXELS = "grossmann2002"  # which takes no mesh
 _PARTS = {
     "whole": "whole surface",
@@ -95,7 +96,7 @@ class SurfaceForm(LayerForm):
     def _make_fields(self, viewer: Viewer) -> None:
         self.method = choice(
             _METHODS,
-            "By default over triangles, which keep apart what only touches; the others are the papers' methods",
+            "How the surface is flattened: voxflat's own method, or the method of a paper",
         )
         self.pial = LayerChoice(viewer, self._pial_rank, none="none: distances on the surface itself")
         self.pial.setToolTip("Of a white surface its pial one: distances are then measured midway between them")
@@ -131,10 +132,12 @@ class SurfaceForm(LayerForm):
         layer = self.surface.layer
         is_mesh = isinstance(layer, Surface)
         offer(self.method, _METHODS, _OVER_VOXELS, not is_mesh)
+        for name, method in METHODS.items():
+            self.method.setItemData(self.method.findData(name), method.summary, Qt.ItemDataRole.ToolTipRole)
         offer(self.patch, _PARTS, "values", is_mesh)
         offer(self.patch, _PARTS, "mask", not is_mesh)
-        self.pial.reconsider()
-        self.masked_by.reconsider()
+        self.pial.refresh()
+        self.masked_by.refresh()
         self._show_row(self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
         self.options.offer_drawn(self._workbench.cuts_of(layer))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from napari.qt.threading import WorkerBase
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+
+from voxflat._napari.errand import Errand
 
 
 class Latest(QObject):
@@ -26,7 +27,7 @@ class Latest(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._worker: _Errand | None = None
+        self._worker: Errand | None = None
         self._next: Callable[[], Any] | None = None
 
     @property
@@ -42,7 +43,7 @@ class Latest(QObject):
         if self._worker is not None:
             self._next = work
             return
-        self._worker = worker = _Errand(work)
+        self._worker = worker = Errand(work)
         worker.returned.connect(self._on_returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
@@ -74,15 +75,3 @@ class Latest(QObject):
         work, self._next = self._next, None
         if work is not None:
             self.ask(work)
-
-
-class _Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
-    """Calls a function in a thread of Qt's pool."""
-
-    def __init__(self, work: Callable[[], Any]) -> None:
-        super().__init__()
-        self._work = work
-
-    def work(self) -> Any:
-        """Call it; called by the thread."""
-        return self._work()
