@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,8 @@ from triangle_meshes import bump, square
 
 import voxflat
 from voxflat import cli
-from voxflat.io.provenance import described
+from voxflat.errors import InputError
+from voxflat.io.provenance import described, portable
 from voxflat.io.volumes import write_volume
 
 nib = pytest.importorskip("nibabel")
@@ -285,6 +287,46 @@ def test_other_results_have_records(folder):
     textured = told("texture", "m.npz", "bricks.png", "-o", "t.obj")
     assert json.loads(Image.open("t.png").text["Provenance"]) == textured["provenance"]
     assert textured["provenance"]["files"] == {name: sha256(name) for name in ("m.npz", "bricks.png")}
+
+
+def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
+    """Whatever is written, and whatever the files were called by; two files of one name stay apart."""
+    secret = tmp_path / "secret project"
+    (secret / "a").mkdir(parents=True)
+    (secret / "b").mkdir()
+    for name in ("a", "b"):
+        shutil.copy("lh.white", secret / name / "lh.white")
+    with (secret / "b" / "lh.white").open("ab") as file:
+        file.write(b" ")
+    np.savetxt(secret / "values.txt", np.arange(169.0))
+    surface = voxflat.surface(secret / "a" / "lh.white")
+    voxflat.surface(str(secret / "b" / "lh.white"))
+    made = surface.cut("automatic", relax=False)
+    made.save("cuts.json")
+    flat_map = made.flatten(voxflat.methods.Voxflat(sources=20))
+    for name in ("m.npz", "m.surf.gii", "m.vtp"):
+        flat_map.save(name, sidecar=True)
+    image = flat_map.image(str(secret / "values.txt"))
+    for name in ("i.png", "i.nii", "i.tif", "i.npy"):
+        image.save(name, sidecar=True)
+    voxflat.figures.save(flat_map.plot(secret / "values.txt"), "f.png")
+    surface.patches(count=2).save("atlas.npz")
+    written = [path for path in Path().iterdir() if path.suffix not in (".white",)]
+    assert len(written) > 14
+    for path in written:
+        data = path.read_bytes() if path.is_file() else b""
+        if path.suffix == ".npz":
+            data = b"".join(bytes(array) for array in np.load(path).values())
+        assert b"secret" not in data
+        assert "secret".encode("utf-32-le") not in data  # as numpy stores text
+    loaded = voxflat.load("m.npz")
+    with pytest.raises(InputError, match="is an input"):
+        loaded.save(secret / "a" / "lh.white")
+    two = portable({"files": {str(secret / name / "lh.white"): name for name in "ab"}})
+    assert two == {"files": {"lh.white": "a", "lh.white (2)": "b"}}
+    monkeypatch.setenv("VOXFLAT_KEEP_PATHS", "1")
+    flat_map.save("kept.npz")
+    assert str(secret / "a" / "lh.white") in json.dumps(voxflat.load("kept.npz").provenance)
 
 
 def test_arrays_are_told_by_their_hash(folder):

@@ -15,6 +15,7 @@ from PIL import Image
 import voxflat
 from voxflat import cli
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.provenance import portable
 
 SIZE, COUNT = 13, 169
 NAMES = ("rest", "2BK-0BK", "3")
@@ -318,7 +319,7 @@ class TestStackFiles:
             np.testing.assert_array_equal(image.get_fdata()[:, :, 0, k], one.data.astype(np.float32))
         (extension,) = image.header.extensions
         told = json.loads(extension.get_content())
-        assert told == {"names": list(NAMES), "provenance": stack.provenance}
+        assert told == {"names": list(NAMES), "provenance": portable(stack.provenance)}
         stack[0].save(tmp_path / "one.nii")
         np.testing.assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
 

@@ -15,6 +15,7 @@ from voxflat import cli
 from voxflat.io import Volume
 from voxflat.io.channels import Timing
 from voxflat.io.meshes import Mesh
+from voxflat.io.provenance import portable
 from voxflat.maps.sampling import Mixing
 
 COUNT, SIZE = 5, 60
@@ -284,7 +285,7 @@ def test_zarr_reads_axes_and_units(series, tmp_path):
         assert (scale[0], shift[0]) == (1.5, 3.0)
         at = np.array(scale[-2:]) * (7, 11) + shift[-2:]  # of row 7, column 11: y = −v, x = u
         np.testing.assert_allclose((at[1], -at[0]), (stack[0].affine @ (7, 11, 0, 1))[:2])
-        assert group.attrs["voxflat"]["provenance"] == stack.provenance
+        assert group.attrs["voxflat"]["provenance"] == portable(stack.provenance)
         assert len([path for path in tmp_path.iterdir() if path.name.startswith(".")]) == 0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +32,7 @@ from voxflat.io.files import (
 )
 from voxflat.io.grid import FARTHEST
 from voxflat.io.notebook import page
-from voxflat.io.provenance import Record, saving
+from voxflat.io.provenance import Record, as_text, saving
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
@@ -388,7 +387,7 @@ class Atlas(FlatPieces, ABC):
             atomic_path(path) as temporary,
             temporary.open("wb") as file,
         ):
-            np.savez_compressed(file, text=np.array(json.dumps(text, allow_nan=False)), **arrays)
+            np.savez_compressed(file, text=np.array(as_text(text)), **arrays)
 
     @abstractmethod
     def _text(self) -> dict[str, Any]:

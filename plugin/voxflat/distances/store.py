@@ -27,7 +27,7 @@ from voxflat.io.files import (
     save_array,
     temporary_beside,
 )
-from voxflat.io.provenance import Record
+from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")
@@ -129,7 +129,7 @@ def read_description(path: Path) -> dict[str, Any]:
 def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
     """Keep in a store what made its rows."""
     with atomic_path(Path(path) / "provenance.json") as temporary:
-        temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8")
 
 
 def read_provenance(path: Path) -> Record:

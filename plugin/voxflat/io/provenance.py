@@ -16,6 +16,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
+from itertools import count
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar
@@ -26,7 +27,7 @@ from voxflat._core import __version__
 from voxflat.arguments import checked_path, checked_switch, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.reading import reading
+from voxflat.io.reading import hash_of, reading
 
 __all__ = [
     "Record",
@@ -34,6 +35,7 @@ __all__ = [
     "check_beside",
     "check_not_read",
     "described",
+    "portable",
     "resolved",
     "saving",
     "sidecar_of",
@@ -45,6 +47,7 @@ Record = dict[str, Any]
 
 _UNTOLD = ("progress", "threads", "memory_limit", "dask")  # what changes no bit of a result
 _MARKED = 4096  # bytes at the beginning of a file of ours, in which it says so
+_LONGEST_PATH = 4096  # characters
 _SHOWN = 32  # numbers of an array that are told one by one
 
 _Given = ParamSpec("_Given")
@@ -152,19 +155,64 @@ def _digest(array: np.ndarray[Any, Any]) -> Any:
     return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
-def as_text(record: Record) -> str:
-    """Return a record as JSON, on one line."""
+KEEP_PATHS = "VOXFLAT_KEEP_PATHS"
+"""The variable of the environment that, set to 1, keeps paths in files."""
+
+
+def portable(content: Any) -> Any:
+    """Return what is written into a file: file names instead of paths, which would tell names of people and projects.
+
+    `content`: what JSON can hold. Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
+    """
+    if os.environ.get(KEEP_PATHS) == "1":
+        return content
+    names: dict[str, str] = {}
+    for path in sorted(_paths(content), key=lambda path: (len(path), path)):
+        name, taken = os.path.basename(path.rstrip("/\\")) or path, set(names.values())
+        numbered = (f"{name} ({n})" for n in count(2))
+        names[path] = name if name not in taken else next(one for one in numbered if one not in taken)
+    return _renamed(content, sorted(names.items(), key=lambda item: -len(item[0])))
+
+
+def _paths(content: Any) -> set[str]:
+    """Return all paths that are more than a name."""
+    if isinstance(content, str):
+        is_path = len(content) < _LONGEST_PATH and "\n" not in content and os.path.basename(content) != content
+        return {content} if is_path and (os.path.isabs(content) or os.path.exists(content)) else set()
+    if isinstance(content, list | tuple):
+        return set().union(*map(_paths, content))
+    if not isinstance(content, dict):
+        return set()
+    found = set().union(*map(_paths, content.values()))
+    files = content.get("files")
+    return found | ({path for path in files if os.path.basename(path) != path} if isinstance(files, dict) else set())
+
+
+def _renamed(content: Any, names: list[tuple[str, str]]) -> Any:
+    if isinstance(content, str):
+        for path, name in names:
+            content = content.replace(path, name)
+        return content
+    if isinstance(content, list | tuple):
+        return [_renamed(item, names) for item in content]
+    if isinstance(content, dict):
+        return {_renamed(key, names): _renamed(value, names) for key, value in content.items()}
+    return content
+
+
+def as_text(record: Record, indent: int | None = None) -> str:
+    """Return a record as JSON, without paths."""
     try:
-        return json.dumps(record, allow_nan=False)
+        return json.dumps(portable(record), indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"the record is {shown(record)}, which JSON cannot hold: {error}") from error
 
 
-def _files(record: object) -> Iterator[str]:
-    """Go through the paths of all files that a record, and the records in it, name."""
+def _files(record: object) -> Iterator[tuple[str, str]]:
+    """Go through the paths and hashes of all files that a record, and the records in it, name."""
     if isinstance(record, dict):
         files = record.get("files")
-        yield from files if isinstance(files, dict) else ()
+        yield from files.items() if isinstance(files, dict) else ()
         for value in record.values():
             yield from _files(value)
 
@@ -175,10 +223,12 @@ def check_not_read(path: Path, record: Record) -> None:
     `path`: where it is to be written. `record`: the result's. Raises InputError if it is one of its files, by this name
     or another.
     """
-    if path.exists():
-        for name in _files(record):
-            if os.path.exists(name) and path.samefile(name):
-                raise InputError(f"cannot write {path}: it is an input ({name}); choose another name")
+    if not path.exists():
+        return
+    for name, digest in _files(record):
+        is_same = os.path.exists(name) and path.samefile(name)
+        if is_same or (path.name == os.path.basename(name) and path.is_file() and digest == hash_of(path)):
+            raise InputError(f"cannot write {path}: it is an input ({name}); choose another name")
 
 
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
@@ -226,4 +276,4 @@ def saving(
     yield path
     if sidecar:
         with atomic_path(sidecar_of(path)) as temporary:
-            temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8")

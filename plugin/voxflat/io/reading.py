@@ -54,10 +54,13 @@ def note(path: str | os.PathLike[str]) -> None:
     """
     now = _now.get()
     if now is not None:
-        status = os.stat(path)
-        now.files[os.fspath(path)] = _sha256(
-            os.path.abspath(path), (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
-        )
+        now.files[os.fspath(path)] = hash_of(path)
+
+
+def hash_of(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits."""
+    status = os.stat(path)
+    return _sha256(os.path.abspath(path), (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns))
 
 
 @lru_cache(maxsize=256)

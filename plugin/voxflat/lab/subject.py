@@ -22,6 +22,7 @@ from voxflat.io.formats.freesurfer import read_annot
 from voxflat.io.formats.gifti import value_bytes
 from voxflat.io.meshes import is_mesh_name
 from voxflat.io.overlays import read_overlay
+from voxflat.io.provenance import portable
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import MEASURES, Results, read_record
@@ -261,5 +262,5 @@ def _told(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any
         "figures": flat_map.distortion.figures(),
         "warnings": [*metadata["warnings"], *doubts],
         "versions": {**metadata["versions"], "system": platform.system()},
-        "provenance": flat_map.provenance,
+        "provenance": portable(flat_map.provenance),
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 import os
 import textwrap
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from voxflat.arguments import Progress, checked_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
 from voxflat.io.files import atomic_directory, atomic_path, require, save_array
-from voxflat.io.provenance import Record, as_text
+from voxflat.io.provenance import Record, as_text, portable
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
@@ -270,7 +269,7 @@ def _write_nifti_series(
     if record:
         told["provenance"] = record
     if told:
-        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", json.dumps(told).encode()))
+        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", as_text(told).encode()))
     is_packed = path.name.lower().endswith(".gz")
     packed: Any = {"mode": "wb", "compresslevel": _GZIP_LEVEL, "mtime": 0}
     with path.open("wb") as plain, gzip.GzipFile(fileobj=plain, **packed) if is_packed else plain as file:
@@ -322,7 +321,7 @@ def _write_zarr(path: Path, stack: Stack, first: Image, values: Iterator[NDArray
     group.attrs["voxflat"] = {
         "affine": first.affine.tolist(),
         "names": list(_channel_names(stack)),
-        "provenance": record,
+        "provenance": portable(record),
     }
     array = zarr.open_array(
         str(path / "0"),

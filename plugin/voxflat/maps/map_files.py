@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from voxflat.io.files import (
     naming,
 )
 from voxflat.io.meshes import Mesh
-from voxflat.io.provenance import Record
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.io.spaces import Space
@@ -41,7 +40,7 @@ _FORMAT = 5
 
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
     """Write a map's arrays and what describes it to an archive, all of it or nothing."""
-    text = json.dumps({"format": _FORMAT, **description}, allow_nan=False)
+    text = as_text({"format": _FORMAT, **description})
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, metadata=np.array(text), **arrays)
 

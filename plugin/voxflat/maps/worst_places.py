@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +16,7 @@ from voxflat.arguments import (
 )
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.provenance import Record, saving
+from voxflat.io.provenance import Record, as_text, saving
 from voxflat.maps.flat_map import FlatMap
 
 __all__ = ["WORST_ENDINGS", "RelievingCut", "WorstPlace", "WorstPlaces", "area_changes"]
@@ -288,7 +287,7 @@ class WorstPlaces:
             content["drop"] = np.setdiff1d(np.arange(self.flat_map.metadata["vertices"]), self.flat_map.ids).tolist()
         content["provenance"] = self.provenance
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(json.dumps(content) + "\n", encoding="utf-8")
+            beside.write_text(as_text(content) + "\n", encoding="utf-8")
 
     def figures(self) -> dict[str, Any]:
         """Return all of it, without arrays of triangles, ready for JSON.
@@ -366,7 +365,7 @@ class WorstPlaces:
         if not name.endswith(WORST_ENDINGS):
             raise InputError(f"cannot save places as {checked_path(path).name}; give a name that ends in .json or .tsv")
         if name.endswith(".json"):
-            text = json.dumps({**self.figures(), "provenance": self.provenance}, allow_nan=False)
+            text = as_text({**self.figures(), "provenance": self.provenance})
         else:
             rows = [place.figures() for place in self.places]
             columns = list(rows[0] if rows else _NO_PLACE.figures())

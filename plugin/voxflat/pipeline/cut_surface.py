@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.notebook import page
-from voxflat.io.provenance import Record, saving, telling
+from voxflat.io.provenance import Record, as_text, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import How, Rows
@@ -269,7 +268,7 @@ class CutSurface(Generic[_Surface]):
         content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
         content["provenance"] = self.provenance
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(json.dumps(content) + "\n", encoding="utf-8")
+            beside.write_text(as_text(content) + "\n", encoding="utf-8")
 
     def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the cuts, and the border of what was left out, as a template that `cuts` of `flatten` takes.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass, field
 from functools import cache
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
-from voxflat.io.provenance import Record
+from voxflat.io.provenance import Record, as_text
 
 __all__ = [
     "SIDES",
@@ -128,7 +127,7 @@ class Template:
             "cuts": [{"name": line.name, "root": line.root, "line": _rounded(line.points)} for line in self.cuts],
             "provenance": self.provenance,
         }
-        return json.dumps(content, allow_nan=False) + "\n"
+        return as_text(content) + "\n"
 
 
 def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
