@@ -68,8 +68,8 @@ def test_no_file_directory_or_ending(tmp_path):
         read_volume(tmp_path / "none.nii")
     with pytest.raises(InputError, match="is a directory"):
         as_volume(str(tmp_path))
-    (tmp_path / "v.img").touch()
-    with pytest.raises(InputError, match=r"'.img' is unknown; .nii, "):
-        read_volume(tmp_path / "v.img")
+    (tmp_path / "v.jpg").touch()
+    with pytest.raises(InputError, match=r"'.jpg' is unknown; .nii, "):
+        read_volume(tmp_path / "v.jpg")
     assert issubclass(InputError, ValueError)
     assert issubclass(InputError, VoxflatError)

@@ -43,7 +43,7 @@ def test_a_known_lps_header(tmp_path):
         read_volume(tmp_path / "v.nrrd")
 
 
-def test_itk_formats_refuse_shear_units_and_unknown_types(tmp_path):
+def test_itk_formats_refuse_shear_and_unknown_types_and_convert_units(tmp_path):
     shear = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])
     for ending in (".nrrd", ".mha"):
         itk.imwrite(itk_image(values(), shear), str(tmp_path / f"s{ending}"))
@@ -51,13 +51,14 @@ def test_itk_formats_refuse_shear_units_and_unknown_types(tmp_path):
             read_volume(tmp_path / f"s{ending}")
     itk.imwrite(itk_image(values()), str(tmp_path / "v.mha"))
     itk.imwrite(itk_image(values()), str(tmp_path / "v.nrrd"))
+    affine = read_volume(tmp_path / "v.mha").affine
     content = (tmp_path / "v.mha").read_bytes()
     (tmp_path / "v.mha").write_bytes(content.replace(b"DimSize", b"DistanceUnits = um\nDimSize"))
     content = (tmp_path / "v.nrrd").read_bytes()
     (tmp_path / "v.nrrd").write_bytes(content.replace(b"endian", b'space units: "um" "um" "um"\nendian'))
+    in_mm = np.diag([1e-3, 1e-3, 1e-3, 1]) @ affine
     for name in ("v.mha", "v.nrrd"):
-        with pytest.raises(InputError, match="lengths are in um"):
-            read_volume(tmp_path / name)
+        np.testing.assert_allclose(read_volume(tmp_path / name).affine, in_mm)
     content = (tmp_path / "s.mha").read_bytes()
     (tmp_path / "s.mha").write_bytes(content.replace(b"MET_SHORT", b"MET_LONG_LONG"))
     with pytest.raises(InputError, match=r"s\.mha: .*not wrapped.*Convert.*int32") as error:

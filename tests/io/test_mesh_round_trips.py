@@ -200,7 +200,7 @@ def test_fsaverage5(tmp_path):
     points, faces = (array.data for array in nib.load(fsaverage5("white_left")).darrays)
     np.testing.assert_array_equal(white.points, points)
     np.testing.assert_array_equal(white.faces, faces)
-    assert (white.structure, pial.structure, flat.structure) == ("CortexLeft", "CortexLeft", None)
+    assert (white.structure, pial.structure, flat.structure) == ("CortexLeft",) * 3
     assert white.remarks == ()
     sulc = read_overlay(fsaverage5("sulc_left"), len(white.points))
     assert sulc.shape == (10242,)

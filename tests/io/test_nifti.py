@@ -117,15 +117,6 @@ def test_nifti_impossible_quaternion(tmp_path):
         read_volume(path)
 
 
-@pytest.mark.parametrize("code", [1, 3])
-def test_units_other_than_mm_are_refused(tmp_path, code):
-    path = save(tmp_path / "v.nii", values(), patch={123: np.uint8(code)})
-    with pytest.raises(InputError, match=r"lengths are in (meter|micron)"):
-        read_volume(path)
-    with pytest.raises(InputError, match="lengths are in"):
-        as_volume(nib.load(path))
-
-
 @pytest.mark.parametrize("extra", [(1,), (1, 1), (1, 1, 1)])
 def test_extra_axes_of_length_1_are_dropped(tmp_path, extra):
     data = values()

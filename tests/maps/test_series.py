@@ -183,15 +183,16 @@ def test_the_time_of_other_files(shells, tmp_path):
             flat.images(points, time_step=wrong)
 
 
-def test_other_lengths_than_mm_are_refused(shells, tmp_path):
+def test_other_lengths_than_mm_are_converted(shells, tmp_path, caplog):
     flat, data, affine = shells
-    path = nifti(tmp_path / "bold.nii", data, affine)
-    for code, unit in ((1, "meter"), (3, "micron")):
+    expected = flat.images(nifti(tmp_path / "bold.nii", data, affine))[0].data
+    for code, factor in ((1, 1e-3), (3, 1e3)):
+        path = nifti(tmp_path / "other.nii", data, np.diag([factor] * 3 + [1]) @ affine)
         raw = bytearray(path.read_bytes())
         raw[123] = code | 8
         path.write_bytes(raw)
-        with pytest.raises(voxflat.InputError, match=f"bold.nii: its lengths are in {unit}, by its header"):
-            flat.images(path)
+        np.testing.assert_allclose(flat.images(path)[0].data, expected, atol=1e-4)
+        assert "converted to mm" in caplog.text
 
 
 def test_milliseconds_that_are_called_seconds_are_doubted(shells, tmp_path, caplog):

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from voxflat.arguments import shown
 from voxflat.errors import InputError
 from voxflat.io.files import OF_DAMAGE, REMEDY, naming, nibabel_image
-from voxflat.io.grid import Affine, check_affine
-from voxflat.io.readers import check_length, check_unit
+from voxflat.io.grid import Affine, check_affine, in_millimetres
+from voxflat.io.readers import check_length
 from voxflat.io.reading import check_room, note
 
 __all__ = ["Channels", "Timing", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
@@ -162,8 +162,8 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     if len(shape) != 4 or is_colour or image.get_data_dtype().kind not in "iuf" or min(shape) < 1:
         return None
     _check_complete(path, image, 2 * math.prod(shape[:3]))
-    if hasattr(image.header, "get_xyzt_units"):
-        check_unit(image.header.get_xyzt_units()[0])
+    unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
+    affine = in_millimetres(check_affine(image.affine), unit)
     rest = (0,) * (len(image.shape) - 4)
 
     def frame(n: int) -> NDArray[Any]:
@@ -171,7 +171,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
         return np.asarray(image.dataobj[at])
 
     frames = Channels(("",) * shape[3], frame, _timing(image.header))
-    return frames.of_file(path), check_affine(image.affine)
+    return frames.of_file(path), affine
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:

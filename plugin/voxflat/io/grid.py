@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import numbers_of, shown
+from voxflat.arguments import log, numbers_of, shown
 from voxflat.errors import InputError
 
 Affine: TypeAlias = NDArray[np.float64]
@@ -102,3 +102,33 @@ def check_axes(shape: tuple[int, ...]) -> None:
     """Refuse axes that an index of 32 bits does not reach to the end of."""
     if max(shape) > _LONGEST:
         raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels: crop it, or copy it again")
+
+
+_MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
+_UNITS = {
+    "mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"),
+    "cm": ("cm", "centimeter"),
+    "m": ("m", "meter", "metre"),
+    "µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre"),
+    "nm": ("nm", "nanometer"),
+    "inch": ("inch", "in"),
+}
+
+
+def millimetres(unit: str) -> float:
+    """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
+    found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
+    if found is None:
+        raise InputError(
+            f"its lengths are in {unit!r}, which is no known unit: save it in mm, or give array and affine"
+        )
+    return _MILLIMETRES[found]
+
+
+def in_millimetres(affine: Affine, unit: str) -> Affine:
+    """Return an affine to a unit as one to mm, and log that lengths were converted."""
+    factor = millimetres(unit)
+    if factor == 1:
+        return affine
+    log.warning("lengths are in %s by the header; they were converted to mm", unit)
+    return np.asarray(np.diag([factor] * 3 + [1.0]) @ affine)

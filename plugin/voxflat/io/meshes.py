@@ -18,7 +18,7 @@ from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
-from voxflat.io.formats import freesurfer, gifti, obj, ply, stl, vtk
+from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, stl, vtk
 from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
@@ -29,7 +29,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 __all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "write_mesh"]
 
 
-_WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ)
+_WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ, formats.OFF, formats.GLB)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,9 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     Parameters
     ----------
     path : path
-        GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...), VTK
-        (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``. Without a known ending its content tells.
+        GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...; in
+        ASCII ``.asc``), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` and ``.glb``. Without a known
+        ending its content tells.
 
     Returns
     -------
@@ -222,6 +223,9 @@ READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
     formats.PLY: ply.read_ply,
     formats.STL: stl.read_stl,
     formats.OBJ: obj.read_obj,
+    formats.OFF: polygons.read_off,
+    formats.ASC: polygons.read_asc,
+    formats.GLB: polygons.read_glb,
 }
 
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.apart import apart
 from voxflat.io.files import by_ending, check_regular, nibabel_image, one_line, require
-from voxflat.io.grid import Affine, check_affine, volume_shape
+from voxflat.io.formats.tiff import read_tiff
+from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
 
 Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
@@ -132,6 +133,19 @@ def _read_by_nibabel(path: Path) -> Read:
     return from_nibabel(image)
 
 
+def _read_pair(path: Path) -> Read:
+    """Read an image of two files, Analyze or NIfTI."""
+    voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
+    if not voxels.is_file():
+        raise InputError(f"{voxels.name} is not beside it: an image of this format is two files, .hdr and .img")
+    image = nibabel_image(path, mmap=False)
+    _check_proxy(image)
+    stored = image.dataobj
+    check_length(voxels, stored.offset + int(np.prod(image.shape, dtype=object)) * stored.dtype.itemsize)
+    note(voxels)
+    return from_nibabel(image)
+
+
 def _read_nifti(path: Path) -> Read:
     with _opened(path) as file:
         head: bytes = file.read(_NIFTI1.itemsize)
@@ -146,6 +160,7 @@ def _read_nifti(path: Path) -> Read:
     # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
     check_length(path, needed)
     affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
+    affine = check_affine(in_millimetres(affine, _NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm")))
     return _nifti_voxels(path, header, shape), affine
 
 
@@ -221,6 +236,9 @@ _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 def has_place(path: Path) -> bool:
     """Tell whether the header of a file that could be read says where its voxels lie, not only how large they are."""
     name = path.name.lower()
+    if name.endswith((".hdr", ".img")):
+        header = path.with_suffix(".HDR" if path.suffix.isupper() else ".hdr").read_bytes()
+        return header[344:348] == b"ni1\0" and any(header[252:256])
     if not name.endswith((".nii", ".nii.gz", ".mgh", ".mgz")):
         return True
     with _opened(path) as file:
@@ -243,7 +261,6 @@ def _nifti_header(head: bytes) -> np.void:
             break
         header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
-            check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
             kind, bits = int(header["datatype"]), int(header["bitpix"])
             if _NIFTI_BITS.get(kind) != bits:
                 raise InputError(f"its voxels are of type {kind} and {bits} bits, which is none: its header is damaged")
@@ -292,22 +309,30 @@ def _read_nrrd(path: Path) -> Read:
     with path.open("rb") as file:
         head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
     separate = [_beside(path, line) for line in re.findall(rb"(?mi)^data ?file:(.*)$", head)]
-    for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
-        for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
-            check_unit(unit)
+    lines = re.findall(rb"(?m)^(?:space )?units:(.*)$", head)
+    units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
+    if len({millimetres(unit) for unit in units}) > 1:
+        raise InputError(f"its axes have different units, {', '.join(sorted(units))}: give array and spacing")
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
         raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
-    return _by_itk(path, *separate)
+    return _converted(_by_itk(path, *separate), units.pop() if units else "mm")
+
+
+def _converted(found: Read, unit: str) -> Read:
+    voxels, affine = found
+    return voxels, None if affine is None else in_millimetres(affine, unit)
 
 
 def _read_metaimage(path: Path) -> Read:
     with path.open("rb") as file:
         fields, start = _metaimage_header(file.read(_BLOCK))
-    check_unit(fields.get(b"DistanceUnits", b"").decode("latin1"))
+    unit = fields.get(b"DistanceUnits", b"").decode("latin1")
+    millimetres(unit)  # an unknown one is told before voxels are read
     named = fields[b"ElementDataFile"]
     separate = [] if named == b"LOCAL" else [_beside(path, named)]
     is_packed = fields.get(b"CompressedData", b"").lower() in (b"true", b"1")
-    return _by_itk(path, *separate, packed_from=(0 if separate else start) if is_packed else None)
+    found = _by_itk(path, *separate, packed_from=(0 if separate else start) if is_packed else None)
+    return _converted(found, unit)
 
 
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
@@ -353,12 +378,6 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
         raise InputError("ends too early: copy or download it again")
 
 
-def check_unit(unit: str) -> None:
-    """Refuse lengths that the header says are not mm."""
-    if unit not in ("", "mm", "?", "???", "unknown"):
-        raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
-
-
 def _opened(path: Path) -> Any:
     """Open a file that may be gzipped, for reading bytes."""
     opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
@@ -391,13 +410,13 @@ def _check_beyond(size: int, needed: int) -> None:
 def from_nibabel(image: Any) -> Read:
     """Return voxels and affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
-    if hasattr(image.header, "get_xyzt_units"):
-        check_unit(image.header.get_xyzt_units()[0])
+    unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
+    millimetres(unit)  # an unknown one is told before voxels are read
     _check_proxy(image)
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32
         voxels = np.stack([voxels[name] for name in voxels.dtype.names], axis=-1)
-    return voxels, check_affine(image.affine)
+    return voxels, check_affine(in_millimetres(check_affine(image.affine), unit))
 
 
 def _check_proxy(image: Any) -> None:
@@ -470,4 +489,8 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".mgz": _read_mgh,
     ".npy": _read_npy,
     ".npz": _read_npz,
+    ".hdr": _read_pair,
+    ".img": _read_pair,
+    ".tif": read_tiff,
+    ".tiff": read_tiff,
 }

@@ -238,7 +238,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         data = read_array(path)
         note(path)
         return data, None
-    if name.endswith(VOLUME_ENDINGS):
+    if name.endswith(VOLUME_ENDINGS) and not name.endswith((".tif", ".tiff")):  # a picture here
         volume = as_volume(path)
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]

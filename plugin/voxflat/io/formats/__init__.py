@@ -8,8 +8,10 @@ from voxflat.io.formats import freesurfer, gifti
 from voxflat.io.formats.stl import is_binary_stl
 
 GIFTI, FREESURFER, VTK, VTP, PLY, STL, OBJ = "GIFTI", "FreeSurfer surface", "VTK", "VTP", "PLY", "STL", "OBJ"
+OFF, ASC, GLB = "OFF", "FreeSurfer ASCII surface", "GLB"
 PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
+ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
 HINTS = {PATCH: "read_patch reads it", MORPH: "read_overlay reads it", "FreeSurfer label": "read_region reads it"}
 """What to do with a file that is no surface."""
 
@@ -44,5 +46,8 @@ _MAGIC = {
     b"ply\r": PLY,
     b"# vtk DataFile": VTK,
     b"#!ascii label": "FreeSurfer label",
+    b"#!ascii version": ASC,
+    b"glTF": GLB,
+    b"OFF": OFF,
     b"\x93NUMPY": "a NumPy array",
 }

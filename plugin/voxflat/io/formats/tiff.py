@@ -1,0 +1,91 @@
+"""TIFF stacks: plain ones, ImageJ's and OME-TIFF, read by tifffile."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import require
+from voxflat.io.grid import Affine, millimetres
+from voxflat.io.reading import check_room
+
+_PAGES = "ZQI"  # how tifffile calls an axis of pages: of depth, or of what nobody says
+
+
+def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
+    """Return the voxels of a stack, (x, y, z) or with colours (x, y, z, 3), and their affine to mm.
+
+    x grows to the right of a page, y downwards, z from page to page. The affine is None if the file has no voxel sizes.
+    Raises InputError if the file holds several channels, times or positions.
+    """
+    with require("tifffile").TiffFile(path) as file:
+        series = file.series[0]
+        shape = dict(zip(series.axes, series.shape, strict=True))
+        check_room(2 * int(np.prod(series.shape, dtype=object)) * np.dtype(series.dtype).itemsize)
+        pages = [axis for axis in series.axes if axis in _PAGES and shape[axis] > 1]
+        others = [
+            f"{shape[axis]} along {axis}" for axis in series.axes if axis not in "XYS" + _PAGES and shape[axis] > 1
+        ]
+        if others or len(pages) > 1:
+            found = ", ".join([*others, *(f"{shape[axis]} along {axis}" for axis in pages[1:])])
+            raise InputError(
+                f"holds more than one volume ({found}): save one channel and one time as a TIFF of its own"
+            )
+        data = series.asarray()
+        sizes = _ome_sizes(file.ome_metadata) or _imagej_sizes(file, "Z" in shape or bool(pages))
+    depth = pages[0] if pages else ""
+    kept = [axis for axis in series.axes if axis in "XY" or axis == depth or (axis == "S" and shape["S"] in (3, 4))]
+    data = data.reshape([shape[axis] for axis in kept])
+    if not depth:
+        kept, data = ["one", *kept], data[None]
+    order = [kept.index(axis) for axis in ("X", "Y", depth or "one", "S") if axis in kept]
+    return data.transpose(order), None if sizes is None else np.diag([*sizes, 1.0])
+
+
+def _ome_sizes(text: str | None) -> list[float] | None:
+    """Return voxel sizes along x, y, z in mm by OME-XML."""
+    if not text:
+        return None
+    sizes: list[float] = []
+    for axis in "XYZ":
+        size = re.search(rf'\bPhysicalSize{axis}="([^"]+)"', text)
+        unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text)
+        if size is None:
+            if axis == "Z" and sizes:
+                sizes.append(sizes[0])
+                break
+            return None
+        sizes.append(_size(size[1], unit[1] if unit else "µm"))
+    return sizes
+
+
+def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
+    """Return voxel sizes along x, y, z in mm by ImageJ's tags."""
+    told = file.imagej_metadata
+    if not told or not told.get("unit") or told["unit"] in ("pixel", "pixels"):
+        return None
+    tags, unit = file.pages[0].tags, str(told["unit"]).encode().decode("unicode_escape")
+    across = []
+    for name in ("XResolution", "YResolution"):
+        if name not in tags or not tags[name].value[0]:
+            return None
+        number, whole = tags[name].value
+        across.append(_size(str(whole / number), unit))
+    if is_deep and not told.get("spacing"):
+        raise InputError("says how large its pixels are, and not how far apart its slices: pass spacing for the array")
+    return [*across, _size(str(told.get("spacing", whole / number)), unit)]
+
+
+def _size(text: str, unit: str) -> float:
+    try:
+        size = abs(float(text)) * millimetres(unit)
+    except ValueError:
+        size = 0.0
+    if not 0 < size < np.inf:
+        raise InputError(f"its voxel size is {text} {unit}: give a positive one")
+    return size

@@ -1,0 +1,160 @@
+"""Formats that others write: TIFF stacks, Analyze, OFF, GLB, FreeSurfer's ASCII; and lengths that are not in mm."""
+
+import nibabel as nib
+import numpy as np
+import pytest
+import tifffile
+import trimesh
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+from voxflat.errors import InputError
+from voxflat.io import read_mesh, read_volume
+
+HILL = voxflat.samples.hill()
+POINTS, FACES = HILL.points, HILL.faces.astype(np.int64)
+STACK = np.random.default_rng(0).integers(0, 900, (5, 6, 7)).astype(np.uint16)  # z, y, x
+
+
+def read_or_refuse(read, path):
+    """Read a damaged file, or have it refused in one line."""
+    told = ""
+    try:
+        read(path)
+    except InputError as refused:
+        told = str(refused)
+    assert "\n" not in told
+
+
+def write_asc(path):
+    rows = [f"{x:.6f}  {y:.6f}  {z:.6f}  0" for x, y, z in POINTS] + [f"{a} {b} {c} 0" for a, b, c in FACES]
+    path.write_text("\n".join(["#!ascii version of lh.white", f"{len(POINTS)} {len(FACES)}", *rows]) + "\n")
+
+
+def write_off(path):
+    path.write_text(trimesh.exchange.off.export_off(trimesh.Trimesh(POINTS, FACES, process=False)))
+
+
+def write_glb(path):
+    trimesh.Trimesh(POINTS, FACES, process=False).export(path)
+
+
+WRITERS = {"hill.asc": write_asc, "hill.off": write_off, "hill.glb": write_glb}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_surface_is_read_as_it_was_written(tmp_path, name):
+    WRITERS[name](tmp_path / name)
+    mesh = read_mesh(tmp_path / name)
+    np.testing.assert_allclose(mesh.points, POINTS, atol=1e-5)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+    assert len(voxflat.surface(tmp_path / name)) == len(POINTS)
+    (tmp_path / "without an ending").write_bytes((tmp_path / name).read_bytes())
+    assert len(read_mesh(tmp_path / "without an ending").faces) == len(FACES)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_damaged_surface_ends_in_one_line(tmp_path, name):
+    path = tmp_path / name
+    WRITERS[name](path)
+    whole = path.read_bytes()
+    for length in [*range(0, 60, 7), *np.linspace(60, len(whole) - 40, 20).astype(int)]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError) as refused:
+            read_mesh(path)
+        assert "\n" not in str(refused.value)
+        assert name in str(refused.value)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, len(whole), 3):
+            damaged[at] = rng.integers(256)
+        path.write_bytes(damaged)
+        read_or_refuse(read_mesh, path)
+
+
+def test_polygons_of_off_are_cut(tmp_path):
+    (tmp_path / "quad.off").write_text("OFF\n# of four corners\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3 255 0 0\n")
+    assert len(read_mesh(tmp_path / "quad.off").faces) == 2
+
+
+# ------------------------------------------------------------------------------------------ volumes
+
+
+def test_tiff_stacks_are_volumes_in_mm(tmp_path):
+    tifffile.imwrite(tmp_path / "plain.tif", STACK, photometric="minisblack")
+    tifffile.imwrite(
+        tmp_path / "imagej.tif",
+        STACK,
+        imagej=True,
+        resolution=(1 / 0.5, 1 / 0.25),
+        metadata={"spacing": 2.0, "unit": "um", "axes": "ZYX"},
+    )
+    sizes = {f"PhysicalSize{axis}": size for axis, size in zip("XYZ", (0.5, 0.25, 2.0), strict=True)}
+    units = {f"PhysicalSize{axis}Unit": "µm" for axis in "XYZ"}
+    tifffile.imwrite(tmp_path / "stack.ome.tif", STACK, metadata={"axes": "ZYX", **sizes, **units})
+    for name in ("plain.tif", "imagej.tif", "stack.ome.tif"):
+        volume = read_volume(tmp_path / name)
+        np.testing.assert_array_equal(volume.data, STACK.T)
+        assert volume.is_placed == (name != "plain.tif")
+        if volume.is_placed:
+            np.testing.assert_allclose(np.diag(volume.affine), [0.0005, 0.00025, 0.002, 1], rtol=1e-5)
+    surface = voxflat.surface(tmp_path / "plain.tif", threshold=450, spacing=(0.5, 0.25, 2.0))
+    assert surface.is_voxels
+    done = CliRunner().invoke(cli.main, ["check", str(tmp_path / "imagej.tif"), "--threshold", "450"])
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize(
+    ("axes", "shape"), [("CZYX", (2, 5, 6, 7)), ("TZYX", (3, 5, 6, 7)), ("TZCYX", (3, 5, 2, 6, 7))]
+)
+def test_a_stack_of_several_volumes_is_refused(tmp_path, axes, shape):
+    tifffile.imwrite(tmp_path / "s.ome.tif", np.zeros(shape, np.uint8), metadata={"axes": axes})
+    with pytest.raises(InputError, match=r"s.ome.tif: holds more than one volume \([23] along"):
+        read_volume(tmp_path / "s.ome.tif")
+
+
+def test_a_damaged_stack_ends_in_one_line(tmp_path):
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, STACK, imagej=True, metadata={"spacing": 2.0, "unit": "um"}, resolution=(2, 2))
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for n in range(80):
+        damaged = bytearray(whole[: rng.integers(0, len(whole))] if n % 2 else whole)
+        for at in rng.integers(0, max(1, min(len(damaged), 400)), 4):
+            damaged[at : at + 1] = bytes([rng.integers(256)])
+        path.write_bytes(damaged)
+        read_or_refuse(read_volume, path)
+
+
+@pytest.mark.parametrize("kind", [nib.Nifti1Pair, nib.AnalyzeImage])
+def test_images_of_two_files(tmp_path, kind):
+    image = kind(STACK.astype(np.int16), np.diag([1.0, 2, 3, 1]))
+    nib.save(image, tmp_path / "pair.img")
+    expected = nib.load(tmp_path / "pair.hdr")
+    for name in ("pair.img", "pair.hdr"):
+        volume = read_volume(tmp_path / name)
+        np.testing.assert_array_equal(volume.data, STACK)
+        np.testing.assert_array_equal(volume.affine, expected.affine)
+    whole = (tmp_path / "pair.img").read_bytes()
+    (tmp_path / "pair.img").write_bytes(whole[:-9])
+    with pytest.raises(InputError, match="ends after 411 of 420 bytes"):
+        read_volume(tmp_path / "pair.hdr")
+    (tmp_path / "pair.img").unlink()
+    with pytest.raises(InputError, match=r"pair.img is not beside it"):
+        read_volume(tmp_path / "pair.hdr")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("micron", 1e-3), ("meter", 1e3), ("mm", 1), ("unknown", 1)])
+@pytest.mark.parametrize("kind", [nib.Nifti1Image, nib.Nifti2Image])
+def test_lengths_of_nifti_become_mm_and_that_is_said(tmp_path, caplog, unit, factor, kind):
+    affine = np.diag([2.0, 3, 4, 1])
+    affine[:3, 3] = 5, 6, 7
+    image = kind(STACK, affine)
+    image.header.set_xyzt_units(unit)
+    nib.save(image, tmp_path / "v.nii.gz")
+    expected = affine * [[factor], [factor], [factor], [1]]
+    np.testing.assert_allclose(read_volume(tmp_path / "v.nii.gz").affine, expected)
+    np.testing.assert_allclose(voxflat.io.as_volume(image).affine, expected)
+    assert ("converted to mm" in caplog.text) == (factor != 1)
