@@ -99,7 +99,11 @@ def fsaverage5(side):
 
 
 def mni152_white_matter(side):
-    """Load a hemisphere's white matter from the MNI152 template, as `voxflat.demo.hemisphere` takes it out.
+    """Load a hemisphere's white matter from the MNI152 template.
+
+    The hemispheres are parted at x = 0 mm. The brain stem is cut through in one slice, z = -14 mm, so that the lower
+    stem and with it the cerebellum are not in the largest component. Ventricles and deep nuclei stay open, as in the
+    figures of the decisions, which `voxflat.hemisphere` fills.
 
     `side`, {"left", "right"}: hemisphere. Returns: `labels`, uint8 (197, 233, 189), 1 in white matter: one component
     under face adjacency; `affine`, float (4, 4), voxel indices to mm, RAS; voxels are 1 mm; `probability`, ndarray of
@@ -108,7 +112,14 @@ def mni152_white_matter(side):
     """
     check_side(side)
     white_matter, _, _ = demo.demo_cortex()
-    labels = demo.hemisphere(white_matter, side).data
+    affine, white = white_matter.affine, white_matter.data > demo.THRESHOLD
+    x, y, z = (affine[axis, 3] + affine[axis, axis] * np.arange(length) for axis, length in enumerate(white.shape))
+    white[x >= 0 if side == "left" else x <= 0] = False
+    white[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
+    components, _ = ndimage.label(white)
+    sizes = np.bincount(components.ravel())
+    sizes[0] = 0
+    labels = (components == sizes.argmax()).astype(np.uint8)
     probability = np.where((white_matter.data > demo.THRESHOLD) & (labels == 0), 0, white_matter.data)
     return labels, white_matter.affine, probability
 

@@ -178,7 +178,7 @@ def folds(made):
 
 def mni152(side):
     """Register MNI152's white matter, straight from the volume."""
-    whole = voxflat.surface(demo.hemisphere(demo.demo_cortex()[0], side), repair="voxels")
+    whole = voxflat.surface(voxflat.hemisphere(demo.demo_cortex()[0], side, threshold=demo.THRESHOLD), repair="voxels")
     start = time.perf_counter()
     made = whole.register()
     seconds = time.perf_counter() - start

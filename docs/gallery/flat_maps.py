@@ -27,7 +27,7 @@ def main(packages, output):
     """Draw all of them."""
     data = Path(find_spec("nilearn").origin).parent / "datasets" / "data"
     white_matter, t1, _ = demo.demo_cortex()
-    flat = voxflat.flatten(demo.hemisphere(white_matter), cuts="standard")
+    flat = voxflat.flatten(voxflat.hemisphere(white_matter, "left", threshold=demo.THRESHOLD), cuts="standard")
     draw(figures.flat_map(flat), output / "gallery_folds.png")
     label = "left against right button presses (z)"
     statistic = figures.Overlay(data / "image_10426.nii.gz", threshold=3, limits=(-8, 8), label=label)

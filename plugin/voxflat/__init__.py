@@ -38,6 +38,7 @@ from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.flatten import flatten
 from voxflat.pipeline.range_image import range_image
 from voxflat.pipeline.surface import Surface, surface
+from voxflat.surfaces.hemispheres import hemisphere
 
 __all__ = [
     "AreaBoundError",
@@ -55,6 +56,7 @@ __all__ = [
     "check",
     "compare",
     "flatten",
+    "hemisphere",
     "load",
     "load_atlas",
     "map_page",

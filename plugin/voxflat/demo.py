@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
@@ -17,11 +16,12 @@ from voxflat.io.files import require
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
+from voxflat.surfaces.hemispheres import hemisphere
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "hemisphere", "run"]
+__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "run"]
 
 THRESHOLD = 0.5
 """White matter is where its probability is greater."""
@@ -68,40 +68,6 @@ def _template(folder: Path, kind: str) -> Volume:
     return Volume(data / data.max(), image.affine)
 
 
-def hemisphere(white_matter: Volume, side: str = "left") -> Volume:
-    """Take a hemisphere out of the template's white matter, without cerebellum and brain stem.
-
-    The hemispheres are parted at x = 0 mm; the voxels there belong to neither. The brain stem is cut through at
-    z = -14 mm by taking out the voxels with abs(x) <= 20 mm and -45 < y < 0 mm in that one slice; the lower stem and
-    with it the cerebellum, which no other white matter joins to the hemisphere, are then not in the largest component.
-
-    Parameters
-    ----------
-    white_matter : Volume
-        The first volume of `demo_cortex`, shape (197, 233, 189).
-    side : {"left", "right"}
-        Hemisphere.
-
-    Returns
-    -------
-    Volume
-        uint8 of the same shape: 1 in white matter, one component under face adjacency.
-    """
-    x, y, z = (
-        offset + step * np.arange(length)
-        for offset, step, length in zip(
-            white_matter.affine[:3, 3], np.diag(white_matter.affine)[:3], white_matter.data.shape, strict=True
-        )
-    )
-    white = white_matter.data > THRESHOLD
-    white[x >= 0 if side == "left" else x <= 0] = False
-    white[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
-    components, _ = scipy.ndimage.label(white)
-    sizes = np.bincount(components.ravel())
-    sizes[0] = 0
-    return Volume((components == sizes.argmax()).astype(np.uint8), white_matter.affine)
-
-
 def run(output: Path, progress: Progress | None = None, tell: Callable[[str], None] = print) -> FlatMap:
     """Flatten the demo's hemisphere and write the map, its pictures and its figures.
 
@@ -130,8 +96,8 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     output.mkdir(parents=True, exist_ok=True)
     white_matter, t1, grey_matter = demo_cortex()
     start = time.perf_counter()
-    whole = surface(hemisphere(white_matter), repair="voxels", progress=progress)
-    flat_map = whole.flatten(progress=progress)
+    whole = surface(hemisphere(white_matter, "left", threshold=THRESHOLD), repair="voxels", progress=progress)
+    flat_map = whole.cut("standard", progress=progress).flatten(progress=progress)
     seconds = time.perf_counter() - start
     flat_map.save(output / "map.npz")
     pictures: dict[str, Callable[[Path], None]] = {
@@ -167,13 +133,12 @@ def _summary(flat_map: FlatMap, seconds: float) -> str:
     repair = metadata["repair"]
     triangles = flat_map.distortion.triangles
     assert triangles is not None
-    cut = sum(cut["length"] for cut in metadata["automatic_cuts"])
     return "\n".join(
         [
             "Left hemisphere of the MNI152 template, white matter > 0.5",
             f"{repair['handles']} handles were repaired: {len(repair['cut'])} voxels removed, "
             f"{len(repair['filled'])} added",
-            f"cut open along {len(metadata['automatic_cuts'])} paths, {cut:.0f} mm in all",
+            f"the medial wall was left out; standard cuts: {', '.join(metadata['cut_names'])}",
             f"{len(flat_map)} vertices flattened in {seconds:.0f} s from {metadata['sources']} sources, "
             f"{width:.0f} x {height:.0f} mm",
             f"{triangles.flipped} of {len(flat_map.faces)} triangles are turned over, "

@@ -153,7 +153,7 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     pytest.importorskip("nilearn")
     from napari.utils import progress
 
-    from voxflat.demo import demo_cortex, hemisphere
+    from voxflat.demo import THRESHOLD, demo_cortex
 
     viewer = make_napari_viewer()
     first = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")[1].form
@@ -167,8 +167,10 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     qtbot.waitUntil(lambda: not progress._all_instances, timeout=PATIENCE)
     white_matter, template, _ = demo_cortex()
     assert_array_equal(t1.data, template.data)
-    assert_array_equal(labels.data == labels.selected_label, hemisphere(white_matter).data)
-    assert_array_equal(labels.data == 2, hemisphere(white_matter, "right").data)
+    assert_array_equal(
+        labels.data == labels.selected_label, voxflat.hemisphere(white_matter, "left", threshold=THRESHOLD).data
+    )
+    assert_array_equal(labels.data == 2, voxflat.hemisphere(white_matter, "right", threshold=THRESHOLD).data)
     assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
     qtbot.waitUntil(lambda: viewer.layers.selection.active is labels, timeout=PATIENCE)
     qtbot.waitUntil(lambda: all(layer.visible for layer in viewer.layers), timeout=PATIENCE)

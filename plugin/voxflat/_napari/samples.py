@@ -57,7 +57,8 @@ class _Cortex:
 
         `progress`: as in `voxflat.flatten`.
         """
-        from voxflat.demo import THRESHOLD, demo_cortex, hemisphere
+        from voxflat.demo import THRESHOLD, demo_cortex
+        from voxflat.surfaces.hemispheres import hemisphere
 
         def tell(done: int) -> None:
             if progress("reading the template", done, 4) is False:
@@ -68,7 +69,7 @@ class _Cortex:
         tell(2)
         labels = np.where(white_matter.data > THRESHOLD, 3, 0).astype(np.uint8)
         for label, side in enumerate(("left", "right"), 1):
-            labels[hemisphere(white_matter, side).data > 0] = label
+            labels[hemisphere(white_matter, side, threshold=THRESHOLD).data > 0] = label
             tell(2 + label)
         place: dict[str, Any] = {"affine": white_matter.affine, "units": ("mm",) * 3}
         parts = {"index": range(len(PARTS)), "name": PARTS}

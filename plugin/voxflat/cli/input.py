@@ -9,6 +9,7 @@ from typing import Any
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.pipeline.surface import Surface, surface
+from voxflat.surfaces.hemispheres import hemisphere
 
 __all__ = ["part_of", "surface_of"]
 
@@ -17,9 +18,15 @@ _MAKING = ("label", "threshold", "spacing", "probability", "pial", "repair")
 
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
     """Make the surface of an input; the options that say how are taken out of what is given."""
-    how = {name: given.pop(name) for name in _MAKING}
+    how, side = {name: given.pop(name) for name in _MAKING}, given.pop("hemisphere")
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
-    return surface(input_, **how, **limits, progress=progress)
+    if side is None:
+        return surface(input_, **how, **limits, progress=progress)
+    for name in ("label", "probability", "pial"):
+        if how[name] is not None:
+            raise InputError(f"--{name} and --hemisphere cannot be combined: leave one of them out")
+    found = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"])
+    return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
 
 
 def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:

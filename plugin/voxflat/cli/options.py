@@ -216,6 +216,12 @@ making = section(
     "Input",
     option_of(surface, "label", type=int),
     option_of(surface, "threshold", type=float),
+    cloup.option(
+        "--hemisphere",
+        type=click.Choice(["left", "right"]),
+        help="Extract this hemisphere from the white matter, or segmentation, of a whole brain: without cerebellum and "
+        "brain stem, with ventricles and deep nuclei filled, repaired to a sphere.",
+    ),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
     option_of(surface, "pial", type=FILE, metavar="FILE"),

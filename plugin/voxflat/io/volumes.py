@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,8 @@ class Volume:
         The file it came from.
     is_placed : bool
         Whether its place was given; otherwise the affine is the identity for want of a better one.
+    provenance : dict or None
+        What made it, if voxflat did.
 
     Examples
     --------
@@ -55,6 +57,11 @@ class Volume:
     affine: Affine
     path: Path | None = None
     is_placed: bool = True
+    provenance: Record | None = None
+
+    def _with_provenance(self, record: Record) -> Volume:
+        """Return the same volume with a record of what made it."""
+        return replace(self, provenance=record)
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"

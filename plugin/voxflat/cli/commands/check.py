@@ -41,10 +41,10 @@ def command(input_: Path, as_json: bool, **given: Any) -> None:
     with bars() as shown:
         part = part_of(given, shown.progress)
         source: Path | Surface = input_
-        if any(given[name] is not None for name in ("pial", "probability", "repair")):
+        if any(given[name] is not None for name in ("pial", "probability", "repair", "hemisphere")):
             source = surface_of(input_, given, shown.progress)
         else:
-            del given["pial"], given["probability"], given["repair"]
+            del given["pial"], given["probability"], given["repair"], given["hemisphere"]
         findings = check(source, part=part, progress=shown.progress, **given)
     if as_json:
         print_json(json_ready(asdict(findings)))

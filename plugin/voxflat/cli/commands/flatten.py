@@ -22,6 +22,7 @@ from voxflat.pipeline.surface import Surface
     "flatten",
     epilog="""\b
 Examples:
+  voxflat flatten wm.nii.gz --hemisphere left -o lh.npz
   voxflat flatten labels.nii.gz --label 3 -o map.npz
   voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz
   voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz
@@ -49,13 +50,16 @@ def command(
 ) -> None:
     """Flatten a surface.
 
-    INPUT is a label or intensity volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .npy, .npz), or a mesh
-    (.surf.gii, FreeSurfer geometry such as lh.white, .vtk, .vtp, .ply, .stl, .obj, .off, .glb). Without --label and
-    --threshold a volume must have a single label. Unless a region is chosen the largest component is flattened. A
+    INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz),
+    or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb).
+    Without --label and --threshold a volume must have a single label. With --hemisphere the hemisphere is flattened
+    along standard cuts unless --cuts says otherwise. Unless a region is chosen the largest component is flattened. A
     surface that is not a disk is cut open, and a warning lists the cuts.
     """
     check_output(output, MAP_ENDINGS, sidecar=sidecar, overwrite=overwrite)
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
+    if given["hemisphere"] is not None and given["cuts"] is None:
+        given["cuts"] = "standard"
     with bars(quiet) as shown:
         choose = part_of(given, shown.progress)
         part = choose(surface_of(input_, given, shown.progress))

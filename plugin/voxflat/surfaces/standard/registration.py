@@ -141,8 +141,13 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     topology = whole.core.topology()
     if topology["handles"]:
         raise InputError(
-            f"the surface has {topology['handles']} handle(s), and a sphere has none: make it with repair='voxels' "
-            "(--repair voxels), or mend the mesh where it was made"
+            f"the surface has {topology['handles']} handle(s), and a sphere has none: "
+            + (
+                "extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair it with "
+                "repair='voxels' (--repair voxels)"
+                if whole.is_voxels
+                else "mend the mesh where it was made"
+            )
         )
     others = len(topology["components"]) - 1
     if not others:

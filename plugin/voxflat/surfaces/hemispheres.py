@@ -1,0 +1,380 @@
+"""A hemisphere's white matter out of that of a whole brain.
+
+A template of MNI152's white matter, parted into the hemispheres and the rest, is fitted to the brain by an affine
+transform. Each voxel of white matter belongs to the part that lies nearest in the template. What lies deep in the
+hemisphere, ventricles and deep nuclei, is filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import checked_choice, log, optional_number
+from voxflat.errors import InputError
+from voxflat.io.grid import Affine, voxel_size
+from voxflat.io.provenance import telling
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume
+
+_SIDES = ("left", "right")
+_STEP = 2.0  # mm, the voxels at which brains are compared
+_SMOOTH = (10.0, 5.0, 3.0)  # mm, from coarse to fine
+_SURE_OVERLAP = 0.75  # no further start is tried
+_STARTS = (-25.0, 25.0)  # degrees about each axis, beside no rotation
+_ITERATIONS = 40
+_LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # Dice, and the greatest stretch by the least: a ball has 0.57 and 2.3
+_NEAR = 0.1  # of what is filled: gaps around it are closed
+_CLOSED = 2.0  # mm, gaps between white matter and what is filled
+_SOFT = 1.5  # mm, of the borders between parts
+_ROOM = 24.0  # mm around the template, within which a brain has to lie
+_SLAB = 1 << 22  # voxels at a time
+_BINS = 256
+
+_WHITE_SHARE = 0.05  # of the labelled voxels that are white matter of each side in a segmentation: 0.16 is usual
+
+# FreeSurfer's aseg and SynthSeg: white matter, lateral ventricle, deep nuclei and what lies between them
+_ASEG = {
+    "left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78),
+    "right": (41, 43, 49, 50, 51, 52, 58, 60, 62, 63, 79),
+}
+_ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum: of the side where they lie
+
+
+@telling()
+def hemisphere(
+    source: object,
+    side: str,
+    *,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+) -> Volume:
+    """Extract the white matter of one hemisphere from that of a whole brain, ready to become a closed surface.
+
+    Cerebellum and brain stem are left out, and ventricles and deep nuclei are filled. The brain may lie anywhere, in
+    any orientation that its affine tells, rotated by up to some 30 degrees.
+
+    Parameters
+    ----------
+    source : ndarray, path, image object or Volume
+        A mask or probability of white matter, or a segmentation with the labels of FreeSurfer's aseg or of SynthSeg.
+    side : {"left", "right"}
+        The hemisphere.
+    threshold : float, optional
+        White matter is where values are greater. By default it is found by Otsu's method; a mask needs none.
+    spacing, affine
+        As in `voxflat.surface`.
+
+    Returns
+    -------
+    Volume
+        uint8, on the grid of the source: 1 in the hemisphere, one component under face adjacency.
+
+    Raises
+    ------
+    InputError
+        If the volume does not look like the white matter of a whole brain; the message says which step failed.
+
+    Examples
+    --------
+    >>> white_matter, _, _ = voxflat.demo.demo_cortex()
+    >>> left = voxflat.hemisphere(white_matter, "left")
+    >>> left.data.max()
+    1
+    """
+    checked_choice(side, "side", _SIDES)
+    volume = as_volume(source, spacing=spacing, affine=affine)
+    if volume.data.ndim != 3:
+        raise InputError(f"a hemisphere is taken out of a volume of values, and this one has {volume.data.ndim} axes")
+    if not volume.is_placed:
+        log.warning("the volume does not say where left is: its first axis is taken to grow to the right")
+    threshold = optional_number(threshold, "threshold")
+    found = _of_labels(volume, side) if threshold is None else None
+    if found is None:
+        white = _white_matter(volume, threshold)
+        found = _of_mask(white, volume, side)
+    if not found.any():
+        raise InputError(f"there is no white matter of the {side} hemisphere in the volume: is it cut off?")
+    mask = np.zeros(found.shape, dtype=np.uint8)
+    box = scipy.ndimage.find_objects(found.astype(np.uint8))[0]
+    mask[box] = _one_piece(found[box])
+    return Volume(mask, volume.affine, is_placed=volume.is_placed)
+
+
+def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the largest component of a mask, whose cavities are filled."""
+    filled = scipy.ndimage.binary_fill_holes(found)
+    components, _ = scipy.ndimage.label(filled)
+    sizes = np.bincount(components.ravel())
+    sizes[0] = 0
+    return np.asarray(components == sizes.argmax())
+
+
+def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
+    """Return where white matter is: above a threshold, which is found by Otsu's method if it is not given."""
+    data = volume.data
+    if data.dtype == np.bool_:
+        return np.asarray(data)
+    if threshold is None:
+        values = np.unique(data.ravel()[:: max(1, data.size // 100_000)])
+        threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
+        if len(values) > 2:
+            log.warning(
+                "white matter is taken where values are greater than %.4g; threshold= says otherwise", threshold
+            )
+    white = np.asarray(data > threshold)
+    if not white.any():
+        raise InputError(f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}")
+    return white
+
+
+def _otsu(data: NDArray[np.generic]) -> float:
+    """Return the threshold that parts values best in two, in the least sum of both variances (Otsu 1979)."""
+    values = data[np.isfinite(data)] if data.dtype.kind == "f" else data
+    counts, edges = np.histogram(values, _BINS)
+    middles = (edges[:-1] + edges[1:]) / 2
+    below = np.cumsum(counts)[:-1]
+    above = values.size - below
+    sums = np.cumsum(counts * middles)
+    with np.errstate(all="ignore"):
+        between = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
+    return float(edges[1:-1][np.nanargmax(between)])
+
+
+def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
+    """Return a hemisphere of a segmentation with FreeSurfer's labels; None if it is no such segmentation."""
+    data = volume.data
+    if data.dtype == np.bool_ or (data.dtype.kind == "f" and not np.all(data == np.round(data))):
+        return None
+    labelled = max(1, int(np.count_nonzero(data)))
+    if min(np.count_nonzero(data == white) for white in (2, 41)) < _WHITE_SHARE * labelled:  # a probability of 0 to 255
+        return None
+    of_side = np.isin(data, _ASEG[side])
+    both = np.isin(data, _ASEG_BOTH)
+    if both.any():
+        own, other = (np.isin(data, _ASEG[name]) for name in (side, *(name for name in _SIDES if name != side)))
+        of_side |= both & (scipy.ndimage.distance_transform_edt(~own) <= scipy.ndimage.distance_transform_edt(~other))
+    return np.asarray(of_side)
+
+
+# ------------------------------------------------------------------------------------------ template
+
+
+@dataclass(frozen=True, eq=False)
+class _Template:
+    """Parts of MNI152.
+
+    `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: how much a place is of the left
+    hemisphere, the right one, and the rest, by the nearest white matter. `deep` (2, ...) float32: of the inner parts.
+    """
+
+    affine: Affine
+    white: NDArray[np.bool_]
+    parts: NDArray[np.float32]
+    deep: NDArray[np.float32]
+
+
+@lru_cache(maxsize=1)
+def _template() -> _Template:
+    with np.load(Path(__file__).with_name("standard") / "hemispheres.npz") as arrays:
+        affine, edge = arrays["affine"], round(_ROOM / _STEP)
+        white, deep = (np.pad(arrays[name], edge) for name in ("white", "deep"))
+    affine = affine @ np.vstack([np.column_stack([np.eye(3), [-edge] * 3]), [0, 0, 0, 1]])
+    nearest = scipy.ndimage.distance_transform_edt(white == 0, return_distances=False, return_indices=True)
+    part = white[tuple(nearest)]
+
+    def soft(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+        return np.asarray(scipy.ndimage.gaussian_filter(mask.astype(np.float32), _SOFT / _STEP))
+
+    return _Template(
+        affine, white > 0, np.stack([soft(part == n) for n in (1, 2, 3)]), np.stack([soft(deep == n) for n in (1, 2)])
+    )
+
+
+def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str) -> NDArray[np.bool_]:
+    """Return a hemisphere of a mask of white matter."""
+    template, number = _template(), _SIDES.index(side)
+    fitted, overlap = _fitted(white, volume.affine, template)
+    stretches = np.linalg.svd(fitted[:3, :3], compute_uv=False)
+    if overlap < _LEAST_OVERLAP or stretches[0] > _MOST_STRETCHED * stretches[2]:
+        raise InputError(
+            f"the volume does not fit the white matter of a whole brain (overlap {overlap:.2f} of 1, after it was "
+            "aligned to MNI152): check the threshold and the orientation, or pass a mask of one hemisphere"
+        )
+    log.info("the brain was aligned to MNI152: overlap %.2f", overlap)
+    back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ volume.affine
+    found, is_near = np.zeros(white.shape, dtype=np.bool_), np.zeros(white.shape, dtype=np.bool_)
+    step = max(1, _SLAB // max(1, white[0].size))
+    for first in range(0, len(white), step):
+        slab = np.indices(white[first : first + step].shape).reshape(3, -1)
+        slab[0] += first
+        places = back[:3, :3] @ slab + back[:3, 3:]
+        is_white = white[first : first + step].ravel()
+        own = np.zeros(slab.shape[1], dtype=np.bool_)
+        shares = [_at(part, places[:, is_white]) for part in template.parts]
+        own[is_white] = np.argmax(shares, axis=0) == number
+        inner = _at(template.deep[number], places)
+        own |= inner > 0.5
+        found[first : first + step] = own.reshape(white[first : first + step].shape)
+        is_near[first : first + step] = (inner > _NEAR).reshape(white[first : first + step].shape)
+    radius = max(1, round(_CLOSED / voxel_size(volume.affine)))
+    box = scipy.ndimage.find_objects(is_near.astype(np.uint8))
+    for part in box:  # elsewhere banks of sulci would be joined
+        found[part] |= is_near[part] & scipy.ndimage.binary_closing(found[part], iterations=radius)
+    return found
+
+
+def _at(values: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.asarray(scipy.ndimage.map_coordinates(values, places, order=1, mode="nearest"))
+
+
+# ----------------------------------------------------------------------------------------- alignment
+
+
+def _fitted(white: NDArray[np.bool_], affine: Affine, template: _Template) -> tuple[Affine, float]:
+    """Return the affine transform from the template to a brain, RAS+ mm, and the overlap of both (Dice).
+
+    It makes the sum of squared differences of both masks least, from smooth to sharp, by Gauss-Newton steps. Where the
+    brain's volume ends, nothing is compared.
+    """
+    coarse, grid = _coarse(white, affine)
+    pairs = [_Pair.of(coarse, grid, template, width) for width in _SMOOTH]
+    start = _aligned_middles(coarse, grid, template)
+    turned = (start @ _turned(axis, angle, template) for axis in range(3) for angle in _STARTS)
+    best, overlap = start, 0.0
+    for moved in (start, *turned):
+        for pair in pairs:
+            moved, _ = pair.descend(moved, _ITERATIONS)
+        found = _overlap(coarse, grid, template, moved)
+        if found > overlap:
+            best, overlap = moved, found
+        if overlap > _SURE_OVERLAP:
+            break
+    return best, overlap
+
+
+def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
+    """Return a mask in larger voxels, as shares, and their affine."""
+    factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
+    beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
+    padded = np.pad(white, beyond)
+    blocks = [part for length, factor in zip(padded.shape, factors, strict=True) for part in (length // factor, factor)]
+    shares = padded.reshape(blocks).mean(axis=(1, 3, 5), dtype=np.float32)
+    scale = np.diag([*map(float, factors), 1.0])
+    scale[:3, 3] = [(factor - 1) / 2 for factor in factors]
+    return shares, affine @ scale
+
+
+def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Template) -> Affine:
+    """Return the move and scaling that brings the middle and the size of the template to those of a brain."""
+    (middle, size), (own, own_size) = _moments(coarse, grid), _moments(template.white, template.affine)
+    scale = float(np.clip(size / own_size, 0.5, 1.6))
+    move = np.diag([scale, scale, scale, 1.0])
+    move[:3, 3] = middle - scale * own
+    return move
+
+
+def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], float]:
+    """Return the middle of a mask and its root mean square distance from there, mm."""
+    places = np.argwhere(mask > 0.5)
+    if len(places) == 0:
+        raise InputError("there is hardly any white matter in the volume: check the threshold")
+    points = places @ affine[:3, :3].T + affine[:3, 3]
+    middle = points.mean(axis=0)
+    return middle, float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
+
+
+def _turned(axis: int, angle: float, template: _Template) -> Affine:
+    """Return a rotation about an axis through the template's middle."""
+    middle, _ = _moments(template.white, template.affine)
+    vector = np.zeros(3)
+    vector[axis] = np.radians(angle)
+    turn = np.eye(4)
+    turn[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix()
+    turn[:3, 3] = middle - turn[:3, :3] @ middle
+    return turn
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """A brain and the template, smoothed alike, to be compared at points of the template.
+
+    `values`, `to_index`: of the brain, and from RAS+ mm to its voxels. `points` (N, 3), `wanted` (N,): of the template.
+    """
+
+    values: NDArray[np.float32]
+    to_index: Affine
+    points: NDArray[np.float64]
+    wanted: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, coarse: NDArray[np.float32], grid: Affine, template: _Template, width: float) -> _Pair:
+        sizes = np.linalg.norm(grid[:3, :3], axis=0)
+        values = scipy.ndimage.gaussian_filter(coarse, width / sizes, mode="constant")
+        wanted = scipy.ndimage.gaussian_filter(template.white.astype(np.float32), width / _STEP)
+        every = max(1, round(0.5 * width / _STEP))
+        thinned = np.zeros(wanted.shape, dtype=np.bool_)
+        thinned[::every, ::every, ::every] = True
+        indices = np.argwhere(thinned & (wanted > 0.01))
+        points = indices @ template.affine[:3, :3].T + template.affine[:3, 3]
+        return cls(values, np.asarray(np.linalg.inv(grid)), points, wanted[tuple(indices.T)].astype(np.float64))
+
+    def descend(self, moved: Affine, iterations: int) -> tuple[Affine, float]:
+        """Return a better transform than one, and the mean squared difference there."""
+        middle = self.points.mean(axis=0)
+        design = np.column_stack([self.points - middle, np.ones(len(self.points))])
+        damping, (error, residual, slope) = 1e-3, self._compared(moved)
+        for _ in range(iterations):
+            jacobian = (slope[:, :, None] * design[:, None, :]).reshape(len(design), 12)
+            normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient).reshape(3, 4)
+            change = np.zeros((4, 4))
+            change[:3, :3], change[:3, 3] = step[:, :3], step[:, 3] - step[:, :3] @ middle
+            there = self._compared(moved + change)
+            if there[0] < error:
+                is_done = error - there[0] < 1e-5 * error
+                moved, (error, residual, slope), damping = moved + change, there, damping / 5
+                if is_done:
+                    break
+            else:
+                damping *= 10
+                if damping > 1e4:
+                    break
+        return moved, error
+
+    def _compared(self, moved: Affine) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Return the mean squared difference, the differences, and the slope of the brain at the points, per mm."""
+        to_index = self.to_index @ moved
+        places = (self.points @ to_index[:3, :3].T + to_index[:3, 3]).T
+        ends = np.array(self.values.shape)[:, None] - 1
+        is_inside = ((places >= 0) & (places <= ends)).all(axis=0)
+        values = np.asarray(_at(self.values, places), dtype=np.float64)
+        along = np.stack(
+            [_at(self.values, places + 0.5 * e) - _at(self.values, places - 0.5 * e) for e in _AXES], axis=1
+        )
+        slope = np.where(is_inside[:, None], along @ self.to_index[:3, :3], 0.0)
+        residual = np.where(is_inside, values - self.wanted, 0.0)
+        share = is_inside.mean()
+        error = float((residual**2).sum() / max(is_inside.sum(), 1)) + (1.0 if share < 0.3 else 0.0)
+        return error, residual, slope
+
+
+_AXES = np.eye(3)[:, :, None]
+
+
+def _overlap(coarse: NDArray[np.float32], grid: Affine, template: _Template, moved: Affine) -> float:
+    """Return the overlap of both masks (Dice) where the brain's volume has voxels."""
+    indices = np.argwhere(np.ones(coarse.shape, dtype=np.bool_))
+    back = np.linalg.inv(template.affine) @ np.linalg.inv(moved) @ grid
+    places = (indices @ back[:3, :3].T + back[:3, 3]).T
+    there = scipy.ndimage.map_coordinates(template.white.astype(np.float32), places, order=1) > 0.5
+    here = coarse.ravel() > 0.5
+    return float(2 * (here & there).sum() / max(here.sum() + there.sum(), 1))

@@ -1,0 +1,148 @@
+"""A hemisphere's white matter out of that of a whole brain, wherever and however it lies."""
+
+import nibabel as nib
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+
+import voxflat
+from voxflat import cli
+from voxflat.demo import demo_cortex
+from voxflat.errors import InputError
+from voxflat.io import Volume
+
+pytestmark = pytest.mark.slow  # a whole brain
+
+SIDES = ("left", "right")
+
+
+@pytest.fixture(scope="module")
+def brain():
+    """MNI152's white matter, its probability from 0 to 1."""
+    return demo_cortex()[0]
+
+
+def parted(white, affine):
+    """Return which voxels of MNI152's white matter are left, right, and neither, by their coordinates."""
+    x, y, z = (affine[axis, 3] + affine[axis, axis] * np.arange(length) for axis, length in enumerate(white.shape))
+    labels = np.where(white, 3, 0).astype(np.uint8)
+    for label, beyond in enumerate((x >= 0, x <= 0), 1):
+        side = white.copy()
+        side[beyond] = False
+        side[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
+        components, _ = ndimage.label(side)
+        labels[components == np.bincount(components.ravel())[1:].argmax() + 1] = label
+    return labels
+
+
+def moved(data, affine, transform, spacing, shape, order):
+    """Return a volume whose world was transformed, on another grid."""
+    grid = np.diag([spacing] * 3 + [1.0])
+    grid[:3, 3] = -np.array(shape) * spacing / 2 + [0, -20, 10]
+    back = np.linalg.inv(affine) @ np.linalg.inv(transform) @ grid
+    return ndimage.affine_transform(data, back[:3, :3], back[:3, 3], output_shape=shape, order=order), grid
+
+
+def turned(axis, degrees, scale=1.0):
+    transform = np.eye(4)
+    transform[:3, :3] = scale * Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+    transform[:3, 3] = 5, -8, 12
+    return transform
+
+
+CASES = {
+    "coarse": (np.eye(4), 1.5, (150, 170, 150)),
+    "nods": (turned("x", 20), 1.0, (210, 250, 230)),
+    "tilts": (turned("y", -20), 1.0, (210, 250, 230)),
+    "turns": (turned("z", 20), 1.0, (210, 250, 230)),
+    "small and fine": (turned("z", 5, 0.85), 0.7, (280, 320, 280)),
+    "cropped": (np.eye(4), 1.0, (200, 190, 160)),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_side_is_found_wherever_the_brain_lies(brain, case):
+    truth = parted(brain.data > 0.5, brain.affine)
+    data, grid = moved(brain.data, brain.affine, *CASES[case], order=1)
+    labels, _ = moved(truth, brain.affine, *CASES[case], order=0)
+    white = data > 0.5
+    volume = Volume(np.where(data > 0, data, 0).astype(np.float32), grid)
+    for number, side in enumerate(SIDES, 1):
+        found = voxflat.hemisphere(volume, side, threshold=0.5).data > 0
+        wanted = labels == number
+        dice = 2 * (found & white & wanted).sum() / ((found & white).sum() + (wanted & white).sum())
+        assert dice > 0.97
+        assert not (found & white & (labels == 3 - number)).sum() / wanted.sum() > 0.01
+        filled = (found & ~white).sum() / wanted.sum()
+        assert 0.05 < filled < 0.2  # ventricles and deep nuclei
+
+
+def test_axes_may_run_either_way(brain):
+    half = voxflat.hemisphere(brain, "left", threshold=0.5)
+    flip = np.diag([-1.0, 1, -1, 1])
+    flip[0, 3], flip[2, 3] = brain.data.shape[0] - 1, brain.data.shape[2] - 1
+    flipped = Volume(np.ascontiguousarray(brain.data[::-1, :, ::-1]), brain.affine @ flip)
+    other = voxflat.hemisphere(flipped, "left", threshold=0.5).data[::-1, :, ::-1]
+    assert (other != half.data).mean() < 1e-3
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_hemisphere_becomes_a_sphere_and_a_standard_map(brain, side):
+    whole = voxflat.surface(voxflat.hemisphere(brain, side, threshold=0.5), repair="voxels")
+    topology = whole.core.topology()
+    assert (topology["handles"], topology["loops"], len(topology["components"])) == (0, [], 1)
+    opened = whole.cut("standard")
+    assert 4000 < len(opened.left_out) < 9000  # the medial wall
+    flat_map = opened.flatten()
+    assert flat_map.distortion.raw.relative_error < 0.12
+    record = flat_map.provenance["parameters"]["of"]["parameters"]["of"]["parameters"]["source"]
+    assert (record["function"], record["parameters"]["side"]) == ("hemisphere", side)
+
+
+def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
+    data, grid = moved(brain.data, brain.affine, np.eye(4), 1.5, (150, 170, 150), 1)
+    nib.save(nib.Nifti1Image((255 * np.clip(data, 0, 1)).astype(np.uint8), grid), tmp_path / "wm.nii.gz")
+    arguments = ["flatten", str(tmp_path / "wm.nii.gz"), "--hemisphere", "left", "-o", str(tmp_path / "lh.npz")]
+    done = CliRunner().invoke(cli.main, arguments)
+    assert done.exit_code == 0, done.output
+    flat_map = voxflat.load(tmp_path / "lh.npz")
+    assert flat_map.metadata["cut_names"][0] == "calcarine"
+    assert flat_map.distortion.raw.relative_error < 0.12
+    assert "wm.nii.gz" in str(flat_map.provenance)
+    refused = CliRunner().invoke(cli.main, [*arguments, "--label", "1"])
+    assert "--label and --hemisphere cannot be combined" in refused.output
+
+
+def test_labels_of_freesurfer_and_synthseg_say_it(brain):
+    labels = parted(brain.data > 0.5, brain.affine)
+    segmentation = np.choose(labels, [0, 2, 41, 16]).astype(np.int16)
+    segmentation[80:90, 110:120, 85:90][segmentation[80:90, 110:120, 85:90] == 0] = 4  # lateral ventricle
+    both = np.zeros(labels.shape, dtype=bool)
+    both[92:104, 120:124, 85:90] = True
+    segmentation[both & (segmentation > 0)] = 251  # corpus callosum, of both sides
+    left, right = (voxflat.hemisphere(Volume(segmentation, brain.affine), side).data > 0 for side in SIDES)
+    assert (left & (segmentation == 2)).sum() > 0.99 * (segmentation == 2).sum()
+    assert (left[segmentation == 4]).all()
+    assert not (left & np.isin(segmentation, (16, 41))).any()
+    assert not (left & right).any()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25, "does not fit the white matter of a whole brain"),
+        (np.zeros((9, 9, 9), np.uint8), "no voxel is above the threshold"),
+        (np.zeros((9, 9, 9, 3), np.uint8), "a volume of values"),
+    ],
+)
+def test_what_is_no_brain_is_refused(given, said):
+    with pytest.raises(InputError, match=said):
+        voxflat.hemisphere(Volume(given, np.diag([2.0, 2, 2, 1])), "left")
+
+
+def test_one_hemisphere_alone_is_not_split(brain):
+    half = voxflat.hemisphere(brain, "left", threshold=0.5)
+    with pytest.raises(InputError, match=r"does not fit|there is no white matter of the right"):
+        voxflat.hemisphere(half, "right")
