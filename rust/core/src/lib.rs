@@ -1,6 +1,6 @@
 //! **voxflat** flattens curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
 //!
-//! The way through, one direction; each module is one stage and imports only what stands above it (`tests/layers.rs`):
+//! The way through, one direction; each module is one stage and imports only what stands above it:
 //!
 //! | module | stage | concept |
 //! |---|---|---|
