@@ -118,7 +118,9 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     assert result.exit_code == 0
     memory, *warnings = result.stderr.splitlines()
     assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
-    assert any("warning: the surface is no disk (0 handles, 2 boundary loops): it was cut open" in w for w in warnings)
+    assert any(
+        "warning: the surface is not a disk (0 handles, 2 boundary loops), so it was cut open" in w for w in warnings
+    )
     assert "warning" not in result.stdout
 
 
@@ -197,7 +199,7 @@ def test_check_says_no(tmp_path):
     assert result.exit_code == 0
     content = json.loads(result.stdout)
     assert (content["closed"], content["euler_characteristic"]) == (True, 2)
-    assert "it was cut open along 1 path," in content["advice"][0]
+    assert "it was cut open along 1 path (" in content["advice"][0]
 
 
 def test_check_of_ambiguous_labels_lists_them(shared):

@@ -46,7 +46,7 @@ def test_a_closed_surface_is_relaxed_unless_forbidden():
     assert reasons[0] == ["closed sphere"]
     assert reasons[1][0] == "closed sphere"
     assert set(reasons[1][1:]) == {"relaxation"}
-    assert any("relieve the map" in warning for warning in relaxed.metadata["warnings"])
+    assert any("reduce the estimated distance error" in warning for warning in relaxed.metadata["warnings"])
     errors = [flat.distortion.best_scale.relative_error for flat in (plain, relaxed)]
     assert errors[1] < 0.8 * errors[0]
 
@@ -58,7 +58,7 @@ def test_a_disk_is_cut_where_it_pays_and_nobody_has_said_where():
     of = {"keep": keep, "sources": 60}
     whole, cut = (composed.flatten((points, faces), **of, relax=relax) for relax in (False, None))
     assert {cut["reason"] for cut in cut.metadata["automatic_cuts"]} == {"relaxation"}
-    assert any("distances of a sketch are" in warning for warning in cut.metadata["warnings"])
+    assert any("reduce the estimated distance error" in warning for warning in cut.metadata["warnings"])
     assert cut.distortion.raw.relative_error < 0.9 * whole.distortion.raw.relative_error
     assert voxflat.surface((points, faces)).keep(below(points, -20)).cut().cuts == ()  # hardly curved: it does not pay
     given = voxflat.surface((points, faces)).keep(keep).cut(cuts=[cut.metadata["automatic_cuts"][0]["ids"]])

@@ -110,7 +110,7 @@ def map_over_triangles(
             "method": method,
             **cut.metadata,
             **framed,
-            **told(how, chosen, result, need, warnings, sampling),
+            **told(how, chosen, result, need, warnings, sampling, known=cut.remarks if cut.is_told else ()),
             **more,
         },
         rows=rows,
@@ -133,11 +133,18 @@ def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.
 
 
 def told(
-    how: How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str], sampling: str | None
+    how: How,
+    chosen: NDArray[Any],
+    result: dict[str, Any],
+    need: int,
+    warnings: list[str],
+    sampling: str | None,
+    known: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Log what the user should know of a map, and return what its metadata say of how it was made."""
+    """Log the warnings of a map but those that were logged before, and return what its metadata say of its making."""
     for warning in warnings:
-        log.warning(warning)
+        if warning not in known:
+            log.warning(warning)
     of_sources: dict[str, Any] = {}
     if sampling is not None:  # the method has sources
         of_sources = {"sources": len(chosen), "sampling": sampling, "planarity": result["planarity"]}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from numpy.typing import ArrayLike
 
@@ -295,6 +295,7 @@ class Surface(Manifold):
         made = cut_open(self, Where(cuts, sphere, relax, adapt), checked_threads(threads), progress)
         for remark in made.remarks:
             log.warning(remark)
+        made = replace(made, is_told=True)
         return CutSurface._of(made, Surface._of(made.part))
 
     @telling(method=method_of)

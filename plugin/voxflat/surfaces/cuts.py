@@ -212,8 +212,9 @@ def opened(
         core, cuts = part.core.open_to_disk(threads, progress)
         paths, total = _counted(cuts, "path")
         remarks.append(
-            f"the surface is no disk ({topology['handles']} handles, {topology['loops']} boundary loops): it was cut "
-            f"open along {paths}, {total:.0f} mm in all; give cuts, or a smaller patch, for a better map"
+            f"the surface is not a disk ({topology['handles']} handles, {topology['loops']} boundary loops), so it was "
+            f"cut open along {paths} ({total:.0f} mm in total). Pass cuts, or flatten a smaller patch, for less "
+            "distortion"
         )
         _name(part, cuts)
         part = part._with_core(core)
@@ -229,8 +230,8 @@ def opened(
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)
         remarks.append(
-            f"{paths}, {total:.0f} mm in all, relieve the map: distances of a sketch are {after:.1f} instead of "
-            f"{before:.1f} % off; relax=False leaves them out"
+            f"added {paths} ({total:.0f} mm in total), which reduce the estimated distance error from {before:.1f} % "
+            f"to {after:.1f} %. Use relax=False to leave them out"
         )
     _name(part, further)
     return part._with_core(core), cuts + further, remarks

@@ -40,6 +40,7 @@ class Cutout:
     sphere: Sphere | None = None  # that of the whole surface, if it is known
     traced: tuple[TracedCut, ...] = ()  # cuts of a template, which are those in the metadata
     is_standard: bool = False  # whether a template's cuts were chosen
+    is_told: bool = False  # whether its remarks were logged
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, as they are on the whole surface."""
@@ -272,10 +273,10 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
     length = sum(one.length for one in cut.traced)
     by = cut.metadata["sphere"]["input"]
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
-    sketch = "" if np.isnan(error) else f"; distances of a sketch are {100 * error:.1f} % off"
+    estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     return (
-        f"{what} ({names}; {length:.0f} mm) by {by}, the same for every brain{sketch}; cuts='automatic' finds those "
-        "that suit this surface best, and voxflat check says how well"
+        f"cut along {what} ({names}; {length:.0f} mm), located by {by}, so that maps of different brains can be "
+        f"compared.{estimate} For less distortion use cuts='automatic', which voxflat check compares"
     )
 
 
