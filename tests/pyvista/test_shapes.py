@@ -261,3 +261,20 @@ def test_the_same_map_through_every_door(tmp_path, caplog):
         assert_array_equal(other["vertex_ids"], own.ids)
         assert other["distance_error"].tobytes() == own.distortion.per_point.tobytes()
         assert other["areal"].tobytes() == own.distortion.triangles.areal.tobytes()
+
+
+def test_all_components_become_blocks_by_area(caplog):
+    near, far = (
+        pv.Plane(center=(30 * n, 0, 0), i_size=size, j_size=size).triangulate() for n, size in enumerate((4, 9))
+    )
+    both = near.merge(far)
+    both.point_data["height"] = np.arange(both.n_points)
+    blocks = both.voxflat(components="all", relax=False)
+    assert blocks.keys() == ["component 1", "component 2"]
+    assert [round(np.ptp(block.points[:, 0])) for block in blocks] == [9, 4]
+    for block in blocks:
+        np.testing.assert_array_equal(block["height"], both["height"][block["vertex_ids"]])
+    with pytest.raises(InputError, match="components is 'each'"):
+        both.voxflat(components="each")
+    with pytest.raises(InputError, match="cannot be combined"):
+        both.voxflat(components="all", keep=np.ones(both.n_points, bool))

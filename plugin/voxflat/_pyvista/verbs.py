@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyvista as pv
+import scipy
 
 from voxflat._pyvista.bars import shown
 from voxflat._pyvista.flat import (
@@ -18,7 +19,7 @@ from voxflat._pyvista.flat import (
     to_polydata,
 )
 from voxflat._pyvista.judged import rows_of
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_choice, log
 from voxflat.errors import InputError
 from voxflat.judging.measure import compare
 from voxflat.maps.flat_map import FlatMap
@@ -38,16 +39,25 @@ class Verbs(Given):
     """What is computed on a dataset."""
 
     def __call__(
-        self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
-    ) -> pv.PolyData:
+        self,
+        scalars: str | None = None,
+        *,
+        components: str = "largest",
+        progress_bar: bool = False,
+        **options: Unpack[FlattenOptions],
+    ) -> pv.PolyData | pv.MultiBlock:
         """Flatten the mesh, or a surface of the image, into the plane z = 0.
 
-        `scalars`: for images the name of the array; by default the active one, or the only one. `progress_bar`: show
-        how far it is. `**options`: ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in
+        `scalars`: for images the name of the array; by default the active one, or the only one. `components`: flatten
+        the "largest" connected component of a mesh, or "all" of them, each on its own: then a MultiBlock is returned,
+        whose blocks "component 1", "component 2", ... are ordered by area. `progress_bar`: show how far it is.
+        `**options`: ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in
         `flatten`. Returns: as from `to_polydata`; of a mesh, the arrays of its points, its cells and its field are
         carried over, and ``vertex_ids`` are numbers of its points. An array whose name the map has for its own gets
         ``mesh_`` before it, with a warning. Raises InputError, Cancelled: as in `flatten`.
         """
+        if checked_choice(components, "components", ("largest", "all")) == "all":
+            return self._components(scalars, progress_bar, options)
         if self._is_image:
             return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))
         skin = self._skin(scalars)
@@ -59,6 +69,33 @@ class Verbs(Given):
         skin.carry(flat, flat_map.ids)
         flat.set_active_scalars("distance_error", preference="point")
         return flat
+
+    def _components(self, scalars: str | None, progress_bar: bool, options: FlattenOptions) -> pv.MultiBlock:
+        """Flatten each connected component; those that cannot be flattened are left out with a warning."""
+        if "keep" in options:
+            raise InputError("components='all' and keep cannot be combined: leave one of them out")
+        skin = self._skin(scalars)
+        corners = np.asarray(skin.mesh.regular_faces, dtype=np.int64)
+        links = scipy.sparse.coo_array(
+            (np.ones(2 * len(corners)), (corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel())),
+            shape=(skin.mesh.n_points,) * 2,
+        )
+        _, of_points = scipy.sparse.csgraph.connected_components(links, directed=False)
+        areas = skin.mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"]
+        total = np.bincount(of_points[corners[:, 0]], areas)
+        found = pv.MultiBlock()
+        for number, component in enumerate(np.argsort(-total)[: np.count_nonzero(total)].tolist(), 1):
+            mask = np.zeros(self._mesh.n_points, dtype=np.bool_)
+            mask[skin.point_ids[of_points == component]] = True
+            name = f"component {number}"
+            try:
+                given: FlattenOptions = {**options, "keep": mask}
+                found[name] = self(scalars, progress_bar=progress_bar, **given)
+            except InputError as error:
+                log.warning("%s is left out: %s", name, error)
+        if not found.n_blocks:
+            raise InputError("no component can be flattened: the warnings say why")
+        return found
 
     def flatten(
         self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
