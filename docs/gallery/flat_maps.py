@@ -20,6 +20,7 @@ from voxflat import demo, figures
 ATLAS = "t1prep/data/atlases_surfaces_32k/lh.aparc_DK40.freesurfer.annot"
 CENTRAL, SPHERE = (f"t1prep/data/templates_surfaces_32k/lh.{kind}.freesurfer.gii" for kind in ("central", "sphere"))
 NO_CORTEX = ("unknown", "corpuscallosum")
+SIDES = ("left", "right")
 DEPTHS = (-1.0, 1.0, 3.0)  # mm outside white matter: in it, in grey matter, beyond
 
 
@@ -27,32 +28,29 @@ def main(packages, output):
     """Draw all of them."""
     data = Path(find_spec("nilearn").origin).parent / "datasets" / "data"
     white_matter, t1, _ = demo.demo_cortex()
-    flat = voxflat.flatten(voxflat.hemisphere(white_matter, "left", threshold=demo.THRESHOLD), cuts="standard")
+    halves = [voxflat.hemisphere(white_matter, side, threshold=demo.THRESHOLD) for side in SIDES]
+    both = [voxflat.flatten(voxflat.surface(half, repair="voxels"), cuts="standard") for half in halves]
+    flat = both[0]
     draw(figures.flat_map(flat), output / "gallery_folds.png")
     label = "left against right button presses (z)"
     statistic = figures.Overlay(data / "image_10426.nii.gz", threshold=3, limits=(-8, 8), label=label)
-    contrast = figures.flat_map(flat, statistic, depth=1.5)
-    draw(contrast, output / "gallery_statistic.png")
+    draw(figures.flat_map(both, statistic, depth=2), output / "gallery_statistic.png")
     for number, depth in enumerate(DEPTHS):
         look = figures.Overlay(t1, colour_map="gray", limits=(0.2, 0.9), label=f"T1, {depth:+g} mm")
         draw(figures.flat_map(flat, look, depth=depth, width=60), output / f"gallery_depth_{number}.png")
-    for side in ("left", "right"):
-        draw(thickness(data / "fsaverage5", side), output / f"gallery_thickness_{side}.png")
+    draw(thickness(data / "fsaverage5"), output / "gallery_thickness.png")
     draw(atlas(packages), output / "gallery_atlas.png")
 
 
-def thickness(folder, side):
-    """Flatten a hemisphere of fsaverage5 without its medial wall, and show its thickness."""
-    (white, faces), (pial, _), (sphere, _) = (
-        nib.load(folder / f"{name}_{side}.gii.gz").agg_data() for name in ("white", "pial", "sphere")
-    )
-    structure = f"Cortex{side.title()}"
-    faces = faces.astype(int)
-    white, pial = (voxflat.io.Mesh(points.astype(float), faces, structure=structure) for points in (white, pial))
-    surface = voxflat.surface(white, pial=pial)
-    flat = surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
-    values = np.asarray(nib.load(folder / f"thick_{side}.gii.gz").agg_data(), dtype=float)
-    return figures.flat_map(flat, figures.Overlay(values, limits=(1.5, 3.5), label="thickness (mm)"))
+def thickness(folder):
+    """Flatten both hemispheres of fsaverage5 without their medial walls, and show their thickness."""
+    maps, values = [], []
+    for side in SIDES:
+        white, pial, sphere, thick = (folder / f"{name}_{side}.gii.gz" for name in ("white", "pial", "sphere", "thick"))
+        surface = voxflat.surface(white, pial=pial).drop("medial wall")
+        maps.append(surface.flatten(cuts="standard", sphere=sphere))
+        values.append(thick)
+    return figures.flat_map(maps, figures.Overlay(values, limits=(1.5, 3.5), label="thickness (mm)"))
 
 
 def atlas(packages):

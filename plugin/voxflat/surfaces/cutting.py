@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -271,7 +272,7 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
     if not names:
         return f"no cut of {cut.metadata['cuts_by']} lies in what is flattened"
     length = sum(one.length for one in cut.traced)
-    by = cut.metadata["sphere"]["input"]
+    by = os.path.basename(cut.metadata["sphere"]["input"])
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     return (
