@@ -85,10 +85,10 @@ def hemisphere(
 
     Examples
     --------
-    >>> white_matter, _, _ = voxflat.demo.demo_cortex()
-    >>> left = voxflat.hemisphere(white_matter, "left")
-    >>> left.data.max()
-    1
+    >>> from voxflat.demo import demo_cortex
+    >>> white_matter, _, _ = demo_cortex()
+    >>> voxflat.hemisphere(white_matter, "left", threshold=0.5)
+    <Volume: 197 x 233 x 189 of uint8, voxels of 1 x 1 x 1 mm, RAS>
     """
     checked_choice(side, "side", _SIDES)
     volume = as_volume(source, spacing=spacing, affine=affine)
