@@ -55,7 +55,7 @@ test-python: setup ## tests of the Python package: napari's real window and Debi
 	$(PYTEST)
 
 bench: setup ## distances against navis-fastcore and scipy, in one run
-	$(RUN) python docs/benchmarks/unique_rows.py
+	$(RUN) python docs/benchmarks/rows.py
 
 bench-distances: setup ## how right distances are, beside targets and peers (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
@@ -101,7 +101,7 @@ bench-napari: setup ## memory and random use of napari's window (half an hour)
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
 
 bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
-	$(RUN) python docs/benchmarks/distances/cluster.py
+	$(RUN) python docs/benchmarks/cluster.py
 
 soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
 	$(RUN) python docs/benchmarks/fuzz.py

