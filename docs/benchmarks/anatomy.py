@@ -1,14 +1,9 @@
 """Real anatomy as label volumes, from data that nilearn carries: nothing is downloaded.
 
-    python docs/benchmarks/anatomy.py OUTDIR
-
-writes, as NIfTI, the white matter of both hemispheres of fsaverage5 at 1.0, 0.7 and 0.5 mm and of the MNI152 template
-at 1 mm: labels, and beside them how much of each voxel is white matter (`_fraction`, `_probability`). Benchmarks and
-tests import the functions.
+The white matter of fsaverage5 at any spacing, and of the MNI152 template at 1 mm: labels, and beside them how much of
+each voxel is white matter. Benchmarks and tests import the functions.
 """
 
-import argparse
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -25,44 +20,6 @@ JITTER = (3.1e-8, 4.7e-8)
 
 BATCH = 1 << 20
 """Pairs of a triangle and a column that are tested at a time."""
-
-
-def main():
-    """Write the volumes and print how many voxels each has."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("outdir", type=Path)
-    outdir = parser.parse_args().outdir
-    outdir.mkdir(parents=True, exist_ok=True)
-    for side in SIDES:
-        surfaces = fsaverage5(side)
-        for spacing in SPACINGS:
-            start = time.perf_counter()
-            labels, affine, fraction = voxelise(surfaces["white"], surfaces["faces"], spacing)
-            name = f"fsaverage5_{side}_{spacing:.1f}mm"
-            report(name, labels, time.perf_counter() - start)
-            write(outdir / f"{name}.nii.gz", labels, affine)
-            write(outdir / f"{name}_fraction.nii.gz", fraction, affine)
-    for side in SIDES:
-        start = time.perf_counter()
-        labels, affine, probability = mni152_white_matter(side)
-        name = f"mni152_{side}_1.0mm"
-        report(name, labels, time.perf_counter() - start)
-        write(outdir / f"{name}.nii.gz", labels, affine)
-        write(outdir / f"{name}_probability.nii.gz", probability, affine)
-
-
-def report(name, labels, seconds):
-    """Print one line about a volume."""
-    print(f"{name:24}{'x'.join(map(str, labels.shape)):>14}{np.count_nonzero(labels):>11,} voxels{seconds:>7.1f} s")
-
-
-def write(path, volume, affine):
-    """Write a NIfTI volume, mm."""
-    import nibabel
-
-    image = nibabel.Nifti1Image(volume, affine)
-    image.header.set_xyzt_units("mm")
-    nibabel.save(image, path)
 
 
 def fsaverage5(side):
@@ -253,7 +210,3 @@ def largest_component(mask):
     sizes = np.bincount(components.ravel())
     sizes[0] = 0
     return (components == sizes.argmax()) & mask
-
-
-if __name__ == "__main__":
-    main()
