@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import ConvexHull
 
 from voxflat import _core, demo
 
+FSAVERAGE5 = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
 SIDES = ("left", "right")
 SPACINGS = (1.0, 0.7, 0.5)
 
@@ -25,19 +27,17 @@ BATCH = 1 << 20
 def fsaverage5(side):
     """Load a hemisphere of fsaverage5: 10,242 vertices, the same in all surfaces.
 
-    `side`, {"left", "right"}: hemisphere. Returns: ``white``, ``pial`` and ``mid`` (halfway between them): ndarrays of
-    float64, shape (10242, 3), mm, RAS. ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0, outward.
-    ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above). The points
-    of vertices that the map leaves out (the medial wall and the cuts) are NaN. ``sulc``: sulcal depth, ndarray of
-    float64, shape (10242,).
+    `side`, {"left", "right"}: hemisphere. Returns: ``white``, ``pial``, ``mid`` (halfway between them) and ``sphere``:
+    ndarrays of float64, shape (10242, 3), mm, RAS. ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0,
+    outward. ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above).
+    The points of vertices that the map leaves out (the medial wall and the cuts) are NaN. ``sulc``: sulcal depth,
+    ndarray of float64, shape (10242,).
     """
     check_side(side)
     import nibabel
 
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-
     def arrays(kind):
-        return [array.data for array in nibabel.load(folder / f"{kind}_{side}.gii.gz").darrays]
+        return [array.data for array in nibabel.load(FSAVERAGE5 / f"{kind}_{side}.gii.gz").darrays]
 
     (white, faces), (pial, pial_faces), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
     (sulc,) = arrays("sulc")
@@ -49,6 +49,7 @@ def fsaverage5(side):
         "white": white,
         "pial": pial,
         "mid": (white + pial) / 2,
+        "sphere": arrays("sphere")[0].astype(float),
         "faces": faces.astype(np.int64),
         "flat": (flat, flat_faces.astype(np.int64)),
         "sulc": sulc.astype(float),
@@ -210,3 +211,18 @@ def largest_component(mask):
     sizes = np.bincount(components.ravel())
     sizes[0] = 0
     return (components == sizes.argmax()) & mask
+
+
+def border(faces):
+    """Return the edges of one triangle alone, int (E, 2)."""
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, counts = np.unique(ends, axis=0, return_counts=True)
+    return edges[counts == 1]
+
+
+def outward_hull(points):
+    """Return the triangles of the convex hull of points around the origin, seen from outside."""
+    faces = ConvexHull(points).simplices.astype(np.int64)
+    inward = np.linalg.det(points[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return faces

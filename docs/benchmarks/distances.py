@@ -14,7 +14,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read
 import anatomy
 import distances_anatomy
 import distances_meshes
-import distances_tables
+import tables
 
 SECTIONS = {
     "cortex": distances_meshes.cortex,
@@ -34,7 +34,7 @@ def main():
     parser.add_argument("--spacings", nargs="+", type=float, default=list(anatomy.SPACINGS), help="of voxels, mm")
     parser.add_argument("--voxel-sources", type=int, default=50, help="sources a voxelised hemisphere")
     parser.add_argument("--targets", type=int, default=20_000, help="targets a voxelised hemisphere")
-    distances_tables.run(SECTIONS, parser)
+    tables.run(SECTIONS, parser)
 
 
 if __name__ == "__main__":

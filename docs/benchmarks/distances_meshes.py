@@ -3,8 +3,8 @@
 import anatomy
 import distances_solvers as solvers
 import numpy as np
-from distances_tables import errors, exponent, judged, table
-from scipy.spatial import ConvexHull, Delaunay
+from scipy.spatial import Delaunay
+from tables import errors, exponent, judged, table
 
 import voxflat
 
@@ -174,15 +174,12 @@ def sphere(count, radius=50.0):
     points = np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
     points += 0.3 * np.sqrt(4 * np.pi / count) * rng.uniform(-1, 1, points.shape)
     points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
-    faces = ConvexHull(points).simplices
-    inward = np.einsum("ij,ij->i", np.cross(*points[faces[:, :2]].swapaxes(0, 1)), points[faces[:, 2]]) < 0
-    faces[inward] = faces[inward][:, ::-1]
 
     def truth(source):
         across = np.linalg.norm(points - points[source], axis=1) / (2 * radius)
         return 2 * radius * np.arcsin(np.minimum(across, 1))
 
-    return points, faces.astype(np.int64), truth
+    return points, anatomy.outward_hull(points), truth
 
 
 def swiss_roll(count, length=120.0, width=60.0):

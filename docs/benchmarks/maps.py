@@ -12,11 +12,11 @@ import argparse
 from pathlib import Path
 
 import anatomy
-import distances_tables
 import maps_growth
 import maps_makers
 import maps_peers
 import maps_published
+import tables
 
 SECTIONS = {
     "published": maps_published.published,
@@ -52,7 +52,7 @@ def main():
     parser.add_argument(
         "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
     )
-    distances_tables.run(SECTIONS, parser)
+    tables.run(SECTIONS, parser)
 
 
 if __name__ == "__main__":

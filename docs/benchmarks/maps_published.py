@@ -1,8 +1,8 @@
 """Flat maps that surfaces come with, and the default's on the same vertices and cuts."""
 
 import numpy as np
-from distances_tables import misses, table
-from maps_tables import SHIPPED, compared, fsaverage5_disk, made_by
+from maps_peers import SHIPPED, compared, fsaverage5_disk, made_by
+from tables import misses, table
 
 import voxflat
 

@@ -13,9 +13,9 @@ import logging
 import time
 from pathlib import Path
 
-import distances_tables
 import nibabel
 import numpy as np
+import tables
 from maps_published import SUIT
 
 import voxflat
@@ -83,7 +83,7 @@ def surfaces(options):
             ]
         )
     columns = ["surface", "vertices", "without mending", "dropped", "flipped away", "merged", "split", "numbers lost"]
-    distances_tables.table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
+    tables.table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
     return wrong
 
 

@@ -8,14 +8,13 @@ given: compare ratios, machines differ.
 `distances.py` does the same at more sizes.
 """
 
-import os
-import platform
 import time
 
 import navis_fastcore
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
+from tables import machine
 from tqdm import tqdm
 
 from voxflat import _core
@@ -31,7 +30,7 @@ def main():
     surface = bumpy_ball()
     points = len(surface)
     print(f"{points} surface voxels, {len(surface.csr[1]) / points:.1f} links a voxel")
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
+    print(f"{machine()}\n")
     solvers = solvers_of(surface)
     for name, apart in check_equal(solvers, some_sources(points)[:2]).items():
         print(f"{name}: largest difference {apart:.1e} mm")
