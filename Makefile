@@ -90,14 +90,14 @@ bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000
 	$(RUN) python docs/benchmarks/series.py
 
 bench-napari: setup ## memory and random use of napari's window (half an hour)
-	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
+	$(SCREEN) $(RUN) python docs/benchmarks/soak/napari_soak.py
 
 soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
-	$(RUN) python docs/benchmarks/fuzz.py
+	$(RUN) python docs/benchmarks/soak/fuzz.py
 	VOXFLAT_CASES=20000 cargo test --release --workspace --test hostile
 	VOXFLAT_CASES=10000 cargo test --release --workspace --test folds
 	VOXFLAT_CASES=1000 $(RUN) pytest -q tests/test_orders.py
-	$(RUN) python docs/benchmarks/store_soak.py
+	$(RUN) python docs/benchmarks/soak/store_soak.py
 
 paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
 	$(RUN) python docs/paper/grossmann2002.py
