@@ -13,7 +13,6 @@ from scipy.spatial import ConvexHull
 
 from voxflat import _core, demo
 
-FSAVERAGE5 = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
 SIDES = ("left", "right")
 SPACINGS = (1.0, 0.7, 0.5)
 
@@ -22,6 +21,11 @@ JITTER = (3.1e-8, 4.7e-8)
 
 BATCH = 1 << 20
 """Pairs of a triangle and a column that are tested at a time."""
+
+
+def fsaverage5_file(kind, side):
+    """Return a file of fsaverage5."""
+    return Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5" / f"{kind}_{side}.gii.gz"
 
 
 def fsaverage5(side):
@@ -37,7 +41,7 @@ def fsaverage5(side):
     import nibabel
 
     def arrays(kind):
-        return [array.data for array in nibabel.load(FSAVERAGE5 / f"{kind}_{side}.gii.gz").darrays]
+        return [array.data for array in nibabel.load(fsaverage5_file(kind, side)).darrays]
 
     (white, faces), (pial, pial_faces), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
     (sulc,) = arrays("sulc")

@@ -32,7 +32,7 @@ def main():
     """Run the sections that are asked for, and say what is not met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
-    parser.add_argument("--makers", nargs="+", default=list(maps_makers.USUAL), choices=maps_makers.MAKERS)
+    parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
     parser.add_argument("--kinds", nargs="+", default=list(maps_published.KINDS), choices=maps_published.KINDS)
     parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")

