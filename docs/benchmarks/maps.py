@@ -15,11 +15,11 @@ import anatomy
 import maps_growth
 import maps_makers
 import maps_peers
-import maps_published
+import published
 import tables
 
 SECTIONS = {
-    "published": maps_published.published,
+    "published": published.published,
     "fsaverage5": maps_peers.fsaverage5,
     "whole": maps_peers.whole,
     "mni152": maps_peers.mni152,
@@ -34,7 +34,7 @@ def main():
     parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
     parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
-    parser.add_argument("--kinds", nargs="+", default=list(maps_published.KINDS), choices=maps_published.KINDS)
+    parser.add_argument("--kinds", nargs="+", default=list(published.KINDS), choices=published.KINDS)
     parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")
     parser.add_argument("--suit", type=Path, help="into which suitpy was put, as `make bench-published` does")
     parser.add_argument("--more", nargs="*", type=Path, default=[], help=".npz files with V, F and flat")
