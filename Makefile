@@ -11,7 +11,7 @@ PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durati
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
-bench-surfaces bench-published bench-series bench-standard bench-store bench-napari soak \
+bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs format clean
 
 help: ## this list
@@ -82,9 +82,6 @@ $(STANDARD):
 
 bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated subjects, how comparable maps are, and what it costs (half an hour)
 	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture docs/pictures/standard_maps.png
-
-bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
-	$(RUN) python docs/benchmarks/store.py
 
 bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
 	$(RUN) python docs/benchmarks/series.py

@@ -11,13 +11,14 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
 import nibabel as nib
 import numpy as np
+import psutil
 from anatomy import fsaverage5_file
-from store import Memory
 
 import voxflat
 
@@ -85,6 +86,25 @@ def vertices(folder, count):
     axis = nib.cifti2.SeriesAxis(0, STEP, count, "SECOND")
     nib.save(nib.Cifti2Image(values, header=(axis, brain)), folder / "bold.dtseries.nii")
     return folder / "bold.dtseries.nii"
+
+
+class Memory(threading.Thread):
+    """Watches the resident set of this process."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.peak, self._stopped = 0, threading.Event()
+        self.start()
+
+    def run(self):
+        """Look every 5 ms."""
+        process = psutil.Process()
+        while not self._stopped.wait(0.005):
+            self.peak = max(self.peak, process.memory_info().rss)
+
+    def stop(self):
+        """Stop looking."""
+        self._stopped.set()
 
 
 def measure(flat, series, output, pixel_size):
