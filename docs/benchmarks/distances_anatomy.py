@@ -9,8 +9,8 @@ import anatomy
 import distances_solvers as solvers
 import numpy as np
 import pyvista as pv
-from distances_tables import judged, table
 from scipy.spatial import Delaunay
+from tables import judged, table
 
 import voxflat
 from voxflat import _core

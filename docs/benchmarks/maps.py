@@ -12,14 +12,14 @@ import argparse
 from pathlib import Path
 
 import anatomy
-import distances_tables
 import maps_growth
 import maps_makers
 import maps_peers
-import maps_published
+import published
+import tables
 
 SECTIONS = {
-    "published": maps_published.published,
+    "published": published.published,
     "fsaverage5": maps_peers.fsaverage5,
     "whole": maps_peers.whole,
     "mni152": maps_peers.mni152,
@@ -32,9 +32,9 @@ def main():
     """Run the sections that are asked for, and say what is not met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
-    parser.add_argument("--makers", nargs="+", default=list(maps_makers.USUAL), choices=maps_makers.MAKERS)
+    parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
-    parser.add_argument("--kinds", nargs="+", default=list(maps_published.KINDS), choices=maps_published.KINDS)
+    parser.add_argument("--kinds", nargs="+", default=list(published.KINDS), choices=published.KINDS)
     parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")
     parser.add_argument("--suit", type=Path, help="into which suitpy was put, as `make bench-published` does")
     parser.add_argument("--more", nargs="*", type=Path, default=[], help=".npz files with V, F and flat")
@@ -52,7 +52,7 @@ def main():
     parser.add_argument(
         "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
     )
-    distances_tables.run(SECTIONS, parser)
+    tables.run(SECTIONS, parser)
 
 
 if __name__ == "__main__":

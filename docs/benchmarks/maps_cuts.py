@@ -10,41 +10,47 @@ and all others.
 
 import sys
 import time
+from dataclasses import dataclass
+from typing import Any
 
 import anatomy
 import numpy as np
+from tables import DISTANCES, SHAPES, distance_cells, shape_cells
 
 import voxflat
 
 SOURCES = 300
-HEADER = (
-    "| surface | cuts | mm | vertices | wall s | CPU s | all % | ≤ 30 mm % | ≤ 10 mm % | uncut % | stress-1 | edges % "
-    "| area: median, 95 % | turned over | covering |"
-)
+COLUMNS = ("surface", "cuts", "mm", "vertices", "wall s", "CPU s", *DISTANCES, "uncut %", *SHAPES)
+
+
+@dataclass(frozen=True, eq=False)
+class Shipped:
+    """A white surface of fsaverage5, and what its shipped flat map makes of it."""
+
+    side: str
+    cortex: Any  # without the medial wall
+    cut: Any  # what the flat map has
+    length: float  # of its cuts, mm: half of what they add to the boundary
+    uncut: Any  # distances without the medial wall, from points that all maps have
+
+    def report(self, cuts, length, surface, /, **how):
+        """Make a map, print a row, and return the map."""
+        return report(f"fsaverage5 white {self.side}", cuts, length, surface, self.uncut, **how)
 
 
 def main():
     """Print the table, and draw the maps of the left hemisphere if a picture is named."""
-    print(HEADER)
-    print("|---" * HEADER.count("|", 1) + "|", flush=True)
+    line(*COLUMNS)
+    line(*("---" for _ in COLUMNS))
     drawn = {}
     for side in anatomy.SIDES:
-        hemisphere = anatomy.fsaverage5(side)
-        surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
-        faces = hemisphere["flat"][1]
-        wall, length = shipped_cuts(hemisphere["white"], hemisphere["faces"], faces)
-        uncut, cortex = distances(surface, wall, faces), surface.drop(wall)
-        for name, mm, part, how in (
-            ("medial wall only", 0, cortex, {"relax": False}),
-            ("shipped", length, surface.keep((hemisphere["white"], faces)), {}),
-            ("automatic", None, cortex, {"relax": length}),
-            ("automatic, as long as it pays", None, cortex, {"relax": True}),
-        ):
-            flat = report(f"fsaverage5 white {side}", name, mm, part, uncut, **how)
-            if side == "left" and name in ("shipped", "automatic"):
-                drawn[f"{name} cuts"] = flat
+        of = shipped(side)
+        of.report("medial wall only", 0, of.cortex, relax=False)
+        drawn[side, "shipped cuts"] = of.report("shipped", of.length, of.cut)
+        drawn[side, "automatic cuts"] = of.report("automatic", None, of.cortex, relax=of.length)
+        of.report("automatic, as long as it pays", None, of.cortex, relax=True)
     if len(sys.argv) > 1:
-        draw(drawn, sys.argv[1])
+        draw({cuts: flat for (side, cuts), flat in drawn.items() if side == "left"}, sys.argv[1])
     for side in anatomy.SIDES:
         labels, affine, _ = anatomy.mni152_white_matter(side)
         surface = voxflat.surface(labels, affine=affine, repair="voxels")
@@ -52,35 +58,32 @@ def main():
             report(f"MNI152 white matter {side}, whole", name, None, surface, None, relax=relax)
 
 
-def shipped_cuts(points, faces, flat):
-    """Tell the medial wall from the cuts, which are strips, by what a flat map leaves out.
+def shipped(side):
+    """Read a hemisphere and its shipped flat map.
 
-    Returns: `wall`, bool (V,), left-out vertices among left-out ones, and their left-out neighbours; `length`, of the
-    cuts, mm: half of what they add to the boundary.
+    The map leaves out the medial wall and strips along its cuts. The wall: left-out vertices among left-out ones, and
+    their left-out neighbours.
     """
+    hemisphere = anatomy.fsaverage5(side)
+    points, faces, flat = hemisphere["white"], hemisphere["faces"], hemisphere["flat"][1]
     left_out = np.ones(len(points), dtype=bool)
     left_out[flat] = False
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     inside = left_out.copy()
     inside[ends[~left_out[ends[:, 1]], 0]] = False
     wall = inside.copy()
     wall[ends[inside[ends[:, 1]], 0]] = True
     wall &= left_out
-    return wall, (around(points, flat) - around(points, faces[~wall[faces].any(axis=1)])) / 2
+    surface = voxflat.surface((points, faces))
+    cortex = surface.drop(wall)
+    length = (around(points, flat) - around(points, faces[~wall[faces].any(axis=1)])) / 2
+    chosen = np.random.default_rng(0).choice(np.unique(flat), SOURCES, replace=False)
+    return Shipped(side, cortex, surface.keep((points, flat)), length, cortex.geodesic(np.sort(chosen)))
 
 
 def around(points, faces):
     """Return the length of the boundary, mm."""
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges, counts = np.unique(ends, axis=0, return_counts=True)
-    once = points[edges[counts == 1]]
-    return float(np.linalg.norm(once[:, 0] - once[:, 1], axis=1).sum())
-
-
-def distances(surface, wall, flat):
-    """Measure distances on the surface without the medial wall, from points that all maps have."""
-    chosen = np.random.default_rng(0).choice(np.unique(flat), SOURCES, replace=False)
-    return surface.drop(wall).geodesic(np.sort(chosen))
+    return float(np.linalg.norm(np.diff(points[anatomy.border(faces)], axis=1), axis=2).sum())
 
 
 def error_on(rows, flat):
@@ -105,17 +108,20 @@ def report(surface_name, cuts, length, surface, uncut, /, **how):
     wall, cpu = time.monotonic() - wall, time.process_time() - cpu
     if length is None:
         length = sum(cut["length"] for cut in flat.metadata["automatic_cuts"])
-    of, triangles = flat.distortion.best_scale, flat.distortion.triangles
     against = "" if uncut is None else f"{100 * error_on(uncut, flat):.2f}"
-    print(
-        f"| {surface_name} | {cuts} | {length:.0f} | {len(flat)} | {wall:.1f} | {cpu:.1f} "
-        f"| {100 * of.relative_error:.2f} | {100 * of.relative_error_30mm:.2f} | {100 * of.relative_error_10mm:.2f} "
-        f"| {against} | {of.stress_1:.4f} | {100 * triangles.edge:.2f} "
-        f"| {triangles.equal_area_median:.3f}, {triangles.equal_area_p95:.3f} "
-        f"| {triangles.flipped} | {triangles.covering} |",
-        flush=True,
-    )
+    spent = f"{wall:.1f}", f"{cpu:.1f}"
+    line(surface_name, cuts, f"{length:.0f}", len(flat), *spent, *judged(flat.distortion, against))
     return flat
+
+
+def judged(distortion, *between):
+    """Return the figures of a map, with what is between those of distances and the others."""
+    return *distance_cells(distortion), *between, *shape_cells(distortion)
+
+
+def line(*cells):
+    """Print a row as soon as there is one."""
+    print("|", *(f"{cell} |" for cell in cells), flush=True)
 
 
 def draw(maps, path):
@@ -129,9 +135,7 @@ def draw(maps, path):
     for axis, (name, flat) in zip(axes, maps.items(), strict=True):
         values = 100 * flat.distortion.per_point
         drawn = axis.tripcolor(*flat.uv.T, flat.faces, values, shading="gouraud", cmap="magma", vmin=0, vmax=25)
-        ends = np.concatenate([flat.faces[:, [0, 1]], flat.faces[:, [1, 2]], flat.faces[:, [2, 0]]])
-        edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
-        border = flat.uv[edges[counts == 1]]
+        border = flat.uv[anatomy.border(flat.faces)]
         axis.plot(*np.moveaxis(border, 2, 0).transpose(0, 2, 1), color="black", linewidth=1)
         error = 100 * flat.distortion.best_scale.relative_error
         axis.set_title(f"fsaverage5 white left, {name}: mean error {error:.1f} %", fontsize=10)

@@ -2,9 +2,9 @@
 
 import anatomy
 import numpy as np
-from distances_tables import exponent, judged, table
 from maps_makers import CUT_OPEN
-from maps_tables import made_by
+from maps_peers import made_by
+from tables import exponent, judged, table
 
 STEEPEST = 1.05
 """Of CPU time and memory, as a power of the vertices."""

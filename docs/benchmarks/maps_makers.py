@@ -10,6 +10,7 @@ with equal springs; 100 iterations.
 """
 
 import hashlib
+import importlib
 import json
 import resource
 import shutil
@@ -35,33 +36,17 @@ class NoMapError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A flat map and what it took.
+    """A flat map and what it took, without reading the input and importing packages."""
 
-    Parameters
-    ----------
-    places, points, faces : ndarray
-        In the plane, on the surface as it was cut, mm; triangles.
-    wall, cpu : float
-        Without reading the input and importing packages, s.
-    peak : float
-        Memory of the process at its peak, packages included, GiB.
-    taken : float
-        The same without what it had before the first step, packages and input, GiB.
-    need : float
-        What voxflat says before the start that it needs at most, GiB.
-    descent : dict
-        voxflat's ``metadata["descent"]``.
-    """
-
-    places: np.ndarray
-    points: np.ndarray
+    places: np.ndarray  # in the plane
+    points: np.ndarray  # on the surface as it was cut, mm
     faces: np.ndarray
-    wall: float = np.nan
-    cpu: float = np.nan
-    peak: float = np.nan
-    taken: float = np.nan
-    need: float = np.nan
-    descent: dict = field(default_factory=dict)
+    wall: float  # s
+    cpu: float  # s
+    peak: float  # memory of the process at its peak, packages included, GiB
+    taken: float  # the same without what it had before the first step, packages and input, GiB
+    need: float = np.nan  # what voxflat says before the start that it needs at most, GiB
+    descent: dict = field(default_factory=dict)  # voxflat's `metadata["descent"]`
 
 
 # ---------------------------------------------------------------------------------- in the caller's process
@@ -106,15 +91,6 @@ def _key(job):
 # ------------------------------------------------------------------------------------- in a process of its own
 
 
-def flatten(surface, method="voxflat", **options):
-    """Flatten: options of the method go into its object."""
-    from voxflat.methods import METHODS
-
-    kind = METHODS[method]
-    own = {name: options.pop(name) for name in list(options) if name in kind.__dataclass_fields__}
-    return surface.flatten(kind(**own), **options)
-
-
 def voxflat_map(job, options):
     """Return a map of the default method, the surface as it was cut, the memory that was said, and how descent went."""
     import voxflat
@@ -123,7 +99,7 @@ def voxflat_map(job, options):
         surface = voxflat.surface(job["labels"], affine=job["affine"], repair="voxels")
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
-    made = flatten(surface, **{"relax": False, **options})
+    made = surface.flatten(**{"relax": False, **options})
     told = {"need": made.metadata["memory_need_bytes"] / GIB, "descent": made.metadata.get("descent", {})}
     return made.uv, made.points, made.faces, told
 
@@ -216,15 +192,6 @@ def autoflatten(job, options):
 
 
 MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": autoflatten}
-USUAL = ("voxflat", "ARAP", "SLIM", "autoflatten")
-"""Makers of every section."""
-
-IMPORTS = {
-    "voxflat": ("voxflat",),
-    "ARAP": ("igl",),
-    "SLIM": ("igl",),
-    "autoflatten": ("voxflat",),
-}
 
 
 def main():
@@ -233,8 +200,7 @@ def main():
     with np.load(path) as file:
         job = {name: file[name] for name in file.files}
     options = json.loads(str(job.pop("options")))
-    for package in IMPORTS[maker]:
-        __import__(package)
+    importlib.import_module("igl" if maker in ("ARAP", "SLIM") else "voxflat")
     start, before = (time.perf_counter(), _cpu()), _memory("VmRSS")
     try:
         places, points, faces, told = MAKERS[maker](job, options)

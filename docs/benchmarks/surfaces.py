@@ -5,8 +5,6 @@
 Volumes are made from nilearn's data by ``anatomy.py``; nothing is downloaded.
 """
 
-import os
-import platform
 import shutil
 import subprocess
 import tempfile
@@ -16,6 +14,7 @@ from pathlib import Path
 
 import anatomy
 import numpy as np
+from tables import machine
 
 import voxflat
 from voxflat import _core
@@ -28,7 +27,7 @@ RADIUS = 45.0
 
 def main():
     """Measure and print."""
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
+    print(f"{machine()}\n")
     print(f"{'volume':26}{'voxels':>10}{'vertices':>10}{'split':>7}{'handles':>9}{'χ':>5}{'s':>7}")
     for side in ("left", "right"):
         mesh = anatomy.fsaverage5(side)
@@ -53,7 +52,7 @@ def main():
 def describe(name, labels, affine):
     """Print what a label volume's surface is like, and return its number of handles."""
     start = time.perf_counter()
-    surface = voxflat.surface(labels, affine=affine)
+    surface = voxflat.surface(labels, affine=affine, repair="none")
     seconds = time.perf_counter() - start
     topology = surface.core.topology()
     voxels = np.unique(surface.ids, axis=0)

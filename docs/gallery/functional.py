@@ -10,7 +10,6 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-import nibabel as nib
 import numpy as np
 
 import voxflat
@@ -39,16 +38,10 @@ def main(output):
 
 
 def hemisphere():
-    """Flatten fsaverage5's left hemisphere along standard cuts."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-    (white, faces), (pial, _), (sphere, _) = (
-        nib.load(folder / f"{name}_left.gii.gz").agg_data() for name in ("white", "pial", "sphere")
-    )
-    white, pial = (
-        voxflat.io.Mesh(points.astype(float), faces.astype(int), structure="CortexLeft") for points in (white, pial)
-    )
-    surface = voxflat.surface(white, pial=pial)
-    return surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
+    """Flatten fsaverage5's left hemisphere without its medial wall, along standard cuts."""
+    data = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    white, pial, sphere = (data / f"{name}_left.gii.gz" for name in ("white", "pial", "sphere"))
+    return voxflat.surface(white, pial=pial).drop("medial wall").flatten(cuts="standard", sphere=sphere)
 
 
 def stimulated(flat):

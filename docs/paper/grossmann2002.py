@@ -3,45 +3,16 @@
 make paper-grossmann
 """
 
-import sys
-import time
-from pathlib import Path
-
-import matplotlib
 import numpy as np
 import pyvista as pv
 from matplotlib.figure import Figure
+from paper import PICTURES, reproduce, row, shapes, show, show_flat
 from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat import _core, figures
 
-ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
-sys.path.insert(0, str(ROOT / "tests" / "helpers"))
-
-import shapes  # noqa: E402
-
 ORIENTATIONS = 20
-
-
-def main():
-    """Print the table and write the pictures."""
-    matplotlib.use("Agg")
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    start = time.perf_counter()
-    print(f"{'':58}{'paper':>12}{'ours':>12}")
-    lines()
-    circles()
-    curled_sheets()
-    head()
-    path_round_an_obstacle()
-    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
-
-
-def row(what, paper, ours):
-    """Print one line of the table."""
-    print(f"{what:58}{paper:>12}{ours:>12}")
 
 
 def estimate(counts):
@@ -88,7 +59,7 @@ def circles():
 def curled_sheets():
     """Figures 4 to 9: a curled sheet, axis-aligned and rotated."""
     sheet = shapes.curled_sheet()
-    aligned = flatten_all(sheet)
+    aligned = flatten(sheet)
     row("curled sheet, axis-aligned: mean geodesic, voxels", "35.4", f"{aligned.distortion.mean_geodesic:.1f}")
     row("  mean absolute error, voxels", "0.423", f"{aligned.distortion.raw.absolute_error:.3f}")
     row("  mean relative error, %", "2.13", f"{100 * aligned.distortion.raw.relative_error:.2f}")
@@ -106,22 +77,17 @@ def curled_sheets():
     chessboard_picture(aligned)
 
 
-def flatten_all(volume):
-    """Flatten with every voxel a source."""
-    return voxflat.flatten(
-        volume,
-        method=voxflat.methods.Grossmann2002(sources=len(voxflat.surface(volume).geodesic(1, geodesic="chain").ids)),
-    )
+def flatten(volume, sources=None):
+    """Flatten; without `sources` every voxel is one."""
+    if sources is None:
+        sources = len(voxflat.surface(volume).geodesic(1, geodesic="chain").ids)
+    return voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=sources))
 
 
 def one_sheet(seed, traversed, sources):
     """Flatten a sheet in one orientation: its size, mean geodesic, absolute and relative error."""
     volume = shapes.curled_sheet(rotation=Rotation.random(rng=seed), traversed=traversed)
-    flat_map = (
-        flatten_all(volume)
-        if sources is None
-        else voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=sources))
-    )
+    flat_map = flatten(volume, sources)
     distortion = flat_map.distortion
     raw = distortion.raw
     return len(flat_map), distortion.mean_geodesic, raw.absolute_error, raw.relative_error
@@ -132,15 +98,9 @@ def chessboard_picture(flat_map):
     board = flat_map.texture(chessboard(600, 300, 50))
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     space, plane = figure.subplots(1, 2)
-    space.imshow(voxel_picture(flat_map.points, board))
-    space.set(title="a curled sheet of voxels")
-    space.set_axis_off()
+    show(space, voxel_picture(flat_map.points, board), "a curled sheet of voxels")
     raster = flat_map.raster(0.25)
-    left, top = raster.origin
-    height, width = raster.shape
-    extent = (left, left + width * raster.pixel_size, top - height * raster.pixel_size, top)
-    plane.imshow(raster.interpolate(board), cmap="gray", extent=extent)
-    plane.set(title="flattened", xlabel="mm", ylabel="mm")
+    show_flat(plane, raster, raster.interpolate(board), cmap="gray")
     figures.save(figure, PICTURES / "grossmann_sheet.png")
 
 
@@ -194,10 +154,8 @@ def head():
     for ax, picture, title in zip(
         axes[1:], (bricks(720, 720), chessboard(720, 720, 40)), ("bricks", "chessboard"), strict=True
     ):
-        ax.imshow(textured(flat_map, picture, volume.shape))
-        ax.set_title(f"{title} mapped back")
-    for ax in axes:
-        ax.set_axis_off()
+        show(ax, textured(flat_map, picture, volume.shape), f"{title} mapped back")
+    axes[0].set_axis_off()
     figures.save(figure, PICTURES / "grossmann_head.png")
 
 
@@ -240,4 +198,4 @@ def path_round_an_obstacle():
 
 
 if __name__ == "__main__":
-    main()
+    reproduce(lambda: row("", "paper", "ours"), lines, circles, curled_sheets, head, path_round_an_obstacle)

@@ -7,24 +7,19 @@ libcgal-demo, from where `make` takes it. Other meshes and INRIMAGE volumes may 
 """
 
 import gzip
-import io
 import logging
 import sys
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import saucan_glue
 from matplotlib.figure import Figure
-from PIL import Image
+from paper import ROOT, fsaverage5, reproduce, save_small, show, trimmed
 
 import voxflat
 from voxflat import figures
 
-ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
 SEEDS = 5  # of the random triangles, whose numbers of patches are averaged
 PAPER = {10.0: 1.1763, 5.0: 1.0875}
 LIMITS = {"θ = 10°": {"max_angle": 10}, "θ = 5°": {"max_angle": 5}, "C = 1.1763": {"bound": 1.1763}}
@@ -32,10 +27,7 @@ LIMITS = {"θ = 10°": {"max_angle": 10}, "θ = 5°": {"max_angle": 5}, "C = 1.1
 
 def main(paths):
     """Print the tables and write the pictures."""
-    matplotlib.use("Agg")
     logging.getLogger("voxflat").setLevel(logging.ERROR)
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    start = time.perf_counter()
     surfaces = inputs(paths)
     certificates(surfaces)
     numbers(surfaces)
@@ -44,16 +36,15 @@ def main(paths):
     saucan_glue.gluing(surfaces["synthetic colon"])
     saucan_glue.developable()
     pictures(surfaces)
-    save(saucan_glue.picture(surfaces["fsaverage5, white"]), "saucan_glued.png")
-    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
+    save_small(saucan_glue.picture(surfaces["fsaverage5, white"]), "saucan_glued.png")
 
 
 def inputs(paths):
     """Return the surfaces by their names."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    white, pial = fsaverage5("white", "pial")
     surfaces = {
-        "fsaverage5, white": voxflat.surface(str(folder / "white_left.gii.gz")),
-        "fsaverage5, pial": voxflat.surface(str(folder / "pial_left.gii.gz")),
+        "fsaverage5, white": voxflat.surface(white),
+        "fsaverage5, pial": voxflat.surface(pial),
         "skull (mesh)": voxflat.surface(ROOT / "tests" / "data" / "skull.ply"),
         "synthetic colon": voxflat.surface(colon()),
     }
@@ -198,26 +189,12 @@ def pictures(surfaces):
     for axes, (name, surface) in zip(np.atleast_1d(figure.subplots(1, len(surfaces))), surfaces.items(), strict=True):
         atlas = surface.patches(bound=1.1763)
         towards = (-1.0, -0.3, 0.3) if name.startswith("fsaverage5") else (0.6, -1.0, 0.5)
-        axes.imshow(trimmed(figures.atlas_3d(atlas, towards=towards)))
-        axes.set_title(f"{name}\n{len(atlas)} patches, C ≤ 1.1763")
-        axes.set_axis_off()
-    save(figure, "saucan_surfaces.png")
-    save(figures.atlas_page(voxflat.surface(surfaces["synthetic colon"]).patches(bound=1.1763)), "saucan_page.png")
-
-
-def trimmed(picture):
-    """Return a picture without the white around what it shows."""
-    drawn = (picture < 255).any(axis=2)
-    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
-    return picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-
-
-def save(figure, name):
-    """Write a small picture."""
-    with io.BytesIO() as drawn:
-        figure.savefig(drawn, dpi=110)
-        Image.open(drawn).convert("RGB").quantize(128, Image.Quantize.MAXCOVERAGE).save(PICTURES / name, optimize=True)
+        show(axes, trimmed(figures.atlas_3d(atlas, towards=towards)), f"{name}\n{len(atlas)} patches, C ≤ 1.1763")
+    save_small(figure, "saucan_surfaces.png")
+    save_small(
+        figures.atlas_page(voxflat.surface(surfaces["synthetic colon"]).patches(bound=1.1763)), "saucan_page.png"
+    )
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    reproduce(lambda: main(sys.argv[1:]))

@@ -1,14 +1,13 @@
 """Gluing the patches of Appleboim, Saucan, Zeevi (2006), their open problem: figures and a picture for `saucan.py`."""
 
-import heapq
 import time
-from collections import defaultdict
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from paper import FSAVERAGE5
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 import voxflat
 from voxflat.figures.colours import patch_colours
@@ -19,9 +18,8 @@ SEEN = 45.0  # mm, the side of the part of the maps that is shown larger
 
 def gluing(colon):
     """Print how much of the seams is closed, and what the bounds are before and after."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
     surfaces = {
-        f"fsaverage5, {kind} {side}": voxflat.surface(str(folder / f"{kind}_{side}.gii.gz"))
+        f"fsaverage5, {kind} {side}": voxflat.surface(str(FSAVERAGE5 / f"{kind}_{side}.gii.gz"))
         for kind in ("white", "pial")
         for side in ("left", "right")
     }
@@ -80,19 +78,13 @@ def sheet(m, n, place):
 
 def naive(atlas):
     """Lay patches out rigidly along the spanning tree of longest shared boundaries; return triangles (F, 3, 2)."""
-    flat = atlas.uv[atlas.uv_faces]
-    sides = defaultdict(list)
-    for face, corners in enumerate(atlas.faces.tolist()):
-        for k in range(3):
-            a, b = corners[k], corners[(k + 1) % 3]
-            sides[min(a, b), max(a, b)].append((face, k))
-    shared, beside = defaultdict(float), defaultdict(lambda: defaultdict(set))
-    for (a, b), uses in sides.items():
-        if len(uses) == 2 and atlas.piece_ids[uses[0][0]] != atlas.piece_ids[uses[1][0]]:
-            p, q = (int(atlas.piece_ids[face]) for face, _ in uses)
-            shared[min(p, q), max(p, q)] += float(np.linalg.norm(atlas.points[a] - atlas.points[b]))
-            beside[p][q] |= {a, b}
-            beside[q][p] |= {a, b}
+    edges = np.sort(atlas.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(int), axis=1)
+    order = np.lexsort(edges.T)
+    edges, owner = edges[order], np.repeat(atlas.piece_ids, 3)[order]
+    between = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1) & (owner[1:] != owner[:-1]))
+    edges, pairs = edges[between], np.sort(np.column_stack([owner[between], owner[between + 1]]), axis=1)
+    lengths = np.linalg.norm(np.diff(atlas.points[edges], axis=1)[:, 0], axis=1)
+    tree = minimum_spanning_tree(coo_array((-lengths, pairs.T), shape=(len(atlas),) * 2).tocsr())
     place = {}
     for label, vertices in enumerate(np.split(atlas.vertex_ids, atlas.starts[1:-1])):
         rows = atlas.uv[atlas.starts[label] : atlas.starts[label + 1]]
@@ -102,22 +94,18 @@ def naive(atlas):
         if root in motion:
             continue
         motion[root] = np.eye(2), np.zeros(2)
-        queue = [(-shared[min(root, q), max(root, q)], root, q) for q in beside[root]]
-        heapq.heapify(queue)
-        while queue:
-            _, p, q = heapq.heappop(queue)
-            if q in motion:
-                continue
-            common = sorted(beside[p][q])
+        reached, before = breadth_first_order(tree, root, directed=False)
+        for q in reached[1:].tolist():
+            p = int(before[q])
+            common = np.unique(edges[(pairs == sorted((p, q))).all(axis=1)])
             turn, shift = motion[p]
             to = np.array([place[p][v] for v in common]) @ turn.T + shift
             motion[q] = rigid(np.array([place[q][v] for v in common]), to)
-            for other in beside[q]:
-                if other not in motion:
-                    heapq.heappush(queue, (-shared[min(q, other), max(q, other)], q, other))
     turns = np.array([motion[label][0] for label in range(len(atlas))])
     shifts = np.array([motion[label][1] for label in range(len(atlas))])
-    return np.einsum("fij,fkj->fki", turns[atlas.piece_ids], flat) + shifts[atlas.piece_ids][:, None]
+    return (
+        np.einsum("fij,fkj->fki", turns[atlas.piece_ids], atlas.uv[atlas.uv_faces]) + shifts[atlas.piece_ids][:, None]
+    )
 
 
 def rigid(points, to):

@@ -3,25 +3,19 @@
 make paper-mapmaker
 """
 
-import io
 import logging
 import time
-from importlib.util import find_spec
-from pathlib import Path
 
-import matplotlib
 import numpy as np
+import paper
 import pyvista as pv
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from PIL import Image
+from paper import row
 from scipy.linalg import orthogonal_procrustes
 
 import voxflat
-
-ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
 
 STARTS = 20  # whose ends are compared
 SURFACE, FLIPPED = "#4477aa", "#cc3311"
@@ -30,22 +24,13 @@ CURVES = ("#4477aa", "#ee7733", "#009988")
 
 def main():
     """Print the table and write the pictures."""
-    matplotlib.use("Agg")
     logging.getLogger("voxflat").setLevel(logging.ERROR)  # what it warns of is counted below
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    start = time.perf_counter()
-    print(f"{'':76}{'paper':>10}{'ours':>26}")
+    row("", "paper", "ours")
     hemisphere()
     cortex = fsaverage5()
     same_map(cortex)
     neighbourhoods(cortex)
     striate(cortex)
-    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
-
-
-def row(what, paper, ours):
-    """Print one line of the table."""
-    print(f"{what:76}{paper:>10}{ours:>26}", flush=True)
 
 
 def flatten(surface, *, seed=0, **options):
@@ -79,7 +64,7 @@ def hemisphere(radius=20.0):
     space, plane = figure.subplots(1, 2)
     show_space(space, flat_map, "a hemisphere", (0.6, -0.8, 0.45))
     show_flat(plane, flat_map, "flattened")
-    save(figure, "mapmaker_hemisphere.png")
+    paper.save_small(figure, "mapmaker_hemisphere.png")
 
 
 # -------------------------------------------------------------------------------------------- cortex
@@ -87,8 +72,7 @@ def hemisphere(radius=20.0):
 
 def fsaverage5():
     """Return the left midthickness surface, and the number of the vertex farthest back: the occipital pole."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-    white, pial = (str(folder / f"{name}_left.gii.gz") for name in ("white", "pial"))
+    white, pial = paper.fsaverage5("white", "pial")
     surface = voxflat.surface(white, pial=pial)
     return surface, int(surface.points[:, 1].argmin())
 
@@ -123,7 +107,7 @@ def same_map(cortex):
         axes[3].plot(flat_map.metadata["descent"]["energies"], color=CURVES[number], label=f"start {number + 1}")
     axes[3].set(xlabel="iteration", ylabel="stress", yscale="log", xlim=(0, 1.5 * max(steps)), title="descent")
     axes[3].legend(frameon=False)
-    save(figure, "mapmaker_starts.png")
+    paper.save_small(figure, "mapmaker_starts.png")
 
 
 def steps_to_end(energies):
@@ -172,7 +156,7 @@ def neighbourhoods(cortex):
         strict=True,
     ):
         show_flat(axes, maps[name], name)
-    save(figure, "mapmaker_neighbourhoods.png")
+    paper.save_small(figure, "mapmaker_neighbourhoods.png")
 
 
 def striate(cortex):
@@ -194,17 +178,10 @@ def striate(cortex):
     space, plane = figure.subplots(1, 2)
     show_space(space, flat_map, "occipital cortex from behind", (-0.35, -1.0, 0.15))
     show_flat(plane, flat_map, "flattened")
-    save(figure, "mapmaker_cortex.png")
+    paper.save_small(figure, "mapmaker_cortex.png")
 
 
 # ------------------------------------------------------------------------------------------ pictures
-
-
-def save(figure, name):
-    """Write a small picture: lines need few colours."""
-    with io.BytesIO() as drawn:
-        figure.savefig(drawn, dpi=110)
-        Image.open(drawn).convert("RGB").quantize(128, Image.Quantize.MAXCOVERAGE).save(PICTURES / name, optimize=True)
 
 
 def show_flat(axes, flat_map, title, colour=SURFACE):
@@ -229,13 +206,8 @@ def show_space(axes, flat_map, title, towards):
     plotter.add_mesh(mesh, color="#e8eef4", show_edges=True, edge_color=SURFACE, line_width=1.5, ambient=0.25)
     plotter.view_vector(towards, (0, 0, 1))
     plotter.camera.zoom(1.3)
-    picture = plotter.screenshot(return_img=True)
-    drawn = (picture < 255).any(axis=2)
-    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
-    axes.imshow(picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
-    axes.set_title(title)
-    axes.set_axis_off()
+    paper.show(axes, paper.trimmed(plotter.screenshot(return_img=True)), title)
 
 
 if __name__ == "__main__":
-    main()
+    paper.reproduce(main)

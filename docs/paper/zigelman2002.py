@@ -4,15 +4,14 @@ make paper-zigelman
 """
 
 import time
-from importlib.util import find_spec
-from pathlib import Path
 
-import matplotlib
 import numpy as np
+import paper
 import pyvista as pv
-import zigelman_surfaces as surfaces
 from grossmann2002 import bricks, chessboard
 from matplotlib.figure import Figure
+from paper import PICTURES, fsaverage5, reproduce, row, shapes, show
+from scipy import ndimage
 from scipy.spatial.distance import pdist
 
 import voxflat
@@ -20,28 +19,8 @@ from voxflat import figures
 from voxflat._pyvista import to_surface_polydata
 from voxflat.surfaces.pixels import pixels_of
 
-ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
 SOURCES = 625  # 25 x 25, as in the paper
 PAIRS = 1500  # points whose distances are compared where the truth is known
-
-
-def main():
-    """Print the table and write the pictures."""
-    matplotlib.use("Agg")
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    start = time.perf_counter()
-    print(f"{'':72}{'paper':>12}{'ours':>12}")
-    cylinder()
-    waves()
-    face()
-    cortex()
-    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
-
-
-def row(what, paper, ours):
-    """Print one line of the table."""
-    print(f"{what:72}{paper:>12}{ours:>12}", flush=True)
 
 
 def flatten(surface, **options):
@@ -51,12 +30,46 @@ def flatten(surface, **options):
     return flat_map, time.process_time() - start
 
 
+# ------------------------------------------------------------------------------------------ surfaces
+
+
+def cylinder_image(side=100, arc=150):
+    """Return a part of a cylinder (figure 4), and where its vertices lie unrolled, mm; `arc` is in degrees."""
+    half = np.radians(arc) / 2
+    across = np.linspace(-np.sin(half), np.sin(half), side)
+    radius = (side - 1) / (2 * np.sin(half))
+    image = voxflat.range_image(np.broadcast_to(radius * np.sqrt(1 - across**2), (side, side)), 1.0)
+    rows, columns = np.unravel_index(image.ids, (side, side))
+    return image, np.stack([radius * np.arcsin(across[columns]), -rows], axis=1)
+
+
+def waves_image(side=141, unit=1.0):
+    """Return the graph of sin x sin y over a period (figure 11); x and y are in units of so many mm."""
+    x = np.linspace(-np.pi, np.pi, side)
+    return voxflat.range_image(unit * np.outer(np.sin(x), np.sin(x)), unit * 2 * np.pi / (side - 1))
+
+
+def bust():
+    """Return a bust, 1 mm a pixel (figure 3: a face), as one sheet, which the paper takes a range image to be."""
+    return voxflat.range_image(bust_depth(), 1.0, jump=np.inf)
+
+
+def bust_depth():
+    """Return the depths of a bust; its grey levels are smoothed, for whole numbers make a staircase."""
+    depth = shapes.head_depth().astype(float)
+    pieces, _ = ndimage.label(ndimage.binary_opening(depth > 0, iterations=2))
+    there = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
+    share = ndimage.gaussian_filter(there.astype(float), 1.5)
+    smooth = ndimage.gaussian_filter(np.where(there, depth, 0.0), 1.5)
+    return np.where(there, smooth / np.where(there, share, 1), np.nan)
+
+
 # ------------------------------------------------------------------------------------------ cylinder
 
 
 def cylinder():
     """Figure 4: a cylinder as a range image, which can be flattened without any error."""
-    image, truth = surfaces.cylinder()
+    image, truth = cylinder_image()
     chosen = np.random.default_rng(0).choice(len(truth), PAIRS, replace=False)
     row(f"cylinder, {len(image)} vertices: mean relative error of flat distances, %", "", "")
     for sampling, how in (("grid", "bilinear"), ("decimation", "re-insertion")):
@@ -70,9 +83,7 @@ def cylinder():
     wall = bricks(640, 512)
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     space, plane = figure.subplots(1, 2)
-    space.imshow(textured(flat_map, wall, azimuth=35, elevation=25))
-    space.set_title("a cylinder with a picture")
-    space.set_axis_off()
+    show(space, textured(flat_map, wall, azimuth=35, elevation=25), "a cylinder with a picture")
     show_flat(plane, flat_map, wall)
     figures.save(figure, PICTURES / "zigelman_cylinder.png")
 
@@ -82,7 +93,7 @@ def cylinder():
 
 def waves():
     """Figure 11: the graph of sin x sin y with a chessboard."""
-    image = surfaces.waves()
+    image = waves_image()
     flat_map, _ = flatten(image)
     grid, _ = flatten(image, sampling="grid")
     row(f"sin x sin y, {len(image)} vertices", "", "")
@@ -91,9 +102,7 @@ def waves():
     figure = Figure(figsize=(11, 5), layout="constrained")
     space, plane = figure.subplots(1, 2)
     board = coloured(chessboard(768, 768, 48))
-    space.imshow(textured(flat_map, board, azimuth=25, elevation=-40))
-    space.set_title("sin x sin y with a chessboard")
-    space.set_axis_off()
+    show(space, textured(flat_map, board, azimuth=25, elevation=-40), "sin x sin y with a chessboard")
     show_flat(plane, flat_map, board)
     figures.save(figure, PICTURES / "zigelman_waves.png")
 
@@ -112,7 +121,7 @@ def tell(how, flat_map):
 
 def face():
     """Figures 3 and 5: a face from a range image of 40,000 vertices by 25 x 25 samples."""
-    image = surfaces.bust()
+    image = bust()
     grid, seconds = flatten(image, sampling="grid")
     row(f"face, {len(grid)} vertices, {len(grid.sources)} pixels of a grid: CPU s", "about 30", f"{seconds:.1f}")
     tell("bilinear", grid)
@@ -123,15 +132,12 @@ def face():
     light = 0.25 + 0.75 * np.clip(flat_map.normals @ np.array([-0.3, 0.3, 0.9]), 0, 1)
     figure = Figure(figsize=(13, 5), layout="constrained")
     space, plane, mapped = figure.subplots(1, 3)
-    space.imshow(textured(flat_map, np.full((8, 8, 3), 225, np.uint8)))
-    space.set_title("range image")
+    show(space, textured(flat_map, np.full((8, 8, 3), 225, np.uint8)), "range image")
     raster = flat_map.raster(0.5)
     plane.imshow(raster.interpolate(light), cmap="gray", vmin=0, vmax=1)
     plane.set_title("flat surface image")
-    mapped.imshow(textured(flat_map, coloured(chessboard(720, 720, 30))))
-    mapped.set_title("chessboard")
-    for axes in (space, plane, mapped):
-        axes.set_axis_off()
+    plane.set_axis_off()
+    show(mapped, textured(flat_map, coloured(chessboard(720, 720, 30))), "chessboard")
     figures.save(figure, PICTURES / "zigelman_face.png")
 
 
@@ -140,8 +146,7 @@ def face():
 
 def cortex():
     """Flatten a patch of the cortex that the paper does not have: fsaverage5's, with its cuts."""
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-    white, pial, flat = (str(folder / f"{name}_left.gii.gz") for name in ("white", "pial", "flat"))
+    white, pial, flat = fsaverage5("white", "pial", "flat")
     surface = voxflat.surface(white, pial=pial)
     flat_map, seconds = flatten(surface.keep(flat))
     row(f"fsaverage5's flat patch, {len(flat_map)} vertices: CPU s", "", f"{seconds:.1f}")
@@ -176,12 +181,8 @@ def show_flat(axes, flat_map, picture):
     raster = flat_map.raster(flat_map.spacing / 2)
     values = flat_map.texture(picture).astype(float) / 255
     shown = np.stack([raster.interpolate(values[:, channel]) for channel in range(3)], axis=-1)
-    left, top = raster.origin
-    height, width = raster.shape
-    extent = (left, left + width * raster.pixel_size, top - height * raster.pixel_size, top)
-    axes.imshow(np.where(np.isnan(shown), 1.0, shown), extent=extent)
-    axes.set(title="flattened", xlabel="mm", ylabel="mm")
+    paper.show_flat(axes, raster, np.where(np.isnan(shown), 1.0, shown))
 
 
 if __name__ == "__main__":
-    main()
+    reproduce(lambda: row("", "paper", "ours"), cylinder, waves, face, cortex)

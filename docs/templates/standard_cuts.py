@@ -1,4 +1,4 @@
-"""Derive the standard cuts from the flat maps of fsaverage5: ``standard_cuts.py FOLDER [-p PICTURE]``.
+"""Derive the standard cuts from the flat maps of fsaverage5: ``standard_cuts.py FOLDER``.
 
 The triangles of fsaverage5's sphere that its flat map lacks are the medial wall and the strips along the five cuts.
 FOLDER holds smriprep (Apache-2.0) as ``pip install --target`` leaves it: its spheres lead from fsaverage to fs_LR.
@@ -156,24 +156,10 @@ def anchors(flat, faces, white):
 def carried(points, from_, to, faces):
     """Carry points from one sphere to another by the triangle that holds them."""
     from_, to = unit(from_), unit(to)
-    tree = KDTree(from_)
-    around = [[] for _ in from_]
-    near = tree.query(points, k=4)[1]
-    wanted = np.zeros(len(from_), dtype=bool)
-    wanted[near] = True
-    for number in np.flatnonzero(wanted[faces].any(axis=1)):
-        for corner in faces[number]:
-            around[corner].append(number)
-    found = []
-    for point, nearest in zip(points, near, strict=True):
-        best = max(
-            {face for vertex in nearest for face in around[vertex]},
-            key=lambda face: np.linalg.solve(from_[faces[face]].T, point).min(),
-        )
-        weights = np.linalg.solve(from_[faces[best]].T, point)
-        assert weights.min() > -1e-6, "a triangle holds it"
-        found.append(unit(weights @ to[faces[best]]))
-    return np.array(found)
+    face, _ = _core.locate_on_sphere(from_.astype(float), faces.astype(np.int64), points)
+    corners = faces[face]
+    weights = np.linalg.solve(from_[corners].transpose(0, 2, 1), points[..., None])
+    return unit((weights * to[corners]).sum(axis=1))
 
 
 def sha256(path):
@@ -190,9 +176,7 @@ def main():
     """Write the templates."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
-    parser.add_argument("-p", "--picture", type=Path)
-    given = parser.parse_args()
-    atlases = given.folder / "smriprep" / "data" / "atlases"
+    atlases = parser.parse_args().folder / "smriprep" / "data" / "atlases"
     found = {side: derived(side, atlases) for side in SIDES}
     turn = alike(found)
     for side, one in found.items():
@@ -203,8 +187,6 @@ def main():
             print(f"{path.name}: {path.stat().st_size / 1024:.0f} KiB, {cuts}")
         print(side, one["where"])
     print(f"the right map was turned by {np.degrees(turn):.2f} degrees, so that it is the mirror image of the left one")
-    if given.picture:
-        picture(found, given.picture)
 
 
 def derived(side, atlases):
@@ -245,7 +227,7 @@ def derived(side, atlases):
         "spheres": {path.name: sha256(path) for path in leading.values()},
     }
     around = outline(wall, faces, sphere)
-    out = {"where": where, "flat": (flat, flat_faces, sphere, faces, missing)}
+    out = {"where": where}
     for space in ("fsaverage", "fs_LR"):
         place = (lambda points: points) if space == "fsaverage" else (lambda p: carried(p, from_, to, dense))
         out[space] = {
@@ -281,40 +263,6 @@ def alike(found):
     for space in ("fsaverage", "fs_LR"):
         found["right"][space]["anchors"]["flat"] = rounded(turned, 2)
     return turn
-
-
-def picture(found, path):
-    """Draw strips and lines on the sphere, and anchors on the map."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(2, 3, figsize=(24, 16))
-    for row, side in zip(axes, SIDES, strict=True):
-        one = found[side]
-        flat, flat_faces, sphere, faces, missing = one["flat"]
-        sulc = arrays(FSAVERAGE5 / f"sulc_{side}.gii.gz")[0]
-        medial = sphere[:, 0] * (1 if side == "left" else -1)
-        views = ((medial > -30, sphere[:, 1], sphere[:, 2]), (sphere[:, 2] < 40, sphere[:, 1], sphere[:, 0]))
-        for axis, (shown, x, y) in zip(row, views, strict=False):
-            axis.tripcolor(x, y, faces[shown[faces].all(axis=1)], sulc, cmap="gray", vmin=-2, vmax=2)
-            axis.triplot(x, y, faces[missing & shown[faces].all(axis=1)], color="tomato", lw=0.5)
-            at = [1, 2] if y is views[0][2] else [1, 0]
-            template = one["fsaverage"]
-            for line in template["outlines"] + template["cuts"]:
-                points = RADIUS * np.array(line["line"])
-                visible = points[:, 0] * (1 if side == "left" else -1) > -40 if at == [1, 2] else points[:, 2] < 50
-                axis.plot(points[visible, at[0]], points[visible, at[1]], lw=3, label=line["name"])
-            axis.set_aspect("equal")
-            axis.set_title(f"{side}, {'medial' if at == [1, 2] else 'from below'}")
-            axis.legend()
-        row[2].tripcolor(flat[:, 0], flat[:, 1], flat_faces, sulc, cmap="gray", vmin=-2, vmax=2)
-        places = np.array(one["fsaverage"]["anchors"]["flat"])
-        row[2].plot(places[:, 0], places[:, 1], ".")
-        row[2].set_aspect("equal")
-    figure.tight_layout()
-    figure.savefig(path, dpi=50)
 
 
 if __name__ == "__main__":

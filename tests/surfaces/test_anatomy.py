@@ -1,5 +1,3 @@
-import sys
-
 import anatomy
 import numpy as np
 import pytest
@@ -205,21 +203,3 @@ def test_mni152_hemispheres_have_no_cerebellum():
     assert x.max() == -1
     assert not ((y < -50) & (z < -25)).any()
     assert z[x > -20].min() > -32  # no stem; what there is belongs to the frontal and the temporal lobe
-
-
-def test_volumes_are_written(tmp_path, monkeypatch, capsys):
-    nibabel = pytest.importorskip("nibabel")
-    pytest.importorskip("nilearn", reason="the surfaces come with nilearn")
-    monkeypatch.setattr(sys, "argv", ["anatomy.py", str(tmp_path / "new")])
-    monkeypatch.setattr(anatomy, "SIDES", ("left",))
-    monkeypatch.setattr(anatomy, "SPACINGS", (2.5,))
-    anatomy.main()
-    surfaces = anatomy.fsaverage5("left")
-    labels, affine, fraction = anatomy.voxelise(surfaces["white"], surfaces["faces"], 2.5)
-    image = nibabel.load(tmp_path / "new" / "fsaverage5_left_2.5mm.nii.gz")
-    np.testing.assert_array_equal(np.asarray(image.dataobj), labels)
-    np.testing.assert_allclose(image.affine, affine, rtol=1e-6)
-    image = nibabel.load(tmp_path / "new" / "fsaverage5_left_2.5mm_fraction.nii.gz")
-    np.testing.assert_array_equal(np.asarray(image.dataobj), fraction)
-    assert (tmp_path / "new" / "mni152_left_1.0mm_probability.nii.gz").exists()
-    assert "mni152_left_1.0mm" in capsys.readouterr().out

@@ -16,17 +16,8 @@ from voxflat import figures, io
 from voxflat.io.volumes import write_volume
 
 _LEFT_OUT = {"progress", "dask", "self"}
-_PATHS = (
-    "out.npz",
-    "out.vtp",
-    "out.surf.gii",
-    "out.png",
-    "out.json",
-    "out.nii.gz",
-    "out.svg",
-    "missing/out.npz",
-    "out",
-)
+_PATHS = ["out", *(f"out.{ending}" for ending in ("npz", "vtp", "surf.gii", "png", "json", "nii.gz", "svg"))]
+_PATHS += ["missing/out.npz"]
 
 DRAWING = {"voxflat.figures.patch_3d", "voxflat.figures.atlas_3d"}
 """What takes a hundred times as long as other calls, as it draws in space."""
@@ -37,30 +28,24 @@ SELDOM = 20
 ODD: list[Any] = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, -0.5, 1e-300, 1e19, 1e107, float("nan")]
 ODD += [float("inf"), 1j, "", "x", "1", "../x", "a\0b", "\ud800", b"x", "x" * 300, [], (), {}, [[]], [1, [2, 3]]]
 ODD += [[None], ["a"], {"a": 1}, {1, 2}, object(), int, range(3), np.float32(1), np.datetime64("2020-01-01")]
+ODD += [np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.full(3, np.nan), np.array("x"), np.array([None])]
 ODD += [
-    np.zeros(0),
-    np.zeros((0, 3)),
-    np.zeros((3, 0)),
-    np.full(3, np.nan),
-    np.array("x"),
-    np.array([None]),
     np.zeros(3),
+    np.ma.masked_array([1.0, 2.0], [True, False]),
+    np.arange(4),
+    np.ones((2, 2, 2)),
+    np.eye(4) * np.nan,
+    Path("x"),
 ]
-ODD += [np.ma.masked_array([1.0, 2.0], [True, False]), np.arange(4), np.ones((2, 2, 2)), np.eye(4) * np.nan, Path("x")]
 
 
 def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[Any]]]:
-    """Return what is called, by its name, and right values of its parameters, by theirs.
-
-    `folder`: for files that calls read.
-    """
+    """Return what is called, by its name, and right values of its parameters, by theirs; some read files."""
     surface = voxflat.surface(sheet())
     mesh = (grid().points, grid().faces)
     of_mesh = voxflat.surface(mesh)
-    flat_map, of_mesh_map = (
-        voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=9)),
-        voxflat.flatten(of_mesh, method=voxflat.methods.Voxflat(sources=9)),
-    )
+    method = voxflat.methods.Voxflat(sources=9)
+    flat_map, of_mesh_map = (voxflat.flatten(one, method=method) for one in (surface, of_mesh))
     atlas = surface.patches(bound=1.2)
     write_volume(folder / "v.nii", sheet(), np.eye(4))
     io.write_mesh(folder / "s.surf.gii", grid())
@@ -184,11 +169,7 @@ def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any
 
 
 def arguments(one: Callable[..., Any], values: dict[str, list[Any]], chance: random.Random) -> dict[str, Any]:
-    """Choose what a function is given.
-
-    `one`: the function. `values`: right values of parameters, by their names. `chance`: chooses. Returns: by the
-    parameters' names.
-    """
+    """Choose what a function is given, by its parameters' names; `values`: right ones."""
     given: dict[str, Any] = {}
     for name, parameter in inspect.signature(one).parameters.items():
         if name in _LEFT_OUT or parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
@@ -225,9 +206,6 @@ def _spoiled(value: Any, chance: random.Random) -> Any:
 
 
 def told(label: str, given: dict[str, Any]) -> str:
-    """Return a call as text.
-
-    `label`: what is called. `given`: with what.
-    """
+    """Return a call as text."""
     shown = ", ".join(f"{name}={' '.join(repr(value).split())[:90]}" for name, value in given.items())
     return f"{label}({shown})".encode("ascii", "backslashreplace").decode()

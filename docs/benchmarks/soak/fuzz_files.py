@@ -14,7 +14,9 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -105,24 +107,6 @@ def _store(path: Path) -> None:
     rows.chunks  # noqa: B018
 
 
-def _cuts(path: Path) -> None:
-    voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False)
-
-
-def _template(path: Path) -> None:
-    is_template(path)
-    read_template(path)
-
-
-def _regions(path: Path) -> None:
-    _MADE["map"].regions(path).at(np.zeros((1, 2)))
-
-
-def _patch(path: Path) -> None:
-    is_patch(path)
-    read_patch(path)
-
-
 OPENERS: dict[str, Callable[[Path], object]] = {
     "volume": read_volume,
     "series": _series,
@@ -130,15 +114,15 @@ OPENERS: dict[str, Callable[[Path], object]] = {
     "values": _values,
     "labels": _labels,
     "region": lambda path: read_region(path, N),
-    "patch": _patch,
+    "patch": lambda path: (is_patch(path), read_patch(path)),
     "table": read_table,
     "points": read_points,
     "map": _map,
     "atlas": _atlas,
     "store": _store,
-    "cuts": _cuts,
-    "template": _template,
-    "regions": _regions,
+    "cuts": lambda path: voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False),
+    "template": lambda path: (is_template(path), read_template(path)),
+    "regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))),
     "picture": as_picture,
     "contents": contents,
 }
@@ -165,10 +149,7 @@ class Entry:
 
 
 def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
-    """Write a small file of every format.
-
-    `folder`: where. `endings`: only of files whose names end so.
-    """
+    """Write a small file of every format, or of those whose names end so."""
     entries: list[Entry] = []
 
     def entry(main: str, opener: str, write: Callable[[Path], object], name: str = "") -> None:
@@ -191,8 +172,8 @@ def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     entry("v.npy", "volume", lambda path: write_volume(path, sheet(), np.eye(4)))
     entry("v2.nii", "volume", lambda path: nib.save(nib.Nifti2Image(sheet(), affine), path))
     entry("text.nhdr", "volume", _write_nhdr)
-    entry("raw.mhd", "volume", _write_mhd)
-    entry("ascii.mha", "volume", _write_text_mha)
+    entry("raw.mhd", "volume", _write_meta)
+    entry("ascii.mha", "volume", _write_meta)
     series = nib.Nifti1Image(np.ones((SIDE, SIDE, 5, 3), np.float32), np.eye(4))
     entry("t.nii", "series", lambda path: nib.save(series, path))
     entry("t.nii.gz", "series", lambda path: nib.save(series, path))
@@ -313,19 +294,17 @@ def _write_nhdr(path: Path) -> None:
     path.with_name("v.raw").write_bytes(sheet().tobytes(order="F"))
 
 
-def _mhd_head(where: str) -> str:
-    head = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nOffset = 0 0 0\n"
-    return head + f"ElementSpacing = 1 1 2\nDimSize = 8 8 5\nElementType = MET_UCHAR\nElementDataFile = {where}\n"
-
-
-def _write_mhd(path: Path) -> None:
-    path.write_text(_mhd_head("v.raw"))
-    path.with_name("v.raw").write_bytes(sheet().tobytes(order="F"))
-
-
-def _write_text_mha(path: Path) -> None:
-    head = _mhd_head("LOCAL").replace("BinaryData = True", "BinaryData = False")
-    path.write_text(head + " ".join(map(str, sheet().ravel(order="F"))) + "\n")
+def _write_meta(path: Path) -> None:
+    """Write MetaImage: voxels as text in the same file (.mha), or raw in another."""
+    is_text = path.suffix == ".mha"
+    head = (
+        f"ObjectType = Image\nNDims = 3\nBinaryData = {not is_text}\nBinaryDataByteOrderMSB = False\nOffset = 0 0 0\n"
+    )
+    head += "ElementSpacing = 1 1 2\nDimSize = 8 8 5\nElementType = MET_UCHAR\nElementDataFile = "
+    voxels = sheet().ravel(order="F")
+    path.write_text(head + ("LOCAL\n" + " ".join(map(str, voxels)) if is_text else "v.raw") + "\n")
+    if not is_text:
+        path.with_name("v.raw").write_bytes(voxels.tobytes())
 
 
 def _write_svg(path: Path, flat_map: voxflat.FlatMap) -> None:
@@ -350,19 +329,9 @@ def flat_map_zarr(path: Path) -> None:
 
 # -------------------------------------------------------------------------------------------------- damage
 
-_WORDS = [b"0", b"-1", b"1", b"3", b"255", b"65536", b"2147483647", b"2147483648", b"-2147483648", b"4294967295"]
-_WORDS += [b"9223372036854775807", b"18446744073709551616", b"1e19", b"1e107", b"1e400", b"nan", b"-inf", b"", b"0.5"]
-_WORDS += [
-    b"99999999999999999999",
-    b"%n%x%s",
-    b"x",
-    b"\xff\xfe",
-    b"'",
-    b'"',
-    b"../../../etc/hosts",
-    b"None",
-    b"1 2 3 4",
-]
+_WORDS = b"0 -1 1 3 255 65536 2147483647 2147483648 -2147483648 4294967295 9223372036854775807".split()
+_WORDS += b"18446744073709551616 99999999999999999999 1e19 1e107 1e400 nan -inf 0.5 x ' ../../../etc/hosts None".split()
+_WORDS += [b"", b"%n%x%s", b"\xff\xfe", b'"', b"1 2 3 4"]
 _INTEGERS = [0, 1, 2, 3, 7, 127, 255, 256, 32767, 65535, 2**24, 2**31 - 1, 2**31, 2**32 - 1, -1, -2, -(2**31)]
 _FLOATS = [0.0, -0.0, 1.0, -1.0, 1e-30, 1e19, 1e30, float("nan"), float("inf"), float("-inf")]
 _VALUES: list[Any] = [None, True, False, 0, -1, 1, 2**31, 2**63, 2**70, 1e19, 1e107, "", "x", "nan", "0", [], {}, [[]]]
@@ -372,10 +341,7 @@ _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 
 
 def damage(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
-    """Damage the bytes of a file.
-
-    `data`: all of it. `chance`: says how. `other`: returns the bytes of another file.
-    """
+    """Damage the bytes of a file; `other` returns those of another one."""
     if chance.random() < 0.6:
         inside = _inside(data, chance, other)
         if inside is not None:
@@ -446,69 +412,51 @@ def _in_array(data: bytes, chance: random.Random) -> bytes:
 
 
 def odd_array(array: Any, chance: random.Random) -> Any:
-    """Return an array like another, but wrong somewhere.
-
-    `array`: the right one. `chance`: says how.
-    """
+    """Return an array like another, but wrong somewhere; `chance` says how."""
     array = np.array(array)
+    ways: list[Callable[[], Any]] = [
+        lambda: array[: len(array) // 2],
+        lambda: np.concatenate([array, array]),
+        lambda: array[:0],
+        lambda: array[..., None],
+        array.ravel,
+        lambda: np.array(chance.choice(("x", 3, 0.5, -1, np.nan))),
+        lambda: array.astype(array.dtype.newbyteorder(">")),
+    ]
+    if not array.ndim:
+        ways[:3] = [lambda: array[None]]
+    if array.dtype.kind != "U":
+        ways.append(lambda: array.astype(chance.choice(("f2", "f8", "i1", "u8", "c16", "?"))))
+    if array.size and array.dtype.kind in "iufb":
+        ways.append(lambda: _one_changed(array, chance))
     with np.errstate(all="ignore"):
-        match chance.randrange(9):
-            case 0:
-                return array[: len(array) // 2] if array.ndim else array[None]
-            case 1:
-                return np.concatenate([array, array]) if array.ndim else array[None]
-            case 2:
-                return array[..., None]
-            case 3:
-                return array.ravel()
-            case 4:
-                return (
-                    array.astype(chance.choice(("f2", "f8", "i1", "u8", "c16", "?")))
-                    if array.dtype.kind != "U"
-                    else array
-                )
-            case 5:
-                return np.array(chance.choice(("x", 3, 0.5, -1, np.nan)))
-            case 6:
-                return array[:0] if array.ndim else array
-            case 7:
-                return array.astype(array.dtype.newbyteorder(">"))
-            case _:
-                if array.size and array.dtype.kind in "iufb":
-                    array = array.copy()
-                    values = _FLOATS if array.dtype.kind == "f" else _INTEGERS
-                    value = np.array(chance.choice(values))
-                    array.reshape(-1)[chance.randrange(array.size)] = value.astype(array.dtype)
-                return array
+        return chance.choice(ways)()
+
+
+def _one_changed(array: Any, chance: random.Random) -> Any:
+    value = np.array(chance.choice(_FLOATS if array.dtype.kind == "f" else _INTEGERS)).astype(array.dtype)
+    changed = array.copy()
+    changed.reshape(-1)[chance.randrange(array.size)] = value
+    return changed
 
 
 def _in_json(value: Any, chance: random.Random) -> Any:
     """Change something in a value of JSON."""
     if chance.random() < 0.02:
-        return _nested(20)
-    inner = [key for key in value if isinstance(value[key], dict | list)] if isinstance(value, dict) else []
-    if isinstance(value, dict) and value:
-        key = chance.choice(sorted(inner)) if inner and chance.random() < 0.7 else chance.choice(sorted(value))
-        if isinstance(value[key], dict | list) and value[key] and chance.random() < 0.7:
-            return {**value, key: _in_json(value[key], chance)}
-        if chance.random() < 0.3:
-            return {name: one for name, one in value.items() if name != key}
-        return {**value, key: chance.choice(_VALUES)}
-    if isinstance(value, list) and value:
-        at = chance.randrange(len(value))
-        if isinstance(value[at], dict | list) and chance.random() < 0.7:
-            return [*value[:at], _in_json(value[at], chance), *value[at + 1 :]]
-        if chance.random() < 0.3:
-            return value[:at] + value[at + 1 :]
-        return [*value[:at], chance.choice(_VALUES), *value[at + 1 :]]
-    return chance.choice(_VALUES)
-
-
-def _nested(depth: int) -> Any:
-    value: Any = 1
-    for _ in range(depth):
-        value = [value]
-    return value
+        return reduce(lambda inner, _: [inner], range(20), 1)
+    if not isinstance(value, dict | list) or not value:
+        return chance.choice(_VALUES)
+    keys = sorted(value) if isinstance(value, dict) else list(range(len(value)))
+    inner = [key for key in keys if isinstance(value[key], dict | list) and value[key]]
+    changed = copy(value)
+    if inner and chance.random() < 0.5:
+        key = chance.choice(inner)
+        changed[key] = _in_json(value[key], chance)
+    elif chance.random() < 0.3:
+        del changed[chance.choice(keys)]
+    else:
+        changed[chance.choice(keys)] = chance.choice(_VALUES)
+    return changed
 
 
 def _numbers(data: bytes, chance: random.Random, _: object) -> bytes:
@@ -564,13 +512,9 @@ def _flipped(data: bytes, chance: random.Random, _: object) -> bytes:
     return bytes(changed)
 
 
-def _span(data: bytes, chance: random.Random) -> tuple[int, int]:
-    start = chance.randrange(len(data) + 1)
-    return start, min(len(data), start + chance.choice((1, 2, 4, 16, 100, 1000)))
-
-
 def _replaced(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
-    start, end = _span(data, chance)
+    start = chance.randrange(len(data) + 1)
+    end = min(len(data), start + chance.choice((1, 2, 4, 16, 100, 1000)))
     kinds = (b"", data[start:end] * 2, bytes(end - start), b"\xff" * (end - start), chance.randbytes(end - start))
     return data[:start] + chance.choice((*kinds, other()[start:end])) + data[end:]
 
@@ -600,11 +544,7 @@ _WAYS = (_numbers, _numbers, _words, _words, _lines, _flipped, _replaced, _cut, 
 
 
 def damaged(entry: Entry, entries: list[Entry], to: Path, chance: random.Random) -> tuple[Path, str]:
-    """Copy an entry of the corpus and damage one of its files.
-
-    `entry`: what is copied. `entries`: all of them. `to`: where; it is emptied first. `chance`: says how. Returns:
-    `path`, what is to be opened; `opener`, by what.
-    """
+    """Copy one of the entries to a place that is emptied first, and damage a file of it; return what opens which."""
     shutil.rmtree(to, ignore_errors=True)
     shutil.copytree(entry.folder, to)
     file = to / chance.choice(entry.files).relative_to(entry.folder)

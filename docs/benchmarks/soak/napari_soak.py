@@ -1,6 +1,6 @@
 """What random use of napari's window leaves behind: cancels at random moments, 30 maps, 200 sequences of actions.
 
-Needs a display, or ``xvfb-run -s "-screen 0 1600x1000x24" python docs/benchmarks/napari_soak.py``.
+Needs a display, or ``xvfb-run -s "-screen 0 1600x1000x24" python docs/benchmarks/soak/napari_soak.py``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.run import Run
 from voxflat._napari.workbench import Workbench
 
-_MACHINE = Path(__file__).parents[2] / "tests" / "napari" / "test_napari_machine.py"
+_MACHINE = Path(__file__).parents[3] / "tests" / "napari" / "test_napari_machine.py"
 
 
 class _MallInfo(ctypes.Structure):

@@ -1,8 +1,8 @@
 """Damaged files and wrong calls: a result or an error of voxflat, within 20 s and within memory; all else is a finding.
 
     make soak
-    python docs/benchmarks/fuzz.py --files 2000 --calls 2000     # a minute
-    python docs/benchmarks/fuzz.py --case files 123              # one of them again, with its traceback
+    python docs/benchmarks/soak/fuzz.py --files 2000 --calls 2000     # a minute
+    python docs/benchmarks/soak/fuzz.py --case files 123              # one of them again, with its traceback
 
 A small file of every format is written by voxflat and nibabel, damaged at random and opened; public functions and
 methods are called with right and wrong values. Each case is drawn from the seed and its number alone. Workers of their

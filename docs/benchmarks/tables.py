@@ -1,17 +1,15 @@
-"""What the parts of `distances.py` share: tables, targets, errors, times."""
+"""What benchmarks share: tables, targets, errors, sections that run one by one."""
 
 import os
 import platform
+import re
 import time
-from collections import defaultdict
+from pathlib import Path
 
 import numpy as np
 
 misses = []
 """What is not met: one line each."""
-
-measured = defaultdict(dict)
-"""Curves of growth: of each, seconds by size."""
 
 
 def table(title, columns, rows, note=""):
@@ -24,6 +22,29 @@ def table(title, columns, rows, note=""):
     if note:
         print(f"\n{note}")
     print(flush=True)
+
+
+DISTANCES = ("all %", "≤ 30 mm %", "≤ 10 mm %")
+SHAPES = ("stress-1", "edges %", "area: median, 95 %", "turned over", "covering")
+
+
+def distance_cells(distortion, of=None):
+    """Return how far the distances of a map are off, %, for `DISTANCES`; of its best scale, or of another part."""
+    of = distortion.best_scale if of is None else of
+    names = ("relative_error", "relative_error_30mm", "relative_error_10mm")
+    return [f"{100 * getattr(of, name):.2f}" for name in names]
+
+
+def shape_cells(distortion):
+    """Return the other figures of a map, for `SHAPES`."""
+    triangles = distortion.triangles
+    return [
+        f"{distortion.best_scale.stress_1:.4f}",
+        f"{100 * triangles.edge:.2f}",
+        f"{triangles.equal_area_median:.3f}, {triangles.equal_area_p95:.3f}",
+        str(triangles.flipped),
+        str(triangles.covering),
+    ]
 
 
 def judged(value, shown, limit, what, least=False):
@@ -50,41 +71,18 @@ def errors(found, true):
     return np.asarray(found, dtype=float)[apart] / true[apart] - 1
 
 
-def cost(work):
-    """Do some work; return its CPU and wall time, s, all threads together."""
-    start = time.process_time(), time.perf_counter()
-    work()
-    return np.array([time.process_time() - start[0], time.perf_counter() - start[1]])
-
-
-def in_turn(works, rounds):
-    """Let works take turns; return the medians of their CPU and wall times, s, by name."""
-    taken = {name: [] for name in works}
-    for _ in range(rounds):
-        for name, work in works.items():
-            taken[name].append(cost(work))
-    return {name: np.median(times, axis=0) for name, times in taken.items()}
-
-
 def exponent(sizes, values):
     """Slope of the straight line through the logarithms."""
     return np.polyfit(np.log(sizes), np.log(values), 1)[0]
 
 
-def seconds(value):
-    """Format a time, s."""
-    return f"{value:.1f} s" if value >= 10 else f"{value:.2f} s" if value >= 0.1 else f"{1e3 * value:.1f} ms"
-
-
 def machine():
     """Name the processor, its cores and the load."""
-    try:
-        with open("/proc/cpuinfo") as file:
-            names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
-    except OSError:
-        names = []
+    cpus = Path("/proc/cpuinfo")
+    names = re.findall(r"^model name\s*: (.*)$", cpus.read_text() if cpus.exists() else "", re.MULTILINE)
     load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
-    return f"{names[0] if names else platform.processor()} ({platform.machine()}), {os.cpu_count()} cores{load}"
+    name = names[0] if names else platform.processor()
+    return f"{name} ({platform.machine()}), {os.cpu_count()} cores{load}, Python {platform.python_version()}"
 
 
 def run(sections, parser):
@@ -93,7 +91,7 @@ def run(sections, parser):
     chosen = options.only.split(",") if options.only else list(sections)
     if unknown := set(chosen) - set(sections):
         parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(sections)}")
-    print(f"{machine()}, Python {platform.python_version()}")
+    print(machine())
     for name in chosen:
         start = time.perf_counter()
         sections[name](options)
