@@ -1,4 +1,4 @@
-"""A few cases of the soak `docs/benchmarks/soak/fuzz.py`, always the same: damaged files of every format, wrong calls."""
+"""A few cases of `docs/benchmarks/soak/fuzz.py`, always the same: damaged files of every format, wrong calls."""
 
 import fuzz
 import pytest
