@@ -55,7 +55,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
         note(path)
-        uv, ids = arrays["uv"], arrays["ids"]  # a file without them ends here
+        uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without them ends here
         with naming(path, AGAIN):
             arrays = _checked(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
@@ -92,6 +92,8 @@ def mesh_of_vertices(
     placed[ids[rows]] = places[rows]
     return Mesh(placed, ids[faces[is_kept]], structure=structure)
 
+
+_REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
 
 _LAYOUT = {
     "uv": ("f8", "points 2"),
