@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy import ndimage
 
 from voxflat import cli, demo
 from voxflat.io.volumes import write_volume
@@ -48,12 +49,18 @@ def test_the_python_example_runs(lab):
 
 @pytest.mark.slow
 def test_the_commands_run(lab):
+    white_matter, _, _ = demo.demo_cortex()
+    grid = white_matter.affine @ np.diag([1.5, 1.5, 1.5, 1])
+    whole = ndimage.affine_transform(white_matter.data, np.full(3, 1.5), output_shape=(132, 156, 126), order=1)
+    write_volume(lab / "brain.nii.gz", whole, grid)
+    write_volume(lab / "zstat.nii.gz", 9 * np.sin(np.indices(whole.shape)[1] / 9), grid)
     commands = re.findall(r"^ {4}voxflat (.*)$", README, re.MULTILINE)
-    assert len(commands) == 5
+    assert len(commands) == 8
     for command in commands:
-        result = CliRunner().invoke(cli.main, shlex.split(command), prog_name="voxflat")
+        result = CliRunner().invoke(cli.main, shlex.split(command, comments=True), prog_name="voxflat")
         assert result.exit_code == 0, result.output
-    assert {path.name for path in lab.iterdir()} >= {"map.npz", "t1_flat.png", "distortion.png", "t1_figure.png"}
+    made = {"lh.npz", "rh.npz", "both.png", "map.npz", "t1_flat.png", "distortion.png", "t1_figure.png"}
+    assert {path.name for path in lab.iterdir()} >= made
 
 
 def test_links_lead_somewhere_and_from_the_readme_to_every_page():
