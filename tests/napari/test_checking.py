@@ -22,7 +22,7 @@ def ring():
 
 def test_check_marks_the_handle(open_widget, qtbot):
     viewer, widget = open_widget(Labels(ring(), name="ring", affine=FLIP, units="mm"), name="Check surface")
-    qtbot.waitUntil(lambda: widget.form.label.label == 1)
+    qtbot.waitUntil(lambda: widget.form.label.label == 1, timeout=PATIENCE)
     widget.start.click()
     qtbot.waitUntil(lambda: widget.start.text() == "Check" and bool(widget.table.toPlainText()), timeout=PATIENCE)
     found = voxflat.check(ring(), affine=FLIP, label=1)
@@ -41,7 +41,7 @@ def test_figures_of_a_run_and_of_another_tools_patch(open_widget, qtbot, tmp_pat
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     _, measured = viewer.window.add_plugin_dock_widget("voxflat", "Measure map")
     assert measured.table.toPlainText().startswith("No flat map")
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     run(widget, qtbot)
     viewer.layers.selection.clear()

@@ -209,7 +209,7 @@ def test_layers_and_labels_are_listed(open_widget, qtbot):
     labels[0, 0, 0] = 7
     viewer, widget = open_widget(Image(np.ones((4, 4)), name="flat picture"), Labels(labels, name="parts"))
     assert widget.form.surface.layer is viewer.layers["parts"]
-    qtbot.waitUntil(lambda: widget.form.label.count() == 2)
+    qtbot.waitUntil(lambda: widget.form.label.count() == 2, timeout=PATIENCE)
     assert [widget.form.label.itemData(n) for n in range(2)] == [3, 7]
     viewer.layers["parts"].selected_label = 7
     assert widget.form.label.label == 7
@@ -218,7 +218,7 @@ def test_layers_and_labels_are_listed(open_widget, qtbot):
     viewer.layers["parts"].name = "regions"
     assert widget.form.surface.currentText() == "regions"
     viewer.layers["regions"].data_setitem((np.array([0]),) * 3, 9)
-    qtbot.waitUntil(lambda: widget.form.label.findData(9) >= 0)
+    qtbot.waitUntil(lambda: widget.form.label.findData(9) >= 0, timeout=PATIENCE)
     viewer.layers.remove("regions")
     assert widget.form.surface.layer is None
     assert not widget.form.label.count()
@@ -268,7 +268,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
     viewer, widget = open_widget(
         Image(t1, affine=FLIP, units="mm", name="T1"), Labels(labels, affine=FLIP, units="mm", name="sheet")
     )
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     assert widget.form.method.currentData() == "voxflat"
     choose_whole(widget)
     widget.form.options.sources.setValue(200)
@@ -301,7 +301,7 @@ def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
     atlas = np.zeros((24, 24, 24), dtype=np.int32)
     atlas[12:], atlas[:12] = 1001, 2035
     viewer, widget = open_widget(Labels(atlas, name="atlas"), Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     widget.form.sampled.choose(viewer.layers["atlas"])
     run(widget, qtbot)
@@ -313,7 +313,7 @@ def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
 def test_colours_on_the_map(open_widget, qtbot):
     colours = np.random.default_rng(0).integers(0, 255, (24, 24, 24, 3), dtype=np.uint8)
     viewer, widget = open_widget(Image(colours, rgb=True, name="stain"), Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     run(widget, qtbot)
     assert viewer.layers["stain flattened"].rgb
@@ -331,7 +331,7 @@ def test_dask_above_a_threshold(open_widget, qtbot):
 
 def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     run(widget, qtbot)
     path = str(tmp_path / "map")

@@ -125,7 +125,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
 def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(flattened, qtbot, open_widget):
     sheet, t1 = Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1")
     viewer, widget = open_widget(sheet, t1, show=True)
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     viewer.dims.ndisplay = 3
     viewer.dims.order = (2, 0, 1)

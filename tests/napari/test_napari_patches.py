@@ -87,7 +87,7 @@ def test_a_label_and_a_volume(open_widget, qtbot, world):
     labels = Labels(ball, name="ball", scale=scale, units="mm")
     viewer, widget = open_widget(Image(along, name="i", scale=scale, units="mm"), labels)
     widget.form.surface.choose(labels)
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose(widget.form.world, world)
     limit(widget, "max_angle", 30)
     widget.form.sampled.choose(viewer.layers["i"])

@@ -111,7 +111,7 @@ def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages):
         assert widget.start.isEnabled()
     viewer.add_labels(cap(), name="good")  # and it goes on
     widget.form.surface.choose(viewer.layers["good"])
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     run(widget, qtbot)
     assert "good distortion" in viewer.layers
 
@@ -262,7 +262,7 @@ def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
     """From 3D, with the map's dock open."""
     viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
     viewer.dims.ndisplay = 3
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     run(widget, qtbot)
     viewer.layers.clear()
@@ -297,7 +297,7 @@ def test_a_surface_is_chosen_anew_when_the_chosen_one_is_gone(open_widget):
 
 def test_figures_say_of_which_map_they_are(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     run(widget, qtbot)
     assert widget.results.title.text() == "Map of <b>sheet</b>"
@@ -311,7 +311,7 @@ def test_figures_say_of_which_map_they_are(open_widget, qtbot):
 def test_two_docks_fit_a_small_screen(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"), show=True)
     viewer.window.add_plugin_dock_widget("voxflat", "Flatten in patches")
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     widget.parentWidget().raise_()  # the two are tabs
     choose_whole(widget)
     run(widget, qtbot)

@@ -103,7 +103,7 @@ def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tm
     from qtpy.QtWidgets import QApplication
 
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
     run(widget, qtbot)
     monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getExistingDirectory", lambda *_: str(tmp_path))
