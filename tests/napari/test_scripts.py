@@ -6,7 +6,7 @@ import sys
 import nibabel as nib
 import numpy as np
 import pytest
-from napari_window import FLIP, bumps, cap, choose_whole, open_file, run
+from napari_window import FLIP, PATIENCE, bumps, cap, choose_whole, open_file, run
 from numpy.testing import assert_array_equal
 
 import voxflat
