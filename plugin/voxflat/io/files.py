@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import amount, checked_path, log, shown
 from voxflat.errors import InputError
+from voxflat.io.grid import FARTHEST
 from voxflat.io.reading import allowed_memory, note
 
 REMEDY = "is the file complete, and what its ending says?"
@@ -40,9 +41,6 @@ AGAIN = "copy it again"
 
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems
-
-LARGEST_PLACE = 1e9
-"""Coordinates beyond are taken nowhere, mm: `scales.rs` in the core."""
 
 _LONGEST_ERROR = 2000  # characters
 
@@ -231,8 +229,8 @@ def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
     """Check that coordinates, by their names, are finite and such as the core takes."""
     for name, array in arrays.items():
-        if not (np.abs(array.astype(np.float64)) <= LARGEST_PLACE).all():
-            raise InputError(f"its {name} are not all finite and up to {LARGEST_PLACE:g} mm: {AGAIN}")
+        if not (np.abs(array.astype(np.float64)) <= FARTHEST).all():
+            raise InputError(f"its {name} are not all finite and up to {FARTHEST:g} mm: {AGAIN}")
 
 
 def contents(path: Path) -> bytes:

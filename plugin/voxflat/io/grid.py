@@ -18,7 +18,7 @@ _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
 _LONGEST = 2**31 - 1  # voxels along an axis: their indices are kept in 32 bits
 
 FARTHEST = _core.FARTHEST
-"""mm from the origin: brains in nm have room, and what comes of squares and volumes stays finite."""
+"""mm from the origin: brains in nm have room, and the Earth in m; squares and volumes stay finite."""
 
 SMALLEST = _core.SMALLEST
 """mm that a voxel has at least, and the longest side of a surface's box."""
@@ -39,7 +39,7 @@ def check_affine(affine: ArrayLike) -> Affine:
     """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
 
     `affine` (4, 4): voxel index to RAS+ mm. Returns: (4, 4), float64, the affine. Raises InputError: it has another
-    shape, values that are not finite or beyond 1e9 mm, a voxel size of 0 or below 1e-9 mm, or axes that are not
+    shape, values that are not finite or beyond 1e11 mm, a voxel size of 0 or below 1e-9 mm, or axes that are not
     orthogonal (the cosine between two of them exceeds 1e-3).
     """
     try:

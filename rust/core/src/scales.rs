@@ -1,8 +1,8 @@
 //! Which sizes are taken. What is computed of lengths between these, their squares, volumes and inverses, stays a number, in 32 bits
 //! too, and no tolerance is reached by size alone.
 
-/// No point lies farther from the origin along an axis, mm: a thousand km.
-pub const FARTHEST: f64 = 1e9;
+/// No point lies farther from the origin along an axis, mm: a hundred thousand km.
+pub const FARTHEST: f64 = 1e11;
 
 /// Nothing is smaller, mm: neither the longest side of a surface's box nor a voxel. It is a thousandth of a nanometre.
 pub const SMALLEST: f64 = 1e-9;

@@ -258,6 +258,6 @@ fn sizes_beyond_the_scales_are_refused() {
             assert_eq!(made.is_ok(), is_taken, "{size:e}: {:?}", made.err());
         }
     }
-    let far: Vec<[f64; 3]> = points.iter().map(|&[x, y, z]| [x, y, z + 1.1e9]).collect();
+    let far: Vec<[f64; 3]> = points.iter().map(|&[x, y, z]| [x, y, z + 1.1e11]).collect();
     assert!(matches!(Surface::from_triangles(&far, &faces), Err(Error::PointTooFar { vertex: 0, .. })));
 }
