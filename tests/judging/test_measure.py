@@ -489,3 +489,11 @@ class TestGeometry:
             assert ("another geometry" in result.stderr) == (more == ())
         assert errors[0] == pytest.approx(errors[2], rel=1e-4)
         assert errors[1] > 1.2 * errors[0]
+
+
+def test_by_default_as_many_sources_are_taken_as_half_a_minute_allows():
+    from voxflat.judging.measure import _usual_sources
+
+    found = [_usual_sources(points, "exact") for points in (9, 10_242, 32_000, 160_000, 1_000_000)]
+    assert found == [300, 300, 69, 6, 6]
+    assert _usual_sources(1_000_000, "graph") == 300

@@ -189,7 +189,8 @@ class Skin:
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
         """Carry the data of the dataset over to a flat mesh.
 
-        An array whose name the flat mesh has for its own gets ``mesh_`` before it, and that is told.
+        An array whose name the flat mesh has for its own gets ``mesh_`` before it, and that is told. The dataset's
+        texture coordinates stay behind where the flat mesh has its own.
 
         Parameters
         ----------
@@ -200,7 +201,10 @@ class Skin:
             Which point of the surface each of its points is.
         """
         of_points = self.point_ids[ids]
+        replaced = self.dataset.GetPointData().GetTCoords() if flat.GetPointData().GetTCoords() else None
         for name in self.dataset.point_data:
+            if replaced is not None and name == replaced.GetName():  # the map has texture coordinates of its own
+                continue
             flat.point_data[_free(name, flat)] = self.dataset.point_data[name][of_points]
         for name in self.dataset.field_data:
             flat.field_data[_free(name, flat)] = self.dataset.field_data[name]

@@ -401,7 +401,7 @@ class Verbs(Given):
         flat: object,
         scalars: str | None = None,
         *,
-        sources: int = 300,
+        sources: int | None = None,
         reference: str | None = None,
         seed: int = 0,
         progress_bar: bool = False,
