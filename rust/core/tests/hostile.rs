@@ -246,8 +246,8 @@ fn sizes_beyond_the_scales_are_refused() {
     for (size, is_taken) in [
         (1e19, false),
         (1e107, false),
-        (3e8, false),
-        (2e8, true),
+        (3e10, false),
+        (2e10, true),
         (1e-9, true),
         (2e-10, false),
         (1e-30, false),
