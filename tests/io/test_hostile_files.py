@@ -233,7 +233,7 @@ CHANGES = {
     "NaN": ("uv", lambda uv: uv * np.nan),
     "places at the edge of the universe": ("uv", lambda uv: uv + 1e300),
     "places in half precision": ("uv", lambda uv: (uv + np.inf).astype(np.float16)),
-    "points there": ("points", lambda points: points + 1e10),
+    "points there": ("points", lambda points: points + 1e12),
     "words for a record": ("provenance", lambda record: "x"),
     "other points": ("points", lambda points: points[:9]),
     "complex points": ("points", lambda points: points * 1j),
