@@ -494,6 +494,7 @@ class TestGeometry:
 def test_by_default_as_many_sources_are_taken_as_half_a_minute_allows():
     from voxflat.judging.measure import _usual_sources
 
-    found = [_usual_sources(points, "exact") for points in (9, 10_242, 32_000, 160_000, 1_000_000)]
+    found = [_usual_sources([points], "exact") for points in (9, 10_242, 32_000, 160_000, 1_000_000)]
     assert found == [300, 300, 69, 6, 6]
-    assert _usual_sources(1_000_000, "graph") == 300
+    assert _usual_sources([32_000, 32_000], "exact") == 34  # their distances are measured one after the other
+    assert _usual_sources([1_000_000], "graph") == 300

@@ -212,7 +212,9 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
     assert same.all()
     ids = flat.point_data["vertex_ids"]
     np.testing.assert_array_equal(np.sort(ids), np.arange(mesh.n_points))
-    assert set(flat.point_data) >= set(mesh.point_data) - {"TextureCoordinates"}  # the map has its own
+    assert set(flat.point_data) >= set(mesh.point_data) - {"TextureCoordinates"}
+    theirs = mesh.point_data["TextureCoordinates"]
+    np.testing.assert_array_equal(flat.point_data["mesh_TextureCoordinates"], theirs[ids])
     for name in ("height", "right", "colour", "name", "Normals"):
         np.testing.assert_array_equal(flat.point_data[name], mesh.point_data[name][ids])
         assert flat.point_data[name].dtype == mesh.point_data[name].dtype

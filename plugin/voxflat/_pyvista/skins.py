@@ -189,8 +189,8 @@ class Skin:
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
         """Carry the data of the dataset over to a flat mesh.
 
-        An array whose name the flat mesh has for its own gets ``mesh_`` before it, and that is told. The dataset's
-        texture coordinates stay behind where the flat mesh has its own.
+        If the flat mesh has an array of the same name, ``mesh_`` is put before the dataset's name, with a warning. The
+        dataset's texture coordinates always get ``mesh_``, as the flat mesh has its own.
 
         Parameters
         ----------
@@ -201,11 +201,11 @@ class Skin:
             Which point of the surface each of its points is.
         """
         of_points = self.point_ids[ids]
-        replaced = self.dataset.GetPointData().GetTCoords() if flat.GetPointData().GetTCoords() else None
+        texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:
-            if replaced is not None and name == replaced.GetName():  # the map has texture coordinates of its own
-                continue
-            flat.point_data[_free(name, flat)] = self.dataset.point_data[name][of_points]
+            is_texture = texture is not None and name == texture.GetName()
+            free = _free(f"mesh_{name}" if is_texture else name, flat)
+            flat.point_data[free] = self.dataset.point_data[name][of_points]
         for name in self.dataset.field_data:
             flat.field_data[_free(name, flat)] = self.dataset.field_data[name]
         if not self.dataset.cell_data:

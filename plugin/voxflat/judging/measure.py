@@ -35,9 +35,9 @@ _MOST_SOURCES = 2**31  # more than any surface has points: all of them
 
 _USUAL_SOURCES = 300
 _FEWEST_SOURCES = 6
-_POINTS_AND_A_HALF = 4e8
-"""Of the exact distances from one source the time grows with the number of points to the power of 1.5: this many take
-60 s of CPU time, half a minute on two cores."""
+_USUAL_WORK = 4e8
+"""Exact distances from one source take time in proportion to the number of points to the power of 1.5. This much work
+took 60 s of CPU time on a bumpy sheet, half a minute on two cores, and less on a cortex."""
 
 _KEPT_SHARE = 4  # a quarter of the free memory
 
@@ -169,9 +169,10 @@ def measure(
         must be constant. With ``vertices``, which vertex of the surface each place is, a cut may have doubled some.
         Where an .obj has several texture coordinates at a vertex the surface is cut.
     sources : int, optional
-        How many random points distances are measured from. By default 300; where exact distances on a large surface
-        would take more than half a minute on two cores, fewer, but at least 6: 70 at 32,000 points, 6 at 160,000. The
-        standard errors tell how far the figures may be off.
+        How many random points distances are measured from. By default 300, or fewer where exact distances on a large
+        surface would take more than half a minute on two cores: 69 at 32,000 points, 6 from 160,000 points on, and
+        fewer where maps with different cuts are compared. From few sources the standard errors are rough estimates,
+        and so are the errors of single points in a heat map: give 300 for a figure that you publish.
     reference : {"exact", "graph"}, optional
         How distances are measured, as in `geodesic`. By default "exact" for meshes, whatever their size, and "graph"
         for surfaces of voxels, whose triangles are an estimate themselves.
@@ -271,7 +272,7 @@ def compare(
     topologies = {name: _topology(name, one) for name, one in matched.items()}
     groups = _grouped(list(matched.values()))
     if sources is None:
-        sources = _usual_sources(max(len(one.uv) for one in matched.values()), reference)
+        sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
@@ -318,11 +319,11 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
     return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
 
 
-def _usual_sources(points: int, reference: str) -> int:
-    """Return from how many sources maps of so many points are measured by default; at most half a minute is spent."""
+def _usual_sources(points: list[int], reference: str) -> int:
+    """Return from how many sources maps are measured by default; `points` has the size of each group of maps."""
     if reference == "graph":
         return _USUAL_SOURCES
-    return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_POINTS_AND_A_HALF / points**1.5)))
+    return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
 def _kept(limit: int | None) -> int:

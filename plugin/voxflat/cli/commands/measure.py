@@ -32,7 +32,7 @@ Examples:
 @options.making
 @options.section(
     "Measure",
-    option_of(measure, "sources", type=int, metavar="N"),
+    option_of(measure, "sources", type=int, metavar="N", sentences=3),
     option_of(
         measure, "reference", type=click.Choice(["exact", "graph"]), sentences=2, default="exact; graph for volumes"
     ),
