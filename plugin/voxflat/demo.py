@@ -37,22 +37,7 @@ DEPTH = 2.0
 
 
 def demo_cortex() -> tuple[Volume, Volume, Volume]:
-    """Load the demo's volumes from nilearn; nothing is downloaded.
-
-    Returns
-    -------
-    white_matter : Volume
-        Probability of white matter in the MNI152 template (0 to 1), 1 mm.
-    t1 : Volume
-        The T1-weighted template on the same grid.
-    grey_matter : Volume
-        Probability of grey matter (0 to 1) on the same grid.
-
-    Raises
-    ------
-    InputError
-        If nilearn is not installed.
-    """
+    """Load the demo's volumes from nilearn; nothing is downloaded."""
     package = importlib.util.find_spec("nilearn")
     if package is None or package.origin is None:
         raise InputError("the demo needs nilearn: pip install 'voxflat[demo]'")
@@ -69,28 +54,7 @@ def _template(folder: Path, kind: str) -> Volume:
 
 
 def run(output: Path, progress: Progress | None = None, tell: Callable[[str], None] = print) -> FlatMap:
-    """Flatten the demo's hemisphere and write the map, its pictures and its figures.
-
-    Parameters
-    ----------
-    output : Path
-        A directory; made if it is missing.
-    progress : callable, optional
-        As in `voxflat.flatten`.
-    tell : callable, optional
-        Takes each line of the summary.
-
-    Returns
-    -------
-    FlatMap
-
-    Raises
-    ------
-    InputError
-        If a package of the demo is missing.
-    OSError
-        If the directory cannot be made, or a file not be written.
-    """
+    """Flatten the demo's hemisphere and write the map, its pictures and its figures."""
     from voxflat import figures  # brings in matplotlib
 
     output.mkdir(parents=True, exist_ok=True)

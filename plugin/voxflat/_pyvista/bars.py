@@ -10,20 +10,7 @@ from voxflat.arguments import Progress
 
 @contextmanager
 def shown(wanted: bool, progress: Progress | None) -> Iterator[Progress | None]:
-    """Show a bar for each stage, beside what the caller is told.
-
-    Parameters
-    ----------
-    wanted : bool
-        Whether there are bars.
-    progress : callable or None
-        As in `voxflat.flatten`.
-
-    Yields
-    ------
-    callable or None
-        For `voxflat.flatten`.
-    """
+    """Show a bar for each stage, beside what the caller is told."""
     if not wanted:
         yield progress
         return

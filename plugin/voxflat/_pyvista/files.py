@@ -22,27 +22,6 @@ from voxflat.pipeline.surface import surface as _surface
 def read(path: str, *, surface: object | None = None) -> pv.PolyData:
     """Read a surface, a patch or a saved map, as ``pyvista.read`` does with its files.
 
-    Parameters
-    ----------
-    path : str
-        FreeSurfer (``lh.pial``, ``lh.white``, ...), GIFTI (``.surf.gii``), a patch (``lh.cortex.patch.flat``), or a map
-        of voxflat (``.voxflat``).
-    surface : path, (points, faces) or pyvista.PolyData, optional
-        Of a patch the surface that it is part of: the file has no triangles of its own.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Points as they are stored; of a saved map as from `to_polydata`; of a patch its part of the surface's triangles
-        in the patch's places, with ``vertex_ids`` and ``surface_points``.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or a patch without its surface.
-    FileNotFoundError, PermissionError
-        If it cannot be opened.
-
     Examples
     --------
     >>> import pyvista as pv

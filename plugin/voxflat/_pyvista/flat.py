@@ -111,25 +111,7 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
 def to_judged_polydata(
     judged: JudgedMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
 ) -> pv.PolyData:
-    """Return a map that was judged as a mesh in the plane z = 0, in mm.
-
-    Parameters
-    ----------
-    judged : JudgedMap
-        The map beside its surface.
-    points : ndarray of float64, shape (N, 3)
-        Its points on the surface, RAS+ mm.
-    ids : ndarray of int64, shape (N,) or (N, 3)
-        What they are in the input.
-    in_voxels : bool
-        Whether these are voxels.
-
-    Returns
-    -------
-    pyvista.PolyData
-        With the measures as in `to_polydata`, ``vertex_ids`` or ``voxel_ids``, and ``surface_points``; field data
-        ``voxflat``: the distortion figures.
-    """
+    """Return a map that was judged as a mesh in the plane z = 0, in mm."""
     faces: Any = judged.faces.astype(np.int64)
     mesh: pv.PolyData = pv.PolyData.from_regular_faces(np.column_stack([judged.uv, np.zeros(len(judged.uv))]), faces)
     mesh.point_data["voxel_ids" if in_voxels else "vertex_ids"] = ids
@@ -141,21 +123,7 @@ def to_judged_polydata(
 
 
 def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
-    """Return a surface that was cut open as a mesh in space, RAS+ mm.
-
-    Parameters
-    ----------
-    done : CutSurface
-        As `Surface.cut` returns it.
-    point_ids : ndarray of int64, optional
-        What the vertices of a mesh are called.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Point data ``cut`` (active): the number of the cut on which a point lies, else -1; ``vertex_ids`` or
-        ``voxel_ids``. Field data ``voxflat``: the cuts and the remarks.
-    """
+    """Return a surface that was cut open as a mesh in space, RAS+ mm."""
     whole = done.surface
     faces: Any = whole.faces.astype(np.int64)
     mesh: pv.PolyData = pv.PolyData.from_regular_faces(whole.points, faces)

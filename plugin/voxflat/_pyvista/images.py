@@ -13,24 +13,7 @@ from voxflat.io.volumes import Volume
 
 
 def volume_of(mesh: pv.DataSet, scalars: str | None = None) -> Volume:
-    """Return an array of an image as a volume with its affine, without a copy.
-
-    Parameters
-    ----------
-    mesh : pyvista.DataSet
-        An image.
-    scalars : str, optional
-        Name of the array; by default the active one, or the only one.
-
-    Returns
-    -------
-    Volume
-
-    Raises
-    ------
-    InputError
-        If it is no image, or the array is missing or has several components.
-    """
+    """Return an array of an image as a volume with its affine, without a copy."""
     image = _image(mesh)
     values, in_cells = _array(image, scalars)
     shape, affine = _grid(image, in_cells)

@@ -18,27 +18,7 @@ _SAME = 1e-4  # of the median edge: meshes may hold float32
 
 
 def rows_of(flat: object, whole: Surface, skin: Skin | None) -> object:
-    """Return a map as `voxflat.measure` takes it.
-
-    Parameters
-    ----------
-    flat : object
-        A mesh of PyVista, or whatever `voxflat.measure` takes.
-    whole : Surface
-        The surface that it is a map of.
-    skin : Skin or None
-        Of the dataset that this is the surface of; None of an image.
-
-    Returns
-    -------
-    object
-        Of a map of the accessor its places, triangles, and the vertices that they are.
-
-    Raises
-    ------
-    InputError
-        If it is not of this surface.
-    """
+    """Return a map as `voxflat.measure` takes it."""
     if isinstance(flat, pv.PolyData) and is_map(flat):
         faces = np.asarray(flat.regular_faces, dtype=np.int64)
         if "torn" in flat.cell_data:

@@ -11,27 +11,7 @@ from voxflat.maps.textures.pictures import as_picture, check_cover, place, value
 def textured(
     flat: pv.PolyData, picture: object, texel_size: float | None, *, repeat: bool
 ) -> tuple[pv.PolyData, pv.Texture]:
-    """Lay a picture onto the surface of a flat map.
-
-    Parameters
-    ----------
-    flat : pyvista.PolyData
-        A map or a page; it stays as it is.
-    picture, texel_size, repeat
-        As in `FlatMap.textured`.
-
-    Returns
-    -------
-    surface : pyvista.PolyData
-        In space.
-    texture : pyvista.Texture
-        The picture.
-
-    Raises
-    ------
-    InputError
-        As in `FlatMap.textured`.
-    """
+    """Lay a picture onto the surface of a flat map."""
     colours, _ = as_picture(picture)
     uv = np.asarray(flat.points, dtype=np.float64)[:, :2]
     coordinates = place(uv, colours.shape, texel_size)

@@ -40,22 +40,7 @@ class Skin:
 
     @classmethod
     def of(cls, dataset: pv.DataSet) -> Skin:
-        """Take the surface of a dataset: of volume cells their outside; polygons and strips become triangles.
-
-        Parameters
-        ----------
-        dataset : pyvista.DataSet
-            Of any kind.
-
-        Returns
-        -------
-        Skin
-
-        Raises
-        ------
-        InputError
-            If it has no surface.
-        """
+        """Take the surface of a dataset: of volume cells their outside; polygons and strips become triangles."""
         if (
             isinstance(dataset, pv.PolyData)
             and dataset.GetNumberOfPolys() == dataset.n_cells
@@ -92,22 +77,7 @@ class Skin:
         return self.mesh is self.dataset
 
     def point(self, seed: object, name: str) -> int:
-        """Return which point of the surface is meant by a single seed.
-
-        Parameters
-        ----------
-        seed, name
-            As in `points`.
-
-        Returns
-        -------
-        int
-
-        Raises
-        ------
-        InputError
-            As in `points`, or if there are several.
-        """
+        """Return which point of the surface is meant by a single seed."""
         found = self.points(seed, name)
         if found.ndim:
             raise InputError(
@@ -116,25 +86,7 @@ class Skin:
         return int(found)
 
     def points(self, seeds: object, name: str) -> NDArray[np.int64]:
-        """Return which points of the surface are meant.
-
-        Parameters
-        ----------
-        seeds : int, position, pyvista.Cell, or several of them
-            Whole numbers are points of the dataset; three numbers with a fraction (of floating point) are a position,
-            of which the nearest point is taken; of a cell of the dataset that corner which is nearest to its middle.
-        name : str
-            What they are, for messages.
-
-        Returns
-        -------
-        ndarray of int64, shape () or (m,)
-
-        Raises
-        ------
-        InputError
-            If one is not on the surface, or is none.
-        """
+        """Return which points of the surface are meant."""
         if isinstance(seeds, pv.Cell):
             return self._of_cell(seeds, name)
         if isinstance(seeds, list | tuple) and any(isinstance(seed, pv.Cell) for seed in seeds):
@@ -191,14 +143,6 @@ class Skin:
 
         If the flat mesh has an array of the same name, ``mesh_`` is put before the dataset's name, with a warning. The
         dataset's texture coordinates always get ``mesh_``, as the flat mesh has its own.
-
-        Parameters
-        ----------
-        flat : pyvista.PolyData
-            The map or page; its point data get those of the points, its cell data those of the cells, its field data
-            those of the whole.
-        ids : ndarray of int64
-            Which point of the surface each of its points is.
         """
         of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()

@@ -61,28 +61,7 @@ class Shown:
 
     @classmethod
     def of(cls, flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None) -> Shown:
-        """Take an array of a map.
-
-        Parameters
-        ----------
-        flat : pyvista.PolyData
-            The map.
-        scalars : str or None
-            The array's name; by default the active one.
-        cmap : str or None
-            The colour map's name.
-        clim : tuple of 2 floats or None
-            As above.
-
-        Returns
-        -------
-        Shown
-
-        Raises
-        ------
-        InputError
-            If there is no such array, it holds no numbers, or `clim` is no range.
-        """
+        """Take an array of a map."""
         name = scalars or flat.active_scalars_name
         of_points = name is not None and name in flat.point_data
         if name is None or not (of_points or name in flat.cell_data):
@@ -104,50 +83,21 @@ class Shown:
         return cls(flat, shown, shown, name, of_points, Look(look.label, cmap or look.cmap), limits)
 
     def mesh(self, points: NDArray[np.float64]) -> pv.PolyData:
-        """Return a mesh of the map's triangles with these places and the values alone.
-
-        Parameters
-        ----------
-        points : ndarray, shape (N, 3)
-            Places.
-
-        Returns
-        -------
-        pyvista.PolyData
-            Those that are torn have no colour: no surface lies there.
-        """
+        """Return a mesh of the map's triangles with these places and the values alone."""
         mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, np.asarray(self.flat.regular_faces))
         (mesh.point_data if self.of_points else mesh.cell_data)[self.look.label] = self.values
         self.turned(mesh)
         return mesh
 
     def turned(self, mesh: pv.PolyData) -> None:
-        """Give a mesh whose points have moved the normals that it now has.
-
-        Parameters
-        ----------
-        mesh : pyvista.PolyData
-            Of `mesh`.
-        """
+        """Give a mesh whose points have moved the normals that it now has."""
         normals = mesh.compute_normals(
             cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False
         )
         mesh.GetPointData().SetNormals(normals.GetPointData().GetNormals())
 
     def add(self, plotter: Any, mesh: pv.PolyData, *, bar: bool, lighting: bool) -> None:
-        """Add a mesh of `mesh` to a plotter.
-
-        Parameters
-        ----------
-        plotter : pyvista.Plotter
-            Where to.
-        mesh : pyvista.PolyData
-            What.
-        bar : bool
-            Whether a colour bar explains the colours.
-        lighting : bool
-            Whether it is lit.
-        """
+        """Add a mesh of `mesh` to a plotter."""
         light = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0} if lighting else {"lighting": False}
         if self.clim is None:
             plotter.add_mesh(mesh, scalars=self.look.label, rgb=True, **light).GetProperty().SetInterpolationToPhong()
@@ -165,17 +115,7 @@ class Shown:
         actor.GetProperty().SetInterpolationToPhong()
 
     def told(self, point: int, cell: int) -> str:
-        """Say what is shown at a place.
-
-        Parameters
-        ----------
-        point, cell : int
-            The nearest point, and the triangle.
-
-        Returns
-        -------
-        str
-        """
+        """Say what is shown at a place."""
         ids = next((self.flat.point_data[name] for name in _IDS if name in self.flat.point_data), None)
         which = point if ids is None else np.asarray(ids)[point].tolist()
         value = self.numbers[point if self.of_points else cell]
@@ -214,21 +154,7 @@ def side_by_side(
 def look_at(
     plotter: Any, points: NDArray[np.float64], turn: NDArray[np.float64], size: tuple[float, float], *, bar: bool
 ) -> None:
-    """Look at points along an axis, all of them in sight and above the colour bar.
-
-    Parameters
-    ----------
-    plotter : pyvista.Plotter
-        Whose camera is moved.
-    points : ndarray, shape (N, 3)
-        What is seen.
-    turn : ndarray, shape (3, 3)
-        In its columns what is to the right, what is up, and from where it is seen.
-    size : tuple of 2 floats
-        Width and height of the picture, in any unit.
-    bar : bool
-        Whether there is a colour bar below.
-    """
+    """Look at points along an axis, all of them in sight and above the colour bar."""
     along = points @ turn
     low, high = along.min(axis=0), along.max(axis=0)
     middle, (width, height, depth) = (low + high) / 2, high - low

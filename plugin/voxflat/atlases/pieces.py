@@ -91,18 +91,7 @@ class FlatPieces:
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self: Own, record: Record) -> Own:
-        """Return the same with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        FlatPieces
-            Of the same class.
-        """
+        """Return the same with a record of what made it."""
         return replace(self, metadata={**self.metadata, "provenance": record})
 
     @cached_property

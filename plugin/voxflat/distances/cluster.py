@@ -72,33 +72,6 @@ class Cluster:
 
         A worker works on one item at a time, in the caller's directory. An item whose worker dies is taken up by
         another, four times at most; what it has left on disk is up to the work.
-
-        Parameters
-        ----------
-        work : callable
-            What is done.
-        items : sequence
-            On what.
-        stage : str
-            What progress is told of; as long as there is no worker that it is waited for.
-        threads : int, optional
-            Of each worker; as many as it was given, by default.
-        progress : callable, optional
-            As in `voxflat.flatten`.
-
-        Yields
-        ------
-        item
-            One of the items, in the order in which they are finished.
-        result
-            What the work returned.
-        error : Exception or None
-            What it raised; or an `InputError` if no worker came to its end.
-
-        Raises
-        ------
-        Cancelled
-            If `progress` returned False. Workers stop.
         """
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
@@ -142,25 +115,7 @@ def _outcome(future: Any) -> tuple[Any, Exception | None]:
 
 @contextmanager
 def connected(address: str, *, most: int) -> Iterator[Cluster]:
-    """Connect to a Dask cluster, or start one on this machine, until the block ends.
-
-    Parameters
-    ----------
-    address : str
-        The scheduler's, such as ``tcp://node1:8786``; its file, as ``dask scheduler --scheduler-file`` writes it; or
-        "local".
-    most : int
-        As many workers as there is work for: of this machine no more are started.
-
-    Yields
-    ------
-    Cluster
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed, no scheduler answers, or a worker has another version of voxflat, or none.
-    """
+    """Connect to a Dask cluster, or start one on this machine, until the block ends."""
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:

@@ -54,17 +54,7 @@ class Path:
         return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
 
     def _with_provenance(self, record: Record) -> Path:
-        """Return the same path with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        Path
-        """
+        """Return the same path with a record of what made it."""
         return replace(self, provenance=record)
 
 

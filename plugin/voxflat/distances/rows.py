@@ -72,17 +72,7 @@ class DistanceRows:
     provenance: Record = field(default_factory=dict)
 
     def _with_provenance(self, record: Record) -> DistanceRows:
-        """Return the same rows with a record of what made them, which goes into their store, too.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        DistanceRows
-        """
+        """Return the same rows with a record of what made them, which goes into their store, too."""
         if self.store is not None:
             write_provenance(self.store, record)
         return replace(self, provenance=record)

@@ -81,21 +81,7 @@ class Distortion:
     def _of(
         cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any
     ) -> Distortion:
-        """Take what the compiled core has measured.
-
-        Parameters
-        ----------
-        distances, triangles : dict
-            By the names of the fields.
-        reference : str
-            How distances were measured.
-        **more
-            The fields that are left.
-
-        Returns
-        -------
-        Distortion
-        """
+        """Take what the compiled core has measured."""
         errors = dict(distances["standard_error"])
         for scales in (distances, errors):
             scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}

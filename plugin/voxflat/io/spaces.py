@@ -136,22 +136,7 @@ class VolumeGeometry:
 
     @classmethod
     def _of_matrix(cls, matrix: ArrayLike) -> VolumeGeometry:
-        """Return the geometry of some volume whose tkRAS a matrix takes to scanner RAS.
-
-        Parameters
-        ----------
-        matrix : array_like, shape (4, 4)
-            A rotation, perhaps with a mirroring, and a shift.
-
-        Returns
-        -------
-        VolumeGeometry
-
-        Raises
-        ------
-        InputError
-            If it is another kind of matrix.
-        """
+        """Return the geometry of some volume whose tkRAS a matrix takes to scanner RAS."""
         whole = numbers_of(matrix, "matrix")
         return cls(whole[:3, :3] @ _CONFORMED, whole[:3, 3])
 
@@ -194,17 +179,7 @@ class Space:
 
     @classmethod
     def _of(cls, metadata: Mapping[str, Any]) -> Space:
-        """Return the space that the metadata of a surface, a map or an atlas tell.
-
-        Parameters
-        ----------
-        metadata : mapping
-            With ``space``, as `described` gives it. Without one: scanner RAS if it was made of voxels.
-
-        Returns
-        -------
-        Space
-        """
+        """Return the space that the metadata of a surface, a map or an atlas tell."""
         told = metadata.get("space")
         if told is None:
             return cls("scanner") if metadata.get("kind") == "voxels" else UNKNOWN
@@ -215,14 +190,7 @@ class Space:
         return cls(told["name"], volume, told["doubt"])
 
     def _described(self) -> dict[str, Any]:
-        """Return what metadata tell of it, ready for JSON.
-
-        Returns
-        -------
-        dict
-            ``name``, ``to_scanner`` (the matrix of shape (4, 4), None if it is not known), ``volume`` (by the names of
-            FreeSurfer's footer, or None) and ``doubt``.
-        """
+        """Return what metadata tell of it, ready for JSON."""
         volume = self.volume
         return {
             "name": self.name,

@@ -104,17 +104,7 @@ class Comparison:
         return self.maps[name].distortion
 
     def _with_provenance(self, record: Record) -> Comparison:
-        """Return the same with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        Comparison
-        """
+        """Return the same with a record of what made it."""
         return replace(self, provenance=record)
 
     def figures(self) -> dict[str, Any]:

@@ -340,17 +340,7 @@ class FlatMap(Planar, Convertible):
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> FlatMap:
-        """Return the same map with a record of what made it; its store of rows gets the record, too.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        FlatMap
-        """
+        """Return the same map with a record of what made it; its store of rows gets the record, too."""
         full = resolved(record, self.metadata)
         if "store" in self.metadata:
             write_provenance(self.metadata["store"], full)

@@ -7,22 +7,7 @@ from numpy.typing import NDArray
 
 
 def laid(plane: NDArray[np.float64], surface: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lay a map near its surface: turned and moved, such that the sum of the squares of all ways is least.
-
-    Parameters
-    ----------
-    plane : ndarray of float64, shape (N, 3)
-        Places on the map, z = 0.
-    surface : ndarray of float64, shape (N, 3)
-        Places on the surface.
-
-    Returns
-    -------
-    turn : ndarray of float64, shape (3, 3)
-        A rotation, no reflection.
-    places : ndarray of float64, shape (N, 3)
-        Those of the map, laid there.
-    """
+    """Lay a map near its surface: turned and moved, such that the sum of the squares of all ways is least."""
     flat, middle = plane - plane.mean(axis=0), surface.mean(axis=0)
     left, _, right = np.linalg.svd((surface - middle).T @ flat)
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])

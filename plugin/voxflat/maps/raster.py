@@ -123,17 +123,7 @@ class FlatImage:
         return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
 
     def _with_provenance(self, record: Record) -> FlatImage:
-        """Return the same image with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        FlatImage
-        """
+        """Return the same image with a record of what made it."""
         return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
 
     @property
@@ -256,17 +246,7 @@ class FlatStack(Sequence[FlatImage]):
     layers: tuple[str, ...] = ()
 
     def _with_provenance(self, record: Record) -> FlatStack:
-        """Return the same images with a record of what made them.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        FlatStack
-        """
+        """Return the same images with a record of what made them."""
         return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
 
     def __len__(self) -> int:

@@ -95,17 +95,7 @@ class Regions:
         return self.of._triangles.on_surface
 
     def _with_provenance(self, record: Record) -> Regions:
-        """Return the same regions with a record of what made them.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        Regions
-        """
+        """Return the same regions with a record of what made them."""
         return replace(self, provenance=resolved(record, {}))
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:

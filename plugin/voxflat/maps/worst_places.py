@@ -192,17 +192,7 @@ class WorstPlaces:
         )
 
     def _with_provenance(self, record: Record) -> WorstPlaces:
-        """Return the same with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        WorstPlaces
-        """
+        """Return the same with a record of what made it."""
         return replace(self, provenance=record)
 
     @cached_property

@@ -117,21 +117,7 @@ class Method:
             )
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
-        """Flatten a surface.
-
-        Parameters
-        ----------
-        surface : Manifold or Cutout
-            The surface, or one that is cut already.
-        where : Where
-            Where it is cut.
-        how : How
-            Everything else.
-
-        Returns
-        -------
-        FlatMap
-        """
+        """Flatten a surface."""
         raise NotImplementedError
 
 

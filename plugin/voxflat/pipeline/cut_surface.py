@@ -121,19 +121,7 @@ class CutSurface(Generic[_Surface]):
 
     @classmethod
     def _of(cls, cutout: Cutout, surface: _Surface) -> CutSurface[_Surface]:
-        """Return what was cut, with its cuts one by one.
-
-        Parameters
-        ----------
-        cutout : Cutout
-            How it was cut.
-        surface : Surface
-            What is left.
-
-        Returns
-        -------
-        CutSurface
-        """
+        """Return what was cut, with its cuts one by one."""
         told, whole = cutout.metadata, cutout.whole
         reason = "template" if cutout.is_standard else "given"
         lengths = [one.length for one in cutout.traced] if cutout.is_standard else [None] * len(told["cuts"])
@@ -230,17 +218,7 @@ class CutSurface(Generic[_Surface]):
         return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
 
     def _with_provenance(self, record: Record) -> CutSurface[_Surface]:
-        """Return the same with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        CutSurface
-        """
+        """Return the same with a record of what made it."""
         return replace(self, surface=self.surface._with_provenance(record), provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:

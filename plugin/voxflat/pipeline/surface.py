@@ -68,15 +68,6 @@ class Surface(Manifold):
     def _of(cls, made: Manifold) -> Surface:
         """Return what the core made as a surface.
 
-        Parameters
-        ----------
-        made : Manifold
-            A manifold of triangles.
-
-        Returns
-        -------
-        Surface
-
         Examples
         --------
         >>> import numpy as np

@@ -344,32 +344,13 @@ class Manifold:
         return self.core.sulcal_depth(float(flow), checked_threads(threads), progress)
 
     def _merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return vertices of the whole surface, each replaced by the one that it was merged with.
-
-        Parameters
-        ----------
-        vertices : ndarray of int64
-            Numbers of vertices, in any shape.
-
-        Returns
-        -------
-        ndarray of int64
-            In the same shape.
-        """
+        """Return vertices of the whole surface, each replaced by the one that it was merged with."""
         one = np.arange(self.count)
         one[self.merged[:, 0]] = self.merged[:, 1]
         return np.asarray(one[vertices])
 
     def _also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Find the vertices of the whole surface that were merged with one of this surface.
-
-        Returns
-        -------
-        vertices : ndarray of int64, shape (K,)
-            Their numbers. Where a cut runs through one, it is listed for both sides.
-        places : ndarray of int64, shape (K,)
-            The vertex of this surface that each is.
-        """
+        """Find the vertices of the whole surface that were merged with one of this surface."""
         order = np.argsort(self.vertices, kind="stable")
         sides = [np.searchsorted(self.vertices, self.merged[:, 1], side, order) for side in ("left", "right")]
         counts = sides[1] - sides[0]
@@ -377,18 +358,7 @@ class Manifold:
         return np.repeat(self.merged[:, 0], counts), order[np.repeat(sides[0], counts) + within]
 
     def _has_triangles(self, faces: NDArray[np.int64]) -> NDArray[np.bool_] | None:
-        """Find triangles that are given by vertices of the whole surface.
-
-        Parameters
-        ----------
-        faces : ndarray of int, shape (G, 3)
-            Triangles, whichever way they run.
-
-        Returns
-        -------
-        ndarray of bool, shape (F,), or None
-            Which of this surface's triangles they are; None if some of them are none of this surface.
-        """
+        """Find triangles that are given by vertices of the whole surface."""
         faces = self._merged_in(faces)
         a, b, c = faces.T
         wanted = distinct(np.sort(faces[(a != b) & (b != c) & (c != a)], axis=1)).rows
@@ -396,40 +366,14 @@ class Manifold:
         return found if found.sum() == len(wanted) else None
 
     def _in_patch(self, patch: Patch) -> NDArray[np.bool_]:
-        """Find the triangles of a FreeSurfer patch: as its other readers do, those whose corners are all listed.
-
-        Parameters
-        ----------
-        patch : Patch
-            Of this surface.
-
-        Returns
-        -------
-        ndarray of bool, shape (F,)
-
-        Raises
-        ------
-        InputError
-            If it names vertices that the surface does not have.
-        """
+        """Find the triangles of a FreeSurfer patch: as its other readers do, those whose corners are all listed."""
         checked_kind(patch, "patch", "vertex_ids", "a Patch, as read_patch returns it")
         is_listed = np.isin(self.merged[:, 0], patch.vertex_ids)
         listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
         return in_patch(self.vertices[self.faces], np.unique(listed), self.count)
 
     def _bridges(self, faces: NDArray[Any] | None = None) -> NDArray[np.int64]:
-        """Find the triangles of the mesh that were left out although all their corners are there.
-
-        Parameters
-        ----------
-        faces : ndarray of int, shape (F, 3), optional
-            Triangles of this surface's vertices; by default all that it has.
-
-        Returns
-        -------
-        ndarray of int64, shape (B, 3)
-            As vertices of the whole surface; none where it was made of voxels.
-        """
+        """Find the triangles of the mesh that were left out although all their corners are there."""
         if self.mesh_faces is None:
             return np.zeros((0, 3), dtype=np.int64)
         own = self.vertices[self.faces if faces is None else check_faces(faces, len(self))]
@@ -465,17 +409,7 @@ class Manifold:
         return labels
 
     def _with_core(self, core: _core.Surface) -> Self:
-        """Return a part of this surface, or a cut one, that is the same otherwise.
-
-        Parameters
-        ----------
-        core : _core.Surface
-            Made of this one's.
-
-        Returns
-        -------
-        Manifold
-        """
+        """Return a part of this surface, or a cut one, that is the same otherwise."""
         return replace(self, core=core)
 
     @property
@@ -484,17 +418,7 @@ class Manifold:
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self, record: Record) -> Self:
-        """Return the same surface with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        Manifold
-        """
+        """Return the same surface with a record of what made it."""
         return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:

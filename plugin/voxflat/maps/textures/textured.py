@@ -72,17 +72,7 @@ class TexturedSurface:
         return f"<TexturedSurface: {len(self.points)} points, {len(self.faces)} triangles, {width} x {height} texels>"
 
     def _with_provenance(self, record: Record) -> TexturedSurface:
-        """Return the same surface with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        TexturedSurface
-        """
+        """Return the same surface with a record of what made it."""
         return replace(self, provenance=record)
 
     @property

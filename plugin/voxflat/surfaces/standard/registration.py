@@ -78,17 +78,7 @@ class Registration:
         return places
 
     def _with_provenance(self, record: Record) -> Registration:
-        """Return the same with a record of what made it.
-
-        Parameters
-        ----------
-        record : dict
-            As `provenance`.
-
-        Returns
-        -------
-        Registration
-        """
+        """Return the same with a record of what made it."""
         return replace(self, provenance=resolved(record, {"side": self.side}))
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
