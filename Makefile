@@ -141,7 +141,7 @@ template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat
 	$(RUN) python docs/templates/standard_cuts.py $(TEMPLATES)
 
 fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
-	$(RUN) python tests/fingerprints.py --against tests/fingerprints.json
+	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
 
 docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker paper-saucan ## pictures, paper reproduction and the core's reference
 	cargo doc --release --no-deps --workspace

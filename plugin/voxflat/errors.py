@@ -67,6 +67,55 @@ class AreaBoundError(InputError):
         return type(self), (str(self), self.best, self.places)
 
 
+class HemisphereError(InputError):
+    """No hemisphere was found in the volume of a brain.
+
+    Parameters
+    ----------
+    message : str
+        Which step failed, and what helps.
+    white : ndarray of bool, shape (X, Y, Z)
+        What was taken for white matter.
+    affine : ndarray, shape (4, 4)
+        From its voxels to RAS+ in mm.
+    template : ndarray of bool, shape (X, Y, Z), or None
+        MNI152's white matter on the same grid, where it fits best; None if no alignment was tried.
+
+    Examples
+    --------
+    >>> try:
+    ...     voxflat.hemisphere(voxflat.samples.ball(), "left")
+    ... except voxflat.HemisphereError as error:
+    ...     error.figure().savefig("why.png")
+    """
+
+    def __init__(self, message: str, white: Any, affine: Any, template: Any = None) -> None:
+        super().__init__(message)
+        self.white, self.affine, self.template = white, affine, template
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to other processes whole."""
+        return type(self), (str(self), self.white, self.affine, self.template)
+
+    def figure(self) -> Any:
+        """Draw three sections through what was taken for white matter, with the template's outline.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Sagittal, coronal and axial sections through the middle of the white matter.
+
+        Examples
+        --------
+        >>> error = voxflat.HemisphereError("too small", np.ones((4, 4, 4), bool), np.eye(4))
+        >>> len(error.figure().axes)
+        3
+        """
+        from voxflat.figures.sections import sections
+
+        return sections(self.white, self.affine, self.template)
+
+
 class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user asked for it)
     """The user stopped a computation before its end.
 

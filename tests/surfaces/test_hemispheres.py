@@ -1,9 +1,14 @@
 """A hemisphere's white matter out of that of a whole brain, wherever and however it lies."""
 
+import json
+import pickle
+import time
+
 import nibabel as nib
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -140,6 +145,72 @@ def test_labels_of_freesurfer_and_synthseg_say_it(brain):
 def test_what_is_no_brain_is_refused(given, said):
     with pytest.raises(InputError, match=said):
         voxflat.hemisphere(Volume(given, np.diag([2.0, 2, 2, 1])), "left")
+
+
+def test_the_command_maps_both_sides(brain, tmp_path):
+    data, grid = moved(brain.data, brain.affine, np.eye(4), 2.0, (110, 130, 110), 1)
+    nib.save(nib.Nifti1Image(data.astype(np.float32), grid), tmp_path / "wm.nii.gz")
+    arguments = ["flatten", str(tmp_path / "wm.nii.gz"), "--hemisphere", "both", "--sidecar", "--json"]
+    done = CliRunner().invoke(cli.main, [*arguments, "-o", str(tmp_path / "map.npz")])
+    assert done.exit_code == 0, done.output
+    names = {"lh.map.npz", "rh.map.npz"}
+    assert {path.name for path in tmp_path.iterdir()} == names | {f"{name}.json" for name in names} | {"wm.nii.gz"}
+    sides = [voxflat.load(tmp_path / name).points[:, 0].mean() for name in sorted(names)]
+    assert sides[0] < -20 < 20 < sides[1]
+    said = [json.loads(line)["output"] for line in done.stdout.splitlines()]
+    assert said == [str(tmp_path / name) for name in sorted(names)]
+    remarks = [line for line in done.stderr.splitlines() if "handle(s) were repaired" in line]
+    assert len(remarks) == 2  # one a side
+
+
+def test_what_failed_is_shown(tmp_path):
+    ball = np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25
+    nib.save(nib.Nifti1Image(ball.astype(np.uint8), np.diag([2.0, 2, 2, 1])), tmp_path / "ball.nii.gz")
+    done = CliRunner().invoke(
+        cli.main, ["flatten", str(tmp_path / "ball.nii.gz"), "--hemisphere", "left", "-o", str(tmp_path / "lh.npz")]
+    )
+    assert done.exit_code == 1
+    assert f"{tmp_path / 'lh.npz.failed.png'} shows" in done.output
+    with Image.open(tmp_path / "lh.npz.failed.png") as picture:
+        assert np.asarray(picture.convert("L")).std() > 50
+    assert not (tmp_path / "lh.npz").exists()
+    with pytest.raises(voxflat.HemisphereError) as failed:
+        voxflat.hemisphere(tmp_path / "ball.nii.gz", "left")
+    again = pickle.loads(pickle.dumps(failed.value))
+    assert str(again) == str(failed.value)
+    assert (again.white == ball).all()
+    assert again.template.any()
+
+
+def test_both_sides_share_one_alignment(brain):
+    coarse = Volume(np.ascontiguousarray(brain.data[::2, ::2, ::2]), brain.affine @ np.diag([2.0, 2, 2, 1]))
+    times = []
+    for side in SIDES:
+        start = time.process_time()
+        voxflat.hemisphere(coarse, side, threshold=0.5)
+        times.append(time.process_time() - start)
+    assert times[1] < 0.7 * times[0]
+
+
+def test_it_can_be_stopped(brain):
+    coarse = Volume(np.ascontiguousarray(brain.data[::3, ::3, ::3] > 0.5), brain.affine @ np.diag([3.0, 3, 3, 1]))
+    stages = []
+
+    def stop_at(number):
+        def progress(stage, done, total):
+            stages.append(stage)
+            return len(stages) < number
+
+        return progress
+
+    for number in (1, 3):
+        stages.clear()
+        with pytest.raises(voxflat.Cancelled, match="cancelled while aligning the brain"):
+            voxflat.hemisphere(coarse, "left", progress=stop_at(number))
+        assert len(stages) == number
+    stages.clear()
+    voxflat.hemisphere(coarse, "left", progress=stop_at(np.inf))
+    assert {*stages} == {"aligning the brain, left", "extracting the hemisphere, left"}
 
 
 def test_one_hemisphere_alone_is_not_split(brain):

@@ -60,16 +60,18 @@ class _Cortex:
         from voxflat.demo import THRESHOLD, demo_cortex
         from voxflat.surfaces.hemispheres import hemisphere
 
-        def tell(done: int) -> None:
+        def tell(done: int) -> bool:
             if progress("reading the template", done, 4) is False:
                 raise Cancelled("cancelled while reading the template")
+            return True
 
         tell(0)
         white_matter, t1, _ = demo_cortex()
         tell(2)
         labels = np.where(white_matter.data > THRESHOLD, 3, 0).astype(np.uint8)
         for label, side in enumerate(("left", "right"), 1):
-            labels[hemisphere(white_matter, side, threshold=THRESHOLD).data > 0] = label
+            half = hemisphere(white_matter, side, threshold=THRESHOLD, progress=lambda *_, at=label: tell(1 + at))
+            labels[half.data > 0] = label
             tell(2 + label)
         place: dict[str, Any] = {"affine": white_matter.affine, "units": ("mm",) * 3}
         parts = {"index": range(len(PARTS)), "name": PARTS}

@@ -6,8 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import click
+
 from voxflat.arguments import Progress
-from voxflat.errors import InputError
+from voxflat.cli.output import WRITTEN
+from voxflat.errors import HemisphereError, InputError
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 
@@ -25,7 +28,17 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
     for name in ("label", "probability", "pial"):
         if how[name] is not None:
             raise InputError(f"--{name} and --hemisphere cannot be combined: leave one of them out")
-    found = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"])
+    try:
+        found = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"], progress=progress)
+    except HemisphereError as error:
+        from voxflat import figures
+
+        output = click.get_current_context().meta.get(WRITTEN, {}).get("output")
+        if output is None:
+            raise
+        picture = output.with_name(f"{output.name}.failed.png")
+        figures.save(error.figure(), picture)
+        raise InputError(f"{error}; {picture} shows what was taken for it") from error
     return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
 
 

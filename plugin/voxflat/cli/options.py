@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import warnings
 from collections.abc import Callable
@@ -212,22 +213,46 @@ def run(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
     return section("Run control", *options, debug)
 
 
-making = section(
+def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that runs for either hemisphere when both are asked for; its files are named lh. and rh."""
+
+    @functools.wraps(command)
+    def each(**given: Any) -> None:
+        if given["hemisphere"] != "both":
+            return command(**given)
+        meta = click.get_current_context().meta
+        written = dict(meta.get(WRITTEN, {}))
+        for prefix, side in (("lh", "left"), ("rh", "right")):
+            own = {name: path.with_name(f"{prefix}.{path.name}") for name, path in written.items()}
+            meta[WRITTEN] = own
+            command(**{**given, **own, "hemisphere": side})
+        return None
+
+    return each
+
+
+_making = section(
     "Input",
     option_of(surface, "label", type=int),
     option_of(surface, "threshold", type=float),
     cloup.option(
         "--hemisphere",
-        type=click.Choice(["left", "right"]),
+        type=click.Choice(["left", "right", "both"]),
         help="Extract this hemisphere from the white matter, or segmentation, of a whole brain: without cerebellum and "
-        "brain stem, with ventricles and deep nuclei filled, repaired to a sphere.",
+        "brain stem, with ventricles and deep nuclei filled, repaired to a sphere. With both, the command runs for "
+        "each, and the files that it writes are called lh.NAME and rh.NAME.",
     ),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
     option_of(surface, "pial", type=FILE, metavar="FILE"),
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),
 )
-"""How a surface is made of INPUT."""
+
+
+def making(command: _Command) -> _Command:
+    """How a surface is made of INPUT."""
+    return _making(_for_each_side(command))  # type: ignore[return-value]
+
 
 region = section(
     "Region",

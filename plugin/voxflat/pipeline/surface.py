@@ -623,7 +623,10 @@ class Surface(Manifold):
         >>> found = voxflat.surface("lh.white").register()  # doctest: +SKIP
         >>> found.save("lh.sphere.reg")  # doctest: +SKIP
         """
-        return register(self, side, threads, progress)
+        found = register(self, side, threads, progress)
+        for remark in found.remarks:
+            log.warning(remark)
+        return found
 
 
 @telling()

@@ -7,6 +7,7 @@ hemisphere, ventricles and deep nuclei, is filled, as in FreeSurfer's ``filled.m
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,8 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_choice, log, optional_number
-from voxflat.errors import InputError
+from voxflat.arguments import Progress, checked_choice, log, optional_number
+from voxflat.errors import Cancelled, HemisphereError, InputError
 from voxflat.io.grid import Affine, voxel_size
 from voxflat.io.provenance import telling
 from voxflat.io.sources import as_volume
@@ -56,6 +57,7 @@ def hemisphere(
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,
+    progress: Progress | None = None,
 ) -> Volume:
     """Extract the white matter of one hemisphere from that of a whole brain, ready to become a closed surface.
 
@@ -72,6 +74,8 @@ def hemisphere(
         White matter is where values are greater. By default it is found by Otsu's method; a mask needs none.
     spacing, affine
         As in `voxflat.surface`.
+    progress : callable, optional
+        As in `flatten`.
 
     Returns
     -------
@@ -80,8 +84,13 @@ def hemisphere(
 
     Raises
     ------
+    HemisphereError
+        If the volume does not look like the white matter of a whole brain. The message says which step failed, and the
+        error's ``figure()`` shows it.
     InputError
-        If the volume does not look like the white matter of a whole brain; the message says which step failed.
+        If it is no volume of values.
+    Cancelled
+        If `progress` returned False.
 
     Examples
     --------
@@ -100,9 +109,13 @@ def hemisphere(
     found = _of_labels(volume, side) if threshold is None else None
     if found is None:
         white = _white_matter(volume, threshold)
-        found = _of_mask(white, volume, side)
+        found = _of_mask(white, volume, side, _Steps(side, progress))
     if not found.any():
-        raise InputError(f"there is no white matter of the {side} hemisphere in the volume: is it cut off?")
+        raise HemisphereError(
+            f"there is no white matter of the {side} hemisphere in the volume: is it cut off?",
+            _white_matter(volume, threshold),
+            volume.affine,
+        )
     mask = np.zeros(found.shape, dtype=np.uint8)
     box = scipy.ndimage.find_objects(found.astype(np.uint8))[0]
     mask[box] = _one_piece(found[box])
@@ -132,7 +145,8 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
             )
     white = np.asarray(data > threshold)
     if not white.any():
-        raise InputError(f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}")
+        said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"
+        raise HemisphereError(said, white, volume.affine)
     return white
 
 
@@ -199,15 +213,18 @@ def _template() -> _Template:
     )
 
 
-def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str) -> NDArray[np.bool_]:
+def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: _Steps) -> NDArray[np.bool_]:
     """Return a hemisphere of a mask of white matter."""
     template, number = _template(), _SIDES.index(side)
-    fitted, overlap = _fitted(white, volume.affine, template)
+    fitted, overlap = _fitted(*_coarse(white, volume.affine), steps)
     stretches = np.linalg.svd(fitted[:3, :3], compute_uv=False)
     if overlap < _LEAST_OVERLAP or stretches[0] > _MOST_STRETCHED * stretches[2]:
-        raise InputError(
+        raise HemisphereError(
             f"the volume does not fit the white matter of a whole brain (overlap {overlap:.2f} of 1, after it was "
-            "aligned to MNI152): check the threshold and the orientation, or pass a mask of one hemisphere"
+            "aligned to MNI152): check the threshold and the orientation, or pass a mask of one hemisphere",
+            white,
+            volume.affine,
+            _there(white.shape, volume.affine, fitted),
         )
     log.info("the brain was aligned to MNI152: overlap %.2f", overlap)
     back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ volume.affine
@@ -216,6 +233,7 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str) -> NDArray[np.
     for first in range(0, len(white), step):
         slab = np.indices(white[first : first + step].shape).reshape(3, -1)
         slab[0] += first
+        steps.tell("extracting the hemisphere")
         places = back[:3, :3] @ slab + back[:3, 3:]
         is_white = white[first : first + step].ravel()
         own = np.zeros(slab.shape[1], dtype=np.bool_)
@@ -232,6 +250,15 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str) -> NDArray[np.
     return found
 
 
+def _there(shape: tuple[int, ...], affine: Affine, fitted: Affine) -> NDArray[np.bool_]:
+    """Return the template's white matter on a grid."""
+    template = _template()
+    back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ affine
+    white = template.white.astype(np.float32)
+    there = scipy.ndimage.affine_transform(white, back[:3, :3], back[:3, 3], output_shape=shape, order=1)
+    return np.asarray(there > 0.5)
+
+
 def _at(values: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.asarray(scipy.ndimage.map_coordinates(values, places, order=1, mode="nearest"))
 
@@ -239,25 +266,46 @@ def _at(values: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.
 # ----------------------------------------------------------------------------------------- alignment
 
 
-def _fitted(white: NDArray[np.bool_], affine: Affine, template: _Template) -> tuple[Affine, float]:
-    """Return the affine transform from the template to a brain, RAS+ mm, and the overlap of both (Dice).
+@dataclass(frozen=True)
+class _Steps:
+    """Tells of progress, of which nobody knows how much is left, and whether to go on."""
+
+    side: str
+    progress: Progress | None
+
+    def tell(self, stage: str) -> None:
+        if self.progress is not None and self.progress(f"{stage}, {self.side}", 0, 1) is False:
+            raise Cancelled(f"cancelled while {stage}")
+
+
+_last: dict[bytes, tuple[Affine, float]] = {}
+"""The last alignment by what was aligned: both sides of a brain need the same."""
+
+
+def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
+    """Return the affine transform from the template to a brain in large voxels, RAS+ mm, and the overlap (Dice).
 
     It makes the sum of squared differences of both masks least, from smooth to sharp, by Gauss-Newton steps. Where the
     brain's volume ends, nothing is compared.
     """
-    coarse, grid = _coarse(white, affine)
+    key = hashlib.sha256(repr(coarse.shape).encode() + coarse.tobytes() + grid.tobytes()).digest()
+    if (known := _last.get(key)) is not None:
+        return known
+    template = _template()
     pairs = [_Pair.of(coarse, grid, template, width) for width in _SMOOTH]
     start = _aligned_middles(coarse, grid, template)
     turned = (start @ _turned(axis, angle, template) for axis in range(3) for angle in _STARTS)
     best, overlap = start, 0.0
     for moved in (start, *turned):
         for pair in pairs:
-            moved, _ = pair.descend(moved, _ITERATIONS)
+            moved, _ = pair.descend(moved, _ITERATIONS, steps)
         found = _overlap(coarse, grid, template, moved)
         if found > overlap:
             best, overlap = moved, found
         if overlap > _SURE_OVERLAP:
             break
+    _last.clear()
+    _last[key] = best, overlap
     return best, overlap
 
 
@@ -286,7 +334,8 @@ def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], f
     """Return the middle of a mask and its root mean square distance from there, mm."""
     places = np.argwhere(mask > 0.5)
     if len(places) == 0:
-        raise InputError("there is hardly any white matter in the volume: check the threshold")
+        said = "there is hardly any white matter in the volume: check the threshold"
+        raise HemisphereError(said, np.asarray(mask > 0.5), affine)
     points = places @ affine[:3, :3].T + affine[:3, 3]
     middle = points.mean(axis=0)
     return middle, float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
@@ -327,12 +376,13 @@ class _Pair:
         points = indices @ template.affine[:3, :3].T + template.affine[:3, 3]
         return cls(values, np.asarray(np.linalg.inv(grid)), points, wanted[tuple(indices.T)].astype(np.float64))
 
-    def descend(self, moved: Affine, iterations: int) -> tuple[Affine, float]:
+    def descend(self, moved: Affine, iterations: int, steps: _Steps) -> tuple[Affine, float]:
         """Return a better transform than one, and the mean squared difference there."""
         middle = self.points.mean(axis=0)
         design = np.column_stack([self.points - middle, np.ones(len(self.points))])
         damping, (error, residual, slope) = 1e-3, self._compared(moved)
         for _ in range(iterations):
+            steps.tell("aligning the brain")
             jacobian = (slope[:, :, None] * design[:, None, :]).reshape(len(design), 12)
             normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient).reshape(3, 4)

@@ -95,7 +95,8 @@ def _registered(whole: Manifold, threads: int | None, progress: Progress | None)
     told = (
         f"there is no sphere: the surface was registered by its folds ({found.side}, confidence {found.confidence:.2f})"
     )
-    return registered_sphere(found), [told]
+    own = [remark for remark in found.remarks if remark not in whole.remarks]
+    return registered_sphere(found), [*own, told]
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:

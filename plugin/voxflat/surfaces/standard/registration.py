@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_choice, checked_threads, log
+from voxflat.arguments import Progress, checked_choice, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.provenance import Record, resolved, saving
@@ -179,6 +179,4 @@ def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: 
     told = _STRUCTURES.get(str(whole.metadata.get("structure")))
     if told not in (None, side):
         remarks = (*remarks, f"the file says that it is the {told} side, its folds are those of the {side} side")
-    for remark in remarks:
-        log.warning(remark)
     return Registration(whole, found["points"], side, confidence, figures, remarks)

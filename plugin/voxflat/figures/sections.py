@@ -1,0 +1,46 @@
+"""Sections through what was taken for a brain, beside the template that did not fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import nibabel as nib
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.io.grid import Affine
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NAMES = ("sagittal", "coronal", "axial")
+_OUTLINE = "#d62728"
+
+
+def sections(white: NDArray[np.bool_], affine: Affine, template: NDArray[np.bool_] | None) -> Figure:
+    """Draw sections through the middle of a mask, in RAS+, and the outline of a template on the same grid."""
+    from matplotlib.figure import Figure
+
+    axes = nib.orientations.io_orientation(affine)  # type: ignore[no-untyped-call]
+    turned = _turned(white, axes)
+    other = None if template is None else _turned(template, axes)
+    sizes = np.linalg.norm(affine[:3, :3], axis=0)[np.argsort(axes[:, 0])]
+    places = np.argwhere(turned)
+    middle = np.round(places.mean(axis=0)).astype(int) if len(places) else np.array(turned.shape) // 2
+    figure = Figure(figsize=(9, 3.4), dpi=120, layout="constrained")
+    for axis, (name, ax) in enumerate(zip(_NAMES, figure.subplots(1, 3), strict=True)):
+        across, up = (other_axis for other_axis in range(3) if other_axis != axis)
+        aspect = sizes[up] / sizes[across]
+        ax.imshow(turned.take(middle[axis], axis).T, cmap="gray", vmin=0, vmax=1, origin="lower", aspect=aspect)
+        if other is not None and (outline := other.take(middle[axis], axis).T).any():
+            ax.contour(outline, [0.5], colors=_OUTLINE, linewidths=1)
+        ax.set_title(name if axis == 0 else f"{name}, left on the left", fontsize=9)
+        ax.set_axis_off()
+    told = "white: taken for white matter" + ("" if other is None else "; red: MNI152's, where it fits best")
+    figure.supxlabel(told, fontsize=9)
+    return figure
+
+
+def _turned(mask: NDArray[np.bool_], axes: NDArray[Any]) -> NDArray[np.uint8]:
+    turned = nib.orientations.apply_orientation(mask.astype(np.uint8), axes)  # type: ignore[no-untyped-call]
+    return np.asarray(turned)
