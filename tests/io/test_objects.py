@@ -198,8 +198,17 @@ def test_jupyter_shows_a_picture_and_figures(left):
         (surface.patches(), "triangles"),
         (left.distortion, "stress-1"),
     ):
-        assert value._repr_html_().startswith("<p><code>&lt;")
-        assert said in value._repr_html_()
+        page = value._repr_html_()
+        assert page.startswith("<p><code>&lt;")
+        assert said in page
+        assert ("base64," in page) == (value is not surface and value is not left.distortion)
+
+
+def test_the_picture_of_a_cut_surface_shows_its_cuts():
+    page = voxflat.surface(voxflat.samples.ball()).cut(relax=False)._repr_html_()
+    picture = Image.open(io.BytesIO(base64.b64decode(page.split("base64,")[1].split('"')[0])))
+    red, green, _ = np.asarray(picture.convert("RGB")).astype(int).transpose(2, 0, 1)
+    assert 20 < (red > green + 100).sum() < 0.05 * red.size
 
 
 def test_plot_draws_on_given_axes(left):

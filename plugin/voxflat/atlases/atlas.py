@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -300,8 +301,9 @@ class Atlas(FlatPieces, ABC):
         """
 
     def _repr_html_(self) -> str:
-        """Return the table of the pieces, for Jupyter."""
-        return page(self, self.table())
+        """Return the page and the table of the pieces, for Jupyter."""
+        figure = importlib.import_module("voxflat.figures").atlas_page(self)  # it stands above atlases
+        return page(self, self.table(), figure, "The pieces side by side, a colour for each patch")
 
     @abstractmethod
     def table(self) -> str:

@@ -16,6 +16,7 @@ from voxflat.arguments import (
     checked_choice,
     checked_seed,
     checked_threads,
+    is_whole,
     log,
     refuse,
     workers,
@@ -26,7 +27,7 @@ from voxflat.distances.sources import SourceChoice, source_choice
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.parts import largest_piece
+from voxflat.surfaces.parts import largest_piece, piece_of
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
 
 SOLVERS = ("graph", "marching", "exact")
@@ -61,7 +62,7 @@ def geodesic(
         what["link_lengths"] = part.metadata["link_lengths"]
     else:
         refuse(geodesic, link_lengths=link_lengths)
-        part = largest_piece(surface)
+        part = largest_piece(surface) if is_whole(sources) else piece_of(surface, surface.find(sources, "sources"))
     common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     choice = source_choice(part, sources, sampling, seed, fewest=1)
     if dask is not None and store is not None and isinstance(part, Manifold):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, is_whole, shown
+from voxflat.arguments import Progress, checked_path, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.notebook import page
@@ -179,10 +180,12 @@ class CutSurface(Generic[_Surface]):
         )
 
     def _repr_html_(self) -> str:
-        """Return the cuts with their lengths, for Jupyter."""
+        """Return the surface with its cuts, and their lengths, for Jupyter."""
         lengths = ["" if one.length is None else f"{one.length:.0f} mm" for one in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
-        return page(self, "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True)))
+        figure = importlib.import_module("voxflat.figures.opened").opened(self.surface)  # it stands above the pipeline
+        table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
+        return page(self, table, figure, "The surface from its two broad sides, its cuts in red")
 
     def title(self, number: int) -> str:
         """Say which cut one is: by its name, or its number, which begin at 1, and where it lies.
@@ -222,19 +225,21 @@ class CutSurface(Generic[_Surface]):
         return replace(self, surface=self.surface._with_provenance(record), provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the cuts, and what was left out, to a file that `cuts` of `flatten` takes.
+        """Write the cuts, and what was left out, to a file that `cuts` of `flatten` takes; or the surface, cut open.
 
         Parameters
         ----------
         path : path
-            A JSON file: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...], "provenance": {...}}``.
+            A JSON file holds the cuts: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...], "provenance": {...}}``.
+            With another ending the surface is written, as `Surface.save` does: ``lh.cortex.patch.3d`` is FreeSurfer's
+            patch.
         sidecar, overwrite
             As in `Surface.save`.
 
         Raises
         ------
         InputError
-            If it is a file that was read.
+            If it is a file that was read, or the ending is another.
         OSError
             If it cannot be written.
 
@@ -243,6 +248,9 @@ class CutSurface(Generic[_Surface]):
         >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
         >>> cut_open.save("ball_cuts.json")
         """
+        if not os.fspath(checked_path(path)).lower().endswith(".json"):
+            self.surface.save(path, sidecar=sidecar, overwrite=overwrite)
+            return
         content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
         content["provenance"] = self.provenance
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:

@@ -443,7 +443,7 @@ class Surface(Manifold):
         ----------
         sources : int or array_like
             How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). Of a
-            surface in several pieces the largest counts.
+            surface in several components that of the sources counts; without sources the largest one.
         geodesic : {"graph", "marching", "exact", "chain"}
             "graph": paths of straight links over the triangles of the surface, a fraction of a per cent too long, and
             by far the fastest for many sources. "marching": fast marching (Kimmel, Sethian 1998), with fronts taken for

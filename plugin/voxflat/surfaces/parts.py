@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
@@ -25,7 +26,7 @@ from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.seed import found_seed, seed_voxel
 
-__all__ = ["disk", "dropped", "kept", "largest_piece", "polygon"]
+__all__ = ["disk", "dropped", "kept", "largest_piece", "piece_of", "polygon"]
 
 _STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
 
@@ -90,6 +91,21 @@ def largest_piece(part: _Part) -> _Part:
     what = "the patch" if part.steps else "the surface"
     remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
+
+
+def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
+    """Return the piece on which vertices lie, all of them."""
+    a, b = part.faces[:, :2].T, part.faces[:, 1:].T
+    links = scipy.sparse.coo_array((np.ones(a.size), (a.ravel(), b.ravel())), shape=(len(part), len(part)))
+    count, labels = scipy.sparse.csgraph.connected_components(links, directed=False)
+    if count == 1:
+        return part
+    wanted = np.unique(labels[vertices])
+    if len(wanted) > 1:
+        raise InputError(
+            f"the sources lie on {len(wanted)} components, which no path joins: give those of one component"
+        )
+    return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == wanted[0]))
 
 
 def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:

@@ -59,8 +59,7 @@ def command(
     with bars() as shown:
         choose = part_of(given, shown.progress)
         made = choose(surface_of(input_, given, shown.progress)).cut(progress=shown.progress, **given)
-    result = made if output.suffix.lower() == ".json" else made.surface
-    result.save(output, sidecar=sidecar, overwrite=overwrite)
+    made.save(output, sidecar=sidecar, overwrite=overwrite)
     if template is not None:
         made.save_template(template, overwrite=overwrite)
     if as_json:

@@ -1,0 +1,303 @@
+"""What people reported to the makers of other tools, done with voxflat; docs/decisions/0038-reports.md is the table."""
+
+from pathlib import Path
+
+import nibabel as nib
+import numpy as np
+import pytest
+import pyvista as pv
+import trimesh
+from anatomy import fsaverage5, fsaverage5_file
+from nilearn import datasets, plotting, surface
+from PIL import Image
+
+import voxflat
+from voxflat.figures import Overlay, flat_map, save
+
+pytestmark = pytest.mark.slow
+
+LAYNII = Path(__file__).parent / "data" / "laynii" / "occipital_midGM.nii.gz"
+
+
+def error(one):
+    return one.distortion.raw.relative_error
+
+
+@pytest.fixture(scope="module")
+def hemispheres():
+    """Maps of fsaverage5's hemispheres along standard cuts."""
+    return [
+        voxflat.surface(fsaverage5_file("white", side), pial=fsaverage5_file("pial", side))
+        .cut("standard", sphere=fsaverage5_file("sphere", side))
+        .flatten()
+        for side in ("left", "right")
+    ]
+
+
+@pytest.fixture(scope="module")
+def motor():
+    """A contrast in MNI space, as a volume and on fsaverage5."""
+    image = nib.load(datasets.load_sample_motor_activation_image())
+    return image, surface.vol_to_surf(image, str(fsaverage5_file("pial", "left")))
+
+
+# ------------------------------------------------------------------------------ pycortex, PySurfer, MNE
+
+
+def test_a_cut_patch_is_flattened_without_folds(tmp_path):
+    """pycortex 376, 419; the cuts as FreeSurfer's patch, flattened from the file."""
+    white = voxflat.surface(fsaverage5_file("white", "left"))
+    white.save(tmp_path / "lh.white")
+    white.cut("standard", sphere=fsaverage5_file("sphere", "left")).save(tmp_path / "lh.cortex.patch.3d")
+    found = voxflat.surface(tmp_path / "lh.white").keep(tmp_path / "lh.cortex.patch.3d").flatten()
+    assert error(found) < 0.13
+    assert found.distortion.triangles.flipped == 0
+
+
+def test_both_hemispheres_are_in_the_picture(hemispheres, tmp_path):
+    """pycortex 331."""
+    save(flat_map(hemispheres), tmp_path / "both.png")
+    ink = np.asarray(Image.open(tmp_path / "both.png").convert("L")) < 250
+    halves = np.array_split(ink[: int(0.8 * len(ink))], 2, axis=1)
+    assert min(half.mean() for half in halves) > 0.2
+
+
+def test_flat_files_are_what_viewers_open(hemispheres, tmp_path):
+    """pycortex 121, 469: GIFTI with the surface's triangles, of what was kept."""
+    left = hemispheres[0]
+    left.save(tmp_path / "lh.flat.surf.gii")
+    points, faces = nib.load(tmp_path / "lh.flat.surf.gii").agg_data()
+    used = np.unique(faces)
+    assert len(points) == 10242
+    assert set(used) <= set(left.ids)
+    assert np.ptp(points[used, 2]) == 0
+
+
+def test_hemispheres_lie_alike(hemispheres):
+    """pycortex 488: front and back, up and down, in the standard frame."""
+    for one in hemispheres:
+        towards = np.linalg.lstsq(one.uv - one.uv.mean(axis=0), one.points - one.points.mean(axis=0), rcond=None)[0]
+        up = towards[:, 2]
+        assert up[1] > abs(up[0])
+
+
+def test_points_of_the_map_are_vertices_of_the_surface(hemispheres, tmp_path):
+    """MNE 8081, PySurfer 214: a patch is read, and its numbers are the surface's."""
+    left = hemispheres[0]
+    left.save(tmp_path / "lh.flat.patch.3d")
+    middle = np.mean(
+        [nib.load(fsaverage5_file(kind, "left")).agg_data("pointset") for kind in ("white", "pial")], axis=0
+    )
+    np.testing.assert_allclose(left.points, middle[left.ids], atol=1e-4)
+    other = np.fromfile(tmp_path / "lh.flat.patch.3d", dtype=">i4", count=2)
+    assert other[0] == -1
+    assert 0.98 < other[1] / len(np.unique(left.ids)) <= 1  # without the lips of cuts
+
+
+def test_a_volume_in_mni_space_lies_on_a_template(hemispheres, motor):
+    """pycortex 322, nilearn 4312."""
+    image, of_vertices = motor
+    sampled = hemispheres[0].image(image, 2.0, fraction=0.5).data
+    values = hemispheres[0].raster(2.0).interpolate(of_vertices[hemispheres[0].ids])
+    seen = np.isfinite(sampled) & np.isfinite(values)
+    assert np.corrcoef(sampled[seen], values[seen])[0, 1] > 0.8
+
+
+def test_other_structures_are_flattened():
+    """pycortex 154: a deep nucleus, here an ellipsoid of its size."""
+    x, y, z = np.indices((40, 30, 30)) - np.array([20, 15, 15])[:, None, None, None]
+    thalamus = (x / 15.0) ** 2 + (y / 9.0) ** 2 + (z / 8.0) ** 2 < 1
+    found = voxflat.flatten(thalamus)
+    assert error(found) < 0.1
+    assert voxflat.surface(thalamus).cut().cuts[0].reason == "closed sphere"
+
+
+# ------------------------------------------------------------------------------------ autoflatten, BFF
+
+
+def test_what_is_no_disk_becomes_one():
+    """autoflatten 64 and 24, BFF 87: a torus with holes, and a second piece."""
+    ring = pv.ParametricTorus(ringradius=30, crosssectionradius=9).triangulate().clean()
+    holes = np.random.default_rng(0).choice(ring.n_points, 3, replace=False)
+    pieces = ring.remove_points(holes)[0].extract_surface() + pv.Sphere(radius=4, center=(90, 0, 0))
+    given = voxflat.surface(pieces.triangulate())
+    opened = given.cut()
+    topology = opened.surface.core.topology()
+    assert (topology["handles"], len(topology["loops"])) == (0, 1)
+    assert opened.flatten().distortion.triangles.flipped == 0
+
+
+def test_edges_of_three_triangles_are_named():
+    """BFF 87: what is not manifold is said, by its numbers."""
+    points = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, -10, 0], [0, 0, 10.0]])
+    with pytest.raises(voxflat.InputError, match="edge"):
+        voxflat.flatten((points, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])))
+
+
+def test_equal_holes_stay_equal():
+    """BFF 89, 33: a flat plate, with two equal holes, is developable."""
+    plate = pv.Plane(i_size=60, j_size=40, i_resolution=60, j_resolution=40).triangulate()
+    middle = plate.cell_centers().points
+    is_hole = (np.abs(np.abs(middle[:, 0]) - 15) < 6) & (np.abs(middle[:, 1]) < 8)
+    folded = plate.extract_cells(~is_hole).extract_surface()
+    angle = folded.points[:, 0] / 25
+    folded.points = np.column_stack([25 * np.sin(angle), folded.points[:, 1], 25 * np.cos(angle)])
+    found = voxflat.flatten(folded)
+    a, b, c = found.uv[found.faces].transpose(1, 0, 2)
+    areas, side = np.abs(np.cross(b - a, c - a)) / 2, np.sign(found.points[found.faces].mean(axis=1)[:, 0])
+    assert areas[side < 0].sum() == pytest.approx(areas[side > 0].sum(), rel=0.01)
+    assert found.distortion.triangles.flipped == 0
+
+
+def test_arms_do_not_overlap():
+    """BFF 12: a body with long arms, closed."""
+    body = np.zeros((64, 64, 30), dtype=bool)
+    x, y, z = np.indices(body.shape)
+    body |= (x - 32) ** 2 + (y - 32) ** 2 + (z - 15) ** 2 < 100
+    for at in (12, 32, 52):
+        body |= (y - at) ** 2 + (z - 15) ** 2 < 12
+        body |= (x - at) ** 2 + (z - 15) ** 2 < 12
+    body[:, :, :4] = body[:3] = body[-3:] = body[:, :3] = body[:, -3:] = False
+    found = voxflat.flatten(body)
+    assert found.distortion.triangles.covering == 0
+    assert found.distortion.triangles.flipped == 0
+
+
+@pytest.mark.parametrize("sides", [8, 80])
+def test_a_tube_becomes_a_strip(sides):
+    """BFF 97: of few triangles or many."""
+    tube = pv.Cylinder(radius=10, height=60, resolution=sides, capping=False).triangulate().subdivide(2)
+    found = voxflat.flatten(tube)
+    assert error(found) < 0.01
+    assert sorted(np.ptp(found.uv, axis=0)) == pytest.approx([60, 2 * sides * 10 * np.sin(np.pi / sides)], rel=0.03)
+
+
+def test_vertices_and_places_on_the_map_correspond(hemispheres):
+    """BFF 28."""
+    left = hemispheres[0]
+    lengths, flat = (
+        np.linalg.norm(places[left.faces[:, 0]] - places[left.faces[:, 1]], axis=1) for places in (left.points, left.uv)
+    )
+    assert np.corrcoef(lengths, flat)[0, 1] > 0.5
+
+
+# ----------------------------------------------------------------------------------- nilearn, neuromaps
+
+
+@pytest.mark.parametrize("kind", ["path", "text", "array", "image"])
+def test_values_come_as_they_are_at_hand(hemispheres, kind, tmp_path):
+    """nilearn 2603."""
+    path = fsaverage5_file("sulc", "left")
+    given = {"path": path, "text": str(path), "array": fsaverage5("left")["sulc"], "image": nib.load(path)}[kind]
+    save(flat_map(hemispheres[0], given), tmp_path / "sulc.png")
+    assert (tmp_path / "sulc.png").stat().st_size > 20_000
+
+
+def test_a_map_has_a_threshold(hemispheres, motor, tmp_path):
+    """nilearn 2747: what is below is not shown."""
+    shown = []
+    for threshold in (None, 3.0, 100.0):
+        figure = flat_map(hemispheres[0], Overlay(motor[1], threshold=threshold))
+        save(figure, tmp_path / "map.png")
+        pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).astype(int)
+        shown.append((np.ptp(pixels, axis=2) > 40).mean())
+    assert shown[0] > 3 * shown[1] > 9 * shown[2]
+
+
+def test_every_resolution_of_a_template_is_flattened(hemispheres):
+    """nilearn 3171: nilearn draws the map by the surface's own values."""
+    mesh = hemispheres[0].to_nilearn()
+    figure = plotting.plot_surf(mesh, np.zeros(len(mesh.coordinates)), engine="matplotlib", view="dorsal")
+    assert len(mesh.coordinates) == 10242
+    assert figure.axes
+
+
+def test_right_is_right(hemispheres):
+    """nilearn 1745: the side is found by the folds, whatever the file's name is."""
+    found = voxflat.surface(fsaverage5_file("white", "right")).register()
+    assert found.side == "right"
+
+
+def test_values_all_equal_are_drawn(hemispheres, tmp_path):
+    """neuromaps 197."""
+    save(flat_map(hemispheres[0], Overlay(np.ones(10242, dtype=np.float32))), tmp_path / "ones.png")
+    assert (tmp_path / "ones.png").exists()
+
+
+# ---------------------------------------------------------------------------------------------- LayNii
+
+
+def test_a_patch_around_a_control_point_is_flattened():
+    """LayNii 48, 75: of the middle of grey matter; where a label has no voxels, the error says which it has."""
+    sheet = nib.load(LAYNII)
+    found = voxflat.surface(sheet, threshold=0).disk((53, 49, 57), 20.0).flatten()
+    assert error(found) < 0.08
+    assert np.linalg.norm(found.points - sheet.affine[:3] @ (53, 49, 57, 1), axis=1).min() < 1
+    with pytest.raises(voxflat.InputError, match="no voxel has label 7; the volume has labels 1, 2"):
+        voxflat.surface(sheet, label=7)
+
+
+# ------------------------------------------------------------------- PyVista, pygeodesic, pmp, napari
+
+
+def test_distances_on_a_loaded_mesh(tmp_path):
+    """pyvista-support 233, pygeodesic 14: double points, and pieces that no path joins."""
+    solid = np.zeros((30, 30, 60))
+    x, y, z = np.indices(solid.shape)
+    solid = np.minimum(np.hypot(np.hypot(x - 15, y - 15), z - 15), np.hypot(np.hypot(x - 15, y - 15), z - 44)) - 9.6
+    grid = pv.ImageData(dimensions=solid.shape)
+    grid["values"] = solid.ravel(order="F")
+    soup = grid.contour([0.0]).triangulate()
+    loose = trimesh.Trimesh(soup.points[soup.regular_faces].reshape(-1, 3), np.arange(3 * soup.n_cells).reshape(-1, 3))
+    trimesh.Trimesh(loose.vertices, loose.faces, process=False).export(tmp_path / "soup.obj")
+    made = voxflat.surface(tmp_path / "soup.obj")
+    for side in (made.points[:, 2] < 30, made.points[:, 2] > 30):
+        source = made.ids[np.flatnonzero(side)[0]]
+        rows = made.geodesic([source])
+        assert len(rows.points) == side.sum()
+        assert rows[0].max() == pytest.approx(np.pi * 9.6, rel=0.03)
+        place = made.points[made.find([source])[0]]
+        assert (rows[0] >= np.linalg.norm(rows.points - place, axis=1) - 1e-4).all()
+    with pytest.raises(voxflat.InputError, match="lie on 2 components, which no path joins"):
+        made.geodesic(made.ids[[np.argmin(made.points[:, 2]), np.argmax(made.points[:, 2])]])
+
+
+def test_distance_from_a_line():
+    """pmp 78: of several sources the least."""
+    plane = pv.Plane(i_size=20, j_size=20, i_resolution=20, j_resolution=20).triangulate()
+    edge = np.flatnonzero(np.isclose(plane.points[:, 0], -10))
+    rows = voxflat.surface(plane).geodesic(edge)
+    np.testing.assert_allclose(np.min(rows, axis=0), plane.points[:, 0] + 10, atol=1e-5)
+
+
+def test_a_mesh_gets_texture_coordinates_and_stays():
+    """UVgami 15."""
+    mesh = pv.examples.load_nut() if hasattr(pv.examples, "load_nut") else pv.examples.load_ant()
+    mesh = mesh.extract_surface().triangulate().clean()
+    before = mesh.points.copy()
+    flat = mesh.voxflat()
+    np.testing.assert_array_equal(mesh.points, before)
+    assert flat.active_texture_coordinates is not None
+    assert ((flat.active_texture_coordinates >= 0) & (flat.active_texture_coordinates <= 1)).all()
+
+
+def test_micrometres_of_an_image_are_kept(tmp_path):
+    """brainrender-napari 140: a stack with a size in µm, and its mesh, lie in the same place."""
+    tifffile = pytest.importorskip("tifffile")
+    ball = (np.linalg.norm(np.indices((30, 30, 30)) - 15, axis=0) < 10).astype(np.uint8)
+    tifffile.imwrite(
+        tmp_path / "ball.ome.tif", ball, metadata={"axes": "ZYX", **{f"PhysicalSize{a}": 25.0 for a in "XYZ"}}
+    )
+    made = voxflat.surface(tmp_path / "ball.ome.tif")
+    assert np.ptp(made.points, axis=0) == pytest.approx(3 * [20 * 0.025], abs=0.05)
+
+
+def test_meshes_of_vtk_take_values_of_volumes(tmp_path):
+    """nighres 106."""
+    pv.Sphere(radius=10).save(tmp_path / "white.vtk")
+    affine = np.eye(4)
+    affine[:3, 3] = -20
+    along_x = nib.Nifti1Image(np.indices((40, 40, 40))[0].astype(np.float32) - 20, affine)
+    found = voxflat.flatten(tmp_path / "white.vtk")
+    sampled, truth = found.image(along_x, 0.5).data, found.raster(0.5).interpolate(found.points[:, 0])
+    np.testing.assert_allclose(sampled, truth, atol=0.2, equal_nan=True)
