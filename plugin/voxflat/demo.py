@@ -21,8 +21,6 @@ from voxflat.surfaces.hemispheres import hemisphere
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "run"]
-
 THRESHOLD = 0.5
 """White matter is where its probability is greater."""
 

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Distinct", "distinct", "in_rows", "numbered"]
-
 
 class Distinct(NamedTuple):
     """The different rows of an array."""

@@ -38,8 +38,6 @@ from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.sampler import check_origin
 
-__all__ = ["Atlas", "figures_of"]
-
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
 

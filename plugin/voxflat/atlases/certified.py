@@ -19,8 +19,6 @@ from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
 from voxflat.io.provenance import telling
 from voxflat.io.readers import read_arrays
 
-__all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas"]
-
 _COLUMNS = (
     ("patch", ">6"),
     ("triangles", ">11"),

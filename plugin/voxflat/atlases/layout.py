@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-__all__ = ["PACKINGS", "lay_out", "usual_gap"]
-
 PACKINGS = ("boxes", "shapes")
 """How pieces are packed."""
 

@@ -12,8 +12,6 @@ from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["MAX_ANGLE", "SEEDS", "patches"]
-
 MAX_ANGLE = 10.0
 """Greatest inclination to a patch's plane, degrees, where no limit is given."""
 

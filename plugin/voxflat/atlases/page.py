@@ -19,8 +19,6 @@ from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.textures.textured import TexturedSurface
 
-__all__ = ["FlatPage"]
-
 
 @dataclass(frozen=True, eq=False)
 class FlatPage(Planar):

@@ -7,8 +7,6 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["saved_kind"]
-
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
     """Say what a file holds.

@@ -31,8 +31,6 @@ from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
 
 SOLVERS = ("graph", "marching", "exact")
 
-__all__ = ["geodesic"]
-
 
 def geodesic(
     surface: Manifold,

@@ -12,32 +12,18 @@ from voxflat.distances.table import FINISH
 from voxflat.errors import InputError
 from voxflat.io.files import from_json
 
-__all__ = ["Journal", "append", "complete", "read_journal"]
-
 _COMPLETE = '{"complete": true}'
 
 
 @dataclass(frozen=True)
 class Journal:
-    """What a journal says.
+    """What a journal says."""
 
-    Parameters
-    ----------
-    header : str
-        Its first line.
-    rows, columns : int
-        Numbers of sources and of points.
-    checksums : dict of int to int
-        CRC-32 of each row that is finished.
-    is_complete : bool
-        Whether it says that all are.
-    """
-
-    header: str
-    rows: int
-    columns: int
-    checksums: dict[int, int]
-    is_complete: bool
+    header: str  # its first line
+    rows: int  # sources
+    columns: int  # points
+    checksums: dict[int, int]  # CRC-32 of each row that is finished
+    is_complete: bool  # whether it says that all are
 
 
 def read_journal(store: Path) -> Journal:

@@ -38,8 +38,6 @@ try:
 except ImportError:  # not on every system: there two callers at once compute rows twice
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["rows_by_workers"]
-
 _UNKNOWN = 16  # parts where no worker is there yet
 _PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
 _ENDING = 60.0  # s, within which a worker that was killed has ended: first its writes do, and disks are slow
@@ -50,27 +48,13 @@ _kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works o
 
 @dataclass(frozen=True)
 class Wanted:
-    """Rows that are to be computed.
+    """Rows that are to be computed."""
 
-    Parameters
-    ----------
-    surface : str
-        A hash of the surface.
-    sources : int or ndarray of uint32
-        How many to choose, or which, as numbers into the points.
-    sampling : str
-        How they are chosen.
-    seed : int
-        Of the choice.
-    geodesic : str
-        As in `voxflat.geodesic`, over triangles.
-    """
-
-    surface: str
-    sources: int | NDArray[np.uint32]
+    surface: str  # a hash of it
+    sources: int | NDArray[np.uint32]  # how many to choose, or which, as numbers into the points
     sampling: str
     seed: int
-    geodesic: str
+    geodesic: str  # as in `voxflat.geodesic`, over triangles
 
 
 def rows_by_workers(

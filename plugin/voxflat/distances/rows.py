@@ -31,8 +31,6 @@ from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 
-__all__ = ["DistanceRows", "damaged_rows", "open_rows"]
-
 _CHUNK = 1 << 26  # bytes that are best asked for at once
 
 

@@ -12,38 +12,20 @@ from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import VoxelGraph
 
-__all__ = ["SAMPLINGS", "SourceChoice", "source_choice"]
-
 SAMPLINGS = ("farthest", "curvature", "random")
 """How sources may be chosen on any surface."""
 
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How many sources there will be, before any is chosen: choosing takes links, which take memory.
-
-    Parameters
-    ----------
-    part : Manifold or VoxelGraph
-        What distances are measured over.
-    count : int
-        Their number.
-    given : ndarray of uint32, shape (count,), optional
-        They themselves, as numbers into the surface's points; without, they are to be chosen.
-    sampling : str
-        By which rule.
-    seed : int
-        Of the rule.
-    rule : str
-        `sampling`, or "given" where the sources were given themselves.
-    """
+    """How many sources there will be, before any is chosen: choosing takes links, which take memory."""
 
     part: Manifold | VoxelGraph
     count: int
-    given: NDArray[np.uint32] | None
+    given: NDArray[np.uint32] | None  # (count,), numbers into the surface's points; without, they are to be chosen
     sampling: str
     seed: int
-    rule: str
+    rule: str  # `sampling`, or "given" where the sources were given themselves
 
     def made(self, progress: Progress | None) -> NDArray[np.uint32]:
         """Return the sources as numbers into the surface's points, shape (count,)."""

@@ -18,32 +18,18 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-__all__ = ["FINISH", "Table"]
-
 FINISH = "measure again with the same store to finish or mend it"
 """What a store that is damaged or not complete asks for."""
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    shape : tuple of int
-        Of the array.
-    dtype : dtype
-        Of its values.
-    start : int
-        Where they begin, bytes.
-    """
+    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory."""
 
     path: Path
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    start: int
+    start: int  # where its values begin, bytes
 
     @classmethod
     def open(cls, path: Path) -> Table:

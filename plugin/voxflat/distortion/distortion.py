@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
 from voxflat.io.notebook import page
 
-__all__ = ["Distortion", "table_of_several"]
-
 
 @dataclass(frozen=True, eq=False)
 class Distortion:

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from voxflat.distortion.distortion import Distortion
 
-__all__ = ["angle_changes", "isometric", "measure_arrays", "quasi_conformal", "stretches"]
-
 _WEIGHTED = np.spacing(1.0)  # areas of triangles without one
 
 

@@ -20,8 +20,6 @@ from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
 
-__all__ = ["MOVIE_ENDINGS", "save", "save_movie", "save_picture"]
-
 MOVIE_ENDINGS = (".mp4", ".gif")
 """How the name of a movie may end."""
 

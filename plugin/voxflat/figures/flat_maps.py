@@ -22,8 +22,6 @@ from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 
-__all__ = ["UNDERLAYS", "check_underlay", "flat_map", "folds", "maps_of"]
-
 UNDERLAYS = ("curvature", "sulcal depth", "none")
 """What the folds may be shown by."""
 

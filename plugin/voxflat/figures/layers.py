@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 
 from voxflat.io.formats.svg import AXES, EXTENT
 
-__all__ = ["LAYERS", "MAP", "name_layers"]
-
 MAP = "map"
 """What the axes of a flat map are labelled, in mm of the map."""
 

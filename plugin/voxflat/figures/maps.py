@@ -20,8 +20,6 @@ from voxflat.judging.measure import Comparison
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["heat_map", "heat_maps", "scatter", "spectrum"]
-
 _USED, _POSITIVE, _NEGATIVE = "#c1440e", "#8a9ba8", "#ffffff"
 _OUTLINE = "#606060"
 

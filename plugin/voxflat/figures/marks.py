@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["Direction", "cut_names", "directions", "round_length", "side"]
-
 _MIDDLE = 0.35  # of the radius of a disk of the map's area
 _TELLING = 0.3  # R² from which a direction lies in the plane
 _APART = np.cos(np.radians(30))
@@ -19,22 +17,12 @@ _SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the body on the map.
+    """A direction of the body on the map."""
 
-    Parameters
-    ----------
-    letter : {"R", "A", "S"}
-        Right, anterior, superior.
-    u, v : float
-        Where it points, a unit vector.
-    share : float
-        R² of the linear fit: how much of the coordinate's variance the plane explains.
-    """
-
-    letter: str
-    u: float
+    letter: str  # R, A or S: right, anterior, superior
+    u: float  # (u, v) is a unit vector
     v: float
-    share: float
+    share: float  # R² of the linear fit: how much of the coordinate's variance the plane explains
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:

@@ -23,8 +23,6 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.raster import FlatImage, FlatStack
 
-__all__ = ["Movie", "movie"]
-
 _WIDTH = 120.0  # mm of paper that the pictures stand for: fonts of 6.5 points are 24 of 1,280 pixels
 _SIZES = (320, 3840)
 _LINE = 0.5  # points

@@ -13,8 +13,6 @@ from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-__all__ = ["PlacedName", "place_names", "text_size"]
-
 _SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
 _READABLE = 6.0
 _LINE = 1.25  # height of a line, in sizes of the font
@@ -24,32 +22,16 @@ _MARGIN = 0.3  # around a name, mm
 
 @dataclass(frozen=True)
 class PlacedName:
-    """A name and its place.
+    """A name in the middle of its box, which lies in the region, so that no two boxes meet; in pixels."""
 
-    Parameters
-    ----------
-    label : int
-        The region's.
-    text : str
-        The name, in lines.
-    row, column : float
-        The middle of its box, pixels.
-    height, width : int
-        The box, pixels: it lies in the region, so no two boxes meet.
-    size : float
-        Of the font, points.
-    is_upright : bool
-        Whether it is read from below, turned by 90°.
-    """
-
-    label: int
-    text: str
+    label: int  # the region's
+    text: str  # in lines
     row: float
     column: float
     height: int
     width: int
-    size: float
-    is_upright: bool = False
+    size: float  # of the font, points
+    is_upright: bool = False  # read from below, turned by 90°
 
 
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:

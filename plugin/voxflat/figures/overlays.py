@@ -16,8 +16,6 @@ from voxflat.io.provenance import described
 from voxflat.maps.colours import WINDOW, label_colours, passing
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["Limits", "Overlay", "OverlayColours", "painted"]
-
 Limits: TypeAlias = Sequence[float | str]
 
 
@@ -142,31 +140,15 @@ def painted(
 
 @dataclass(frozen=True)
 class OverlayColours:
-    """How an overlay's values become colours.
+    """How an overlay's values become colours."""
 
-    Parameters
-    ----------
-    colour_map : str or None
-        Of matplotlib; None for labels and for what has colours already.
-    limits : tuple of 2 floats
-        The ends of the colours.
-    above, below : float or None
-        Thresholds, as in `Overlay`.
-    opacity : float
-        From 0 to 1.
-    is_cyclic : bool
-        Whether values are phases, and what is beyond an end comes in again at the other.
-    is_by_strength : bool
-        Whether other values than the overlay's have to pass the thresholds.
-    """
-
-    colour_map: str | None
-    limits: tuple[float, float]
-    above: float | None = None
+    colour_map: str | None  # of matplotlib; None for labels and for what has colours already
+    limits: tuple[float, float]  # the ends of the colours
+    above: float | None = None  # thresholds, as in `Overlay`
     below: float | None = None
     opacity: float = 1.0
-    is_cyclic: bool = False
-    is_by_strength: bool = False
+    is_cyclic: bool = False  # of phases: what is beyond an end comes in again at the other
+    is_by_strength: bool = False  # other values than the overlay's have to pass the thresholds
 
     @classmethod
     def of(

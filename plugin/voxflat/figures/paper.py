@@ -23,8 +23,6 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import Raster
 
-__all__ = ["DARK", "LIGHT", "STRIP", "WHEEL_STRIP", "Page", "Panel"]
-
 DARK, LIGHT = 0.47, 0.75
 """Greys of sulci and gyri."""
 

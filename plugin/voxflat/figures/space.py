@@ -31,8 +31,6 @@ from voxflat.surfaces.manifold import are_triangles
 if TYPE_CHECKING:  # drawing alone brings it in
     import pyvista
 
-__all__ = ["atlas_3d", "drawn_from_both_sides", "load_pyvista", "patch_3d"]
-
 _CLOSED = 0.05  # of what the normals would sum up to on a plane
 _SAME_PLACE = 1e-3  # mm
 _SURROUNDINGS = "#d8d8d4"

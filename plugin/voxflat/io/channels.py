@@ -24,8 +24,6 @@ from voxflat.io.grid import Affine, check_affine, in_millimetres
 from voxflat.io.readers import check_length
 from voxflat.io.reading import check_room, note
 
-__all__ = ["Channels", "Timing", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
-
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # of frames that are read at once where a file holds them point by point
 _LARGEST_LABEL = 2**31 - 1
@@ -34,18 +32,10 @@ _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 @dataclass(frozen=True)
 class Timing:
-    """When the frames of a series were.
+    """When the frames of a series were, s."""
 
-    Parameters
-    ----------
-    step : float
-        From each frame to the next, s.
-    start : float
-        When the first one was, s.
-    """
-
-    step: float
-    start: float = 0.0
+    step: float  # from each frame to the next
+    start: float = 0.0  # when the first one was
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
@@ -59,21 +49,11 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """One or more arrays of one shape, read when they are asked for.
+    """One or more arrays of one shape, read when they are asked for."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        A name for each channel; empty where the file has none.
-    read : callable
-        Takes the number of a channel, from 0, and returns its array.
-    timing : Timing or None
-        When they were, where they are the frames of a series and that is known.
-    """
-
-    names: tuple[str, ...]
-    read: Callable[[int], NDArray[Any]]
-    timing: Timing | None = None
+    names: tuple[str, ...]  # of each channel; empty where the file has none
+    read: Callable[[int], NDArray[Any]]  # takes the number of a channel, from 0
+    timing: Timing | None = None  # where they are the frames of a series and that is known
 
     def __len__(self) -> int:
         """Return the number of channels."""

@@ -24,8 +24,6 @@ from voxflat.io.files import REMEDY, check_regular, naming, require
 from voxflat.io.grid import Affine, check_axes
 from voxflat.io.reading import check_room, note
 
-__all__ = ["PLACE_BYTES", "Chunked", "chunked_of", "is_chunked", "is_zarr_path", "voxels_at"]
-
 PLACE_BYTES = 360
 """How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
 
@@ -69,27 +67,13 @@ class _Grid:
 
 @dataclass(frozen=True, eq=False)
 class Chunked:
-    """Three axes of an array in chunks, as a volume: indexed as (i, j, k).
+    """Three axes of an array in chunks, as a volume: indexed as (i, j, k)."""
 
-    Parameters
-    ----------
-    array : object
-        With ``shape``, ``dtype``, ``chunks`` and slices.
-    axes : tuple of 3 ints
-        The array's axes that are i, j and k.
-    fixed : tuple of (int, int)
-        The other axes, and the index taken of each.
-    made_of : callable, optional
-        What makes the values of those that are read, one by one.
-    path : Path, optional
-        The file, which errors name, as they come where it is read.
-    """
-
-    array: Any
-    axes: tuple[int, int, int] = (0, 1, 2)
-    fixed: tuple[tuple[int, int], ...] = ()
-    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None
-    path: Path | None = None
+    array: Any  # with shape, dtype, chunks and slices
+    axes: tuple[int, int, int] = (0, 1, 2)  # the array's axes that are i, j and k
+    fixed: tuple[tuple[int, int], ...] = ()  # the other axes, and the index taken of each
+    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # makes the values of those that are read
+    path: Path | None = None  # the file, which errors name, as they come where it is read
 
     @property
     def shape(self) -> tuple[int, ...]:

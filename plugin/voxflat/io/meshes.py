@@ -26,9 +26,6 @@ from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "write_mesh"]
-
-
 _WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ, formats.OFF, formats.GLB)
 
 

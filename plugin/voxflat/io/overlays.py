@@ -22,8 +22,6 @@ from voxflat.io.meshes import READERS, parsed
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["holds_volume", "read_channels", "read_overlay", "read_region"]
-
 
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
     """Read values at the points of a surface.

@@ -15,11 +15,12 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import wraps
 from itertools import count
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, ClassVar, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
@@ -28,19 +29,6 @@ from voxflat.arguments import checked_path, checked_switch, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
-
-__all__ = [
-    "Record",
-    "as_text",
-    "check_beside",
-    "check_not_read",
-    "described",
-    "portable",
-    "resolved",
-    "saving",
-    "sidecar_of",
-    "telling",
-]
 
 Record = dict[str, Any]
 """``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; of maps ``figures``."""
@@ -114,6 +102,22 @@ def resolved(record: Record, used: dict[str, Any]) -> Record:
             if value is None and used.get(name) is not False:
                 told[name] = described(used.get(name))
     return {**record, "parameters": parameters}
+
+
+_Own = TypeVar("_Own", bound="Recorded")
+
+
+class Recorded:
+    """What has a record of what made it, in a field ``provenance``."""
+
+    _used: ClassVar[tuple[str, ...]] = ()
+    """Fields that say what was used for parameters that were not given."""
+
+    def _with_provenance(self: _Own, record: Record) -> _Own:
+        """Return the same with a record of what made it."""
+        of: Any = self
+        made: _Own = replace(of, provenance=resolved(record, {name: getattr(self, name) for name in self._used}))
+        return made
 
 
 def described(value: object) -> Any:

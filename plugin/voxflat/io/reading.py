@@ -13,8 +13,6 @@ from pathlib import Path
 
 from voxflat.arguments import check_memory, checked_limit, free_memory
 
-__all__ = ["allowed_memory", "check_room", "note", "reading"]
-
 _BLOCK = 1 << 20
 
 

@@ -22,8 +22,6 @@ from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
-__all__ = ["as_mesh", "as_volume", "taken"]
-
 
 def taken(source: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Mesh | Volume:
     """Take a mesh as a `Mesh`, and all else as a `Volume`, of which spacing or affine may be told (`as_volume`)."""

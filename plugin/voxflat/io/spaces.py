@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import array_of, checked_text, numbers_of, shown
 from voxflat.errors import InputError
 
-__all__ = ["UNKNOWN", "Space", "VolumeGeometry"]
-
 _CONFORMED = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # the columns are left, inferior, anterior
 _ROUNDING = 1e-3  # of direction cosines
 

@@ -12,8 +12,6 @@ from voxflat.io import formats
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
 
-__all__ = ["named_structure", "refuse_other_side"]
-
 _LEFT, _RIGHT = "CortexLeft", "CortexRight"
 _NAMES = {
     r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.|_left[_.]": _LEFT,  # FreeSurfer, BIDS, HCP, nilearn

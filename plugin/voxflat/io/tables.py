@@ -14,8 +14,6 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
-__all__ = ["TABLE_ENDINGS", "PointTable", "read_points"]
-
 TABLE_ENDINGS = (".csv", ".tsv", ".txt")
 """Endings of files of points: between commas, tabs, or blanks."""
 
@@ -24,21 +22,11 @@ _MISSING = ("", "n/a", "na", "nan")
 
 @dataclass(frozen=True, eq=False)
 class PointTable:
-    """Points and what else a table says of them.
+    """Points and what else a table says of them."""
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (P, 3)
-        x, y, z in mm; NaN where one is missing.
-    header : list of str
-        The columns' names; empty if the file has none.
-    rows : list of list of str
-        All cells, as they were read.
-    """
-
-    points: NDArray[np.float64]
-    header: list[str]
-    rows: list[list[str]]
+    points: NDArray[np.float64]  # (P, 3), mm; NaN where one is missing
+    header: list[str]  # empty if the file has none
+    rows: list[list[str]]  # all cells, as they were read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
         """Write the table with further columns, all of it or nothing.

@@ -14,28 +14,16 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, vertices_of
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["Geometry", "geometry_of"]
-
 _SAME = 1e-3  # lengths of edges that agree so far, with their usual length: files hold float32
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A surface where maps say that it lies.
+    """A surface where maps say that it lies."""
 
-    Parameters
-    ----------
-    surface : Manifold
-        The given surface, its vertices moved to where the maps have them.
-    known : ndarray of bool, shape (V,), or None
-        Vertices of the whole surface that the maps have; None if it is the given geometry.
-    said_by : str
-        The name of the map that says so.
-    """
-
-    surface: Manifold
-    known: NDArray[np.bool_] | None = None
-    said_by: str = ""
+    surface: Manifold  # the given one, its vertices moved to where the maps have them
+    known: NDArray[np.bool_] | None = None  # vertices of the whole that the maps have; None: of the given geometry
+    said_by: str = ""  # the name of the map that says so
 
     def check(self, name: str, matched: Matched) -> None:
         """Refuse a map with vertices of which it is not known where they lie.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,12 +24,10 @@ from voxflat.arguments import (
 )
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
-from voxflat.io.provenance import Record, telling
+from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.judging.geometry import Geometry, geometry_of
 from voxflat.maps.matching import Matched, loaded, match
 from voxflat.pipeline.surface import surface as _surface
-
-__all__ = ["Comparison", "JudgedMap", "compare", "measure"]
 
 _MOST_SOURCES = 2**31  # more than any surface has points: all of them
 
@@ -75,7 +73,7 @@ class JudgedMap:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Recorded):
     """Several flat maps of one surface, judged from the same sources.
 
     Parameters
@@ -102,10 +100,6 @@ class Comparison:
     def __getitem__(self, name: str) -> Distortion:
         """Return what a map does to the surface."""
         return self.maps[name].distortion
-
-    def _with_provenance(self, record: Record) -> Comparison:
-        """Return the same with a record of what made it."""
-        return replace(self, provenance=record)
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of each map by its name, ready for JSON: undefined ones are None.

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
-__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colour", "label_colours", "levels", "passing"]
-
 WINDOW = (1, 99)
 """Percentiles that are shown as the ends of a colour map: black and white."""
 

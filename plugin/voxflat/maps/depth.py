@@ -13,26 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import checked_choice, is_number, shown
 from voxflat.errors import InputError
 
-__all__ = ["LAYERINGS", "ON_SURFACE", "Depths", "equivolume", "vertex_areas"]
-
 LAYERINGS = ("equivolume", "equidistant")
 """What a fraction of cortical depth is a fraction of: the volume of the cortex there, or its thickness."""
 
 
 @dataclass(frozen=True)
 class Depths:
-    """Where to sample, one or several.
+    """Where to sample, one or several."""
 
-    Parameters
-    ----------
-    values : tuple of float
-        mm outside the surface, or fractions from 0, the white surface, to 1, the pial one.
-    layering : str or None
-        Of fractions one of `LAYERINGS`; None of mm.
-    """
-
-    values: tuple[float, ...]
-    layering: str | None = None
+    values: tuple[float, ...]  # mm outside the surface, or fractions from 0, the white surface, to 1, the pial one
+    layering: str | None = None  # of fractions one of `LAYERINGS`
 
     @classmethod
     def of(

@@ -35,8 +35,6 @@ from voxflat.maps.textures.pictures import as_picture, check_cover, check_values
 from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.manifold import patch_of
 
-__all__ = ["FlatMap", "load"]
-
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 
 

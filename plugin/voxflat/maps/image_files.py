@@ -22,8 +22,6 @@ from voxflat.io.provenance import Record, as_text, portable
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
-__all__ = ["IMAGE_ENDINGS", "STACK_ENDINGS", "Image", "Stack", "write_image", "write_stack"]
-
 _TIFF_DESCRIPTION, _TIFF_PAGE_NAME, _TIFF_CENTIMETRE = 270, 285, 3
 _TIFF_LIMIT = 1 << 32  # bytes
 _GZIP_LEVEL = 1  # as nibabel's: noise becomes hardly smaller by more

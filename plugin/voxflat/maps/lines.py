@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["borders", "chains", "ellipse", "outline", "region_corners", "rim"]
-
 _STEPS = 60  # of smoothing
 _NEAREST = 0.1  # to a vertex, as a part of the edge that the line crosses
 _AROUND = 256  # corners of the polygon that stands for an ellipse

@@ -13,8 +13,6 @@ from voxflat import _core
 from voxflat.arguments import numbers_of
 from voxflat.errors import InputError
 
-__all__ = ["Places", "TriangleFinder"]
-
 
 @dataclass(frozen=True, eq=False)
 class Places:
@@ -44,13 +42,7 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class TriangleFinder:
-    """Finds the triangles that lie at places in the plane.
-
-    Parameters
-    ----------
-    corners : ndarray of float64, shape (F, 3, 2)
-        The triangles' corners, mm.
-    """
+    """Finds the triangles that lie at places in the plane, by their corners (F, 3, 2), mm."""
 
     corners: NDArray[np.float64]
 

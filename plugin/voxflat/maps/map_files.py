@@ -33,8 +33,6 @@ from voxflat.io.spaces import Space
 from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
 
-__all__ = ["mesh_of_vertices", "read_map", "write_map"]
-
 _FORMAT = 5
 
 

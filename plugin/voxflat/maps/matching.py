@@ -22,26 +22,14 @@ from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-__all__ = ["Matched", "loaded", "match", "vertices_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A surface as a map cuts it, and the map.
+    """A surface as a map cuts it, and the map."""
 
-    Parameters
-    ----------
-    core : _core.Surface
-        The triangles over which the map is defined.
-    vertices : ndarray of int64, shape (N,)
-        The vertex of the whole surface that each of its vertices is; the sides of a cut share one.
-    uv : ndarray of float64, shape (N, 2)
-        Their places in the map.
-    """
-
-    core: _core.Surface
-    vertices: NDArray[np.int64]
-    uv: NDArray[np.float64]
+    core: _core.Surface  # the triangles over which the map is defined
+    vertices: NDArray[np.int64]  # (N,), of the whole surface, that each vertex is; the sides of a cut share one
+    uv: NDArray[np.float64]  # (N, 2)
 
     def correspondence(self, other: Matched) -> NDArray[np.int64] | None:
         """Find for each vertex the other's, if both have the same triangles and the same cuts.

@@ -18,28 +18,16 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
 from voxflat.maps.raster import Raster
 
-__all__ = ["Parcels", "parcels_of"]
-
 _NONE = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Parcels:
-    """Labels of a map's points.
-
-    Parameters
-    ----------
-    flat_map : FlatMap
-        The map.
-    labels : ndarray of int64, shape (N,)
-        A label a point; −1 where there is no parcel.
-    table : LabelTable
-        Names and colours; what it lacks is the label's number, and a colour as in PNGs of labels.
-    """
+    """Labels of a map's points."""
 
     flat_map: FlatMap
-    labels: NDArray[np.int64]
-    table: LabelTable
+    labels: NDArray[np.int64]  # (N,); −1 where there is no parcel
+    table: LabelTable  # what it lacks is the label's number, and a colour as in PNGs of labels
 
     @cached_property
     def names(self) -> dict[int, str]:

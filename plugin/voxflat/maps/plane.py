@@ -20,9 +20,6 @@ from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-__all__ = ["LIMIT", "FlatTriangles", "Planar"]
-
-
 LIMIT = 5.0
 """How far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick."""
 

@@ -14,7 +14,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
@@ -27,23 +27,12 @@ class Raster:
     """The pixels of a flat map and the inverse look-up: pixel → surface voxel → RAS+ mm.
 
     Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
-
-    Parameters
-    ----------
-    corners : ndarray of uint32, shape (H, W, 3)
-        The points (numbers into the map's rows) whose triangle covers the pixel's centre; 2³² − 1 outside the map.
-    weights : ndarray of float32, shape (H, W, 3)
-        Barycentric coordinates of the pixel's centre in that triangle; NaN outside the map.
-    origin : tuple of 2 floats
-        (u, v) of the centre of pixel (0, 0), mm.
-    pixel_size : float
-        Side of a pixel, mm.
     """
 
-    corners: NDArray[np.uint32]
-    weights: NDArray[np.float32]
-    origin: tuple[float, float]
-    pixel_size: float
+    corners: NDArray[np.uint32]  # (H, W, 3), the map's points whose triangle covers the pixel's centre; 2³² − 1 outside
+    weights: NDArray[np.float32]  # (H, W, 3), barycentric coordinates in it; NaN outside the map
+    origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
+    pixel_size: float  # mm
 
     def __repr__(self) -> str:
         height, width = self.shape
@@ -82,7 +71,7 @@ class Raster:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatImage:
+class FlatImage(Recorded):
     """An image on the flat map.
 
     Parameters
@@ -118,13 +107,11 @@ class FlatImage:
     labels: bool | None = None
     provenance: Record = field(default_factory=dict)
 
+    _used = ("pixel_size",)
+
     def __repr__(self) -> str:
         height, width = self.data.shape[:2]
         return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
-
-    def _with_provenance(self, record: Record) -> FlatImage:
-        """Return the same image with a record of what made it."""
-        return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
 
     @property
     def is_colour(self) -> bool:
@@ -212,7 +199,7 @@ class FlatImage:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatStack(Sequence[FlatImage]):
+class FlatStack(Sequence[FlatImage], Recorded):
     """Images on the same pixels of a flat map, one a channel or frame: each is sampled when it is asked for.
 
     Parameters
@@ -245,9 +232,7 @@ class FlatStack(Sequence[FlatImage]):
     provenance: Record = field(default_factory=dict)
     layers: tuple[str, ...] = ()
 
-    def _with_provenance(self, record: Record) -> FlatStack:
-        """Return the same images with a record of what made them."""
-        return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
+    _used = ("pixel_size",)
 
     def __len__(self) -> int:
         """Return the number of images."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -19,7 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.reading import check_room, reading
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, write_volume
@@ -28,8 +28,6 @@ from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
-
-__all__ = ["REGION_ENDINGS", "Regions"]
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
 REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
@@ -46,7 +44,7 @@ class _Places(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Regions:
+class Regions(Recorded):
     """Regions on a map: what `FlatMap.regions` returns.
 
     Parameters
@@ -93,10 +91,6 @@ class Regions:
     @property
     def _surface(self) -> Sampler:
         return self.of._triangles.on_surface
-
-    def _with_provenance(self, record: Record) -> Regions:
-        """Return the same regions with a record of what made them."""
-        return replace(self, provenance=resolved(record, {}))
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return which region lies at places of the map.

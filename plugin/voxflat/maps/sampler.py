@@ -32,8 +32,6 @@ from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, sh
 from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
-__all__ = ["Sampler", "check_origin", "usual_spacing"]
-
 _LONGEST_STEP = 100.0  # s; a longer one is doubted: TR in ms where the header says s
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
 
@@ -83,31 +81,14 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """The points whose numbers a raster's corners are, on the surface.
+    """The points whose numbers a raster's corners are, on the surface."""
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (N, 3)
-        RAS+ mm in `space`.
-    normals : ndarray of float64, shape (N, 3)
-        Unit vectors that point outside; NaN for a sheet, which has no outside.
-    ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices, or vertex numbers in the mesh.
-    metadata : dict
-        What the surface was made of: its ``kind``, and of voxels ``affine`` and ``shape``, of a mesh ``vertices``; and
-        the ``space`` of the points.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of the points.
-    white_points, pial_points : ndarray of float64, shape (N, 3), or None
-        The points on the white and on the pial surface, where both are known.
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    ids: NDArray[np.int64]
-    metadata: dict[str, Any]
+    points: NDArray[np.float64]  # (N, 3), RAS+ mm in `space`
+    normals: NDArray[np.float64]  # unit vectors that point outside; NaN for a sheet, which has no outside
+    ids: NDArray[np.int64]  # voxel indices (N, 3), or vertex numbers in the mesh (N,)
+    metadata: dict[str, Any]  # ``kind``, of voxels ``affine`` and ``shape``, of a mesh ``vertices``; ``space``
     faces: NDArray[Any]
-    white_points: NDArray[np.float64] | None = None
+    white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and the pial surface, where both are known
     pial_points: NDArray[np.float64] | None = None
 
     @property

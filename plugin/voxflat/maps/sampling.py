@@ -16,17 +16,6 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-__all__ = [
-    "INTERPOLATIONS",
-    "Mixing",
-    "majority",
-    "phases",
-    "sample",
-    "sample_layers",
-    "sample_mean",
-    "series_sampling",
-]
-
 INTERPOLATIONS = ("linear", "nearest", "majority")
 """How values between voxels, or between vertices, are found."""
 
@@ -207,21 +196,11 @@ def sample_mean(
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """Values at many places, each a sum of a few weighted values elsewhere: found once, applied to every frame.
+    """Values at many places, each a sum of a few weighted values elsewhere: found once, applied to every frame."""
 
-    Parameters
-    ----------
-    inside : ndarray of bool
-        Places that have a value.
-    used : ndarray of int64, shape (U,)
-        Numbers of the values that are needed.
-    matrix : scipy.sparse.csr_array, shape (P, U)
-        Their weights for each of the P places inside. A weight of 0 stays: of NaN it makes NaN, as everywhere else.
-    """
-
-    inside: NDArray[np.bool_]
-    used: NDArray[np.int64]
-    matrix: Any
+    inside: NDArray[np.bool_]  # places that have a value
+    used: NDArray[np.int64]  # (U,), numbers of the values that are needed
+    matrix: Any  # sparse (P, U), weights; one of 0 stays: of NaN it makes NaN, as everywhere else
 
     @classmethod
     def of(

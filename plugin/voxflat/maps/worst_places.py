@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -16,10 +16,8 @@ from voxflat.arguments import (
 )
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.provenance import Record, as_text, saving
+from voxflat.io.provenance import Record, Recorded, as_text, saving
 from voxflat.maps.flat_map import FlatMap
-
-__all__ = ["WORST_ENDINGS", "RelievingCut", "WorstPlace", "WorstPlaces", "area_changes"]
 
 WORST_ENDINGS = (".json", ".tsv")
 """Endings of the files that `WorstPlaces.save` writes."""
@@ -149,7 +147,7 @@ class WorstPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class WorstPlaces:
+class WorstPlaces(Recorded):
     """The worst places of a map, the worst first.
 
     Parameters
@@ -190,10 +188,6 @@ class WorstPlaces:
             f"<WorstPlaces: {len(self.places)} of {self.found} where areas change beyond {self.beyond:g} times, "
             f"{100 * self.share:.2f} % of the surface>"
         )
-
-    def _with_provenance(self, record: Record) -> WorstPlaces:
-        """Return the same with a record of what made it."""
-        return replace(self, provenance=record)
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:

@@ -30,8 +30,6 @@ from voxflat.surfaces.cutting import sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-__all__ = ["worst_places"]
-
 _ON = 3.0  # times as deep as a place at the border is, its cut leads
 
 

@@ -20,8 +20,6 @@ from voxflat.surfaces.cutting import Cutout
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.frame import STANDARD_FRAME, in_standard_frame
 
-__all__ = ["MUCH", "error_of_distances", "map_over_triangles", "told"]
-
 MUCH = 0.01
 """By which part of themselves distances may be off. Links usually are by 0.1 %."""
 

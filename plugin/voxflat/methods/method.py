@@ -26,8 +26,6 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.cutting import Cutout, Where, cut_open
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["How", "Method", "OverTriangles", "Rows"]
-
 Rows = bool | str | os.PathLike[str]
 """Whether the distances are kept in memory, or the directory of a store on disk."""
 

@@ -14,8 +14,6 @@ from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import numbered
 
-__all__ = ["cut_as", "places_of"]
-
 
 def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
     """Cut out what a map covers, along its own cuts.

@@ -24,8 +24,6 @@ from voxflat.methods.start import cut_as, places_of
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["SCALES", "Voxflat"]
-
 SCALES = ("distances", "areas")
 """What a map's mm may be right for."""
 

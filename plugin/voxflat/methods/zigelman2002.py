@@ -16,8 +16,6 @@ from voxflat.methods.method import How, OverTriangles
 from voxflat.surfaces.cutting import Cutout
 from voxflat.surfaces.pixels import pixels_of
 
-__all__ = ["Zigelman2002"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Zigelman2002(OverTriangles):

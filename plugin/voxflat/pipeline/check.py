@@ -21,8 +21,6 @@ from voxflat.surfaces.findings import Check, check_surface, extended
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.manifold import size_and_space
 
-__all__ = ["check"]
-
 
 def check(
     source: object,

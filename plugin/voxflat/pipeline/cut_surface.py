@@ -23,8 +23,6 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.tracing import template_of
 
-__all__ = ["Cut", "CutSurface"]
-
 
 @dataclass(frozen=True, eq=False)
 class Cut:

@@ -16,8 +16,6 @@ from voxflat.io.grid import FARTHEST, SMALLEST
 from voxflat.io.provenance import telling
 from voxflat.pipeline.surface import Surface
 
-__all__ = ["range_image"]
-
 _JUMP = 8.0  # pixels: a slope of 83 degrees
 
 

@@ -40,8 +40,6 @@ from voxflat.surfaces.of_volume import of_volume
 from voxflat.surfaces.parts import disk, dropped, kept, polygon
 from voxflat.surfaces.standard.registration import Registration, register
 
-__all__ = ["Surface", "surface"]
-
 _REPAIRS = ("none", "voxels", "cuts")
 
 

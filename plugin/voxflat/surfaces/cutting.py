@@ -20,8 +20,6 @@ from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
 
-__all__ = ["Cutout", "Where", "cut_open", "cut_out_as", "opened_to_disk", "sketch_error"]
-
 _COVERED = 0.5  # share of what a template leaves out that must be left out for a region to stand in its place
 _NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
 

@@ -15,8 +15,6 @@ from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.choice import AUTOMATIC
 
-__all__ = ["Check", "check_surface", "extended"]
-
 _SHOWN = 5  # handles, holes and loops that a table names one by one
 
 

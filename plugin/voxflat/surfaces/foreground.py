@@ -22,37 +22,19 @@ _BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of caviti
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """A volume and which of its voxels are foreground.
-
-    Parameters
-    ----------
-    volume : Volume
-        What was given.
-    mask : ndarray of bool, shape (I, J, K)
-        Its foreground.
-    metadata : dict
-        What was given, and how the foreground was chosen.
-    """
+    """A volume and which of its voxels are foreground."""
 
     volume: Volume
     mask: NDArray[np.bool_]
-    metadata: dict[str, Any]
+    metadata: dict[str, Any]  # what was given, and how the foreground was chosen
 
 
 @dataclass(frozen=True, eq=False)
 class PackedMask:
-    """The foreground of a volume, a bit a voxel: what a surface keeps of it.
-
-    Parameters
-    ----------
-    bits : ndarray of uint8
-        As `numpy.packbits` makes them.
-    metadata : dict
-        As in `Foreground`.
-    """
+    """The foreground of a volume, a bit a voxel (`numpy.packbits`): what a surface keeps of it."""
 
     bits: NDArray[np.uint8]
-    metadata: dict[str, Any]
+    metadata: dict[str, Any]  # as in `Foreground`
 
     def mask(self) -> NDArray[np.bool_]:
         """Return which voxels are foreground, shape (I, J, K)."""

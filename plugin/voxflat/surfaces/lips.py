@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from voxflat.unique_rows import distinct
 
-__all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
-
 
 def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.bool_]:
     """Find the triangles among some of the points.

@@ -37,36 +37,18 @@ from voxflat.unique_rows import distinct, in_rows
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["Manifold", "Step", "are_triangles", "patch_of", "size_and_space"]
-
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One choice by which a part came about: what `Surface.keep`, `drop`, `disk` and `polygon` were given.
+    """One choice by which a part came about: what `Surface.keep`, `drop`, `disk` and `polygon` were given."""
 
-    Parameters
-    ----------
-    verb : {"keep", "drop", "disk", "polygon", "outlines"}
-        What was called; "outlines" is what a template leaves out.
-    mask : ndarray of bool, shape (I, J, K), or None
-        The voxels that may stay, of a region of a volume.
-    by_triangles : bool
-        Whether the region was given by triangles.
-    seed_point, seed_found : voxel indices or number of a vertex
-        The middle of a disk, and what stands for it on the surface.
-    radius : float
-        Of the disk, mm.
-    corners : list
-        Of a polygon.
-    """
-
-    verb: str
-    mask: NDArray[np.bool_] | None = None
-    by_triangles: bool = False
-    seed_point: Any = None
-    seed_found: Any = None
-    radius: float | None = None
-    corners: Any = None
+    verb: str  # what was called; "outlines" is what a template leaves out
+    mask: NDArray[np.bool_] | None = None  # the voxels that may stay, of a region of a volume
+    by_triangles: bool = False  # whether the region was given by triangles
+    seed_point: Any = None  # the middle of a disk: voxel indices or number of a vertex
+    seed_found: Any = None  # what stands for it on the surface
+    radius: float | None = None  # of the disk, mm
+    corners: Any = None  # of a polygon
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,6 @@ from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["of_volume"]
-
 _MOST_REPAIRED = 0.01  # of the foreground's voxels, that are changed without being asked
 _SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
 

@@ -22,8 +22,6 @@ from voxflat.io.structures import refuse_other_side
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.medial_wall import is_medial_wall
 
-__all__ = ["check_region", "pial_of"]
-
 _OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
 _BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
 _SIDE = 5.0  # mm from the middle that a side is sure

@@ -25,8 +25,6 @@ from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.seed import found_seed, seed_voxel
 
-__all__ = ["disk", "dropped", "kept", "largest_piece", "polygon"]
-
 _STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
 
 _Part = TypeVar("_Part", bound=Manifold)

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["pixels_of"]
-
 
 def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     """Find the pixels that the vertices of a range image are.

@@ -7,8 +7,6 @@ from typing import Any
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 
-__all__ = ["found_seed", "seed_voxel"]
-
 _FAR = 2.0  # voxels between a seed point and the surface that need no remark
 
 

@@ -16,30 +16,16 @@ from voxflat.io.grid import voxel_size
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.seed import found_seed, seed_voxel
 
-__all__ = ["LINK_LENGTHS", "VoxelGraph", "voxel_graph"]
-
 LINK_LENGTHS = "chain-code"
 """How links are measured where nothing else is asked for: the paper's unbiased estimator."""
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
-    """Surface voxels linked to those of their 26 neighbours that are surface voxels, too.
+    """Surface voxels linked to those of their 26 neighbours that are surface voxels, too."""
 
-    Parameters
-    ----------
-    core : _core.VoxelSurface
-        The part that is worked on.
-    whole : _core.VoxelSurface
-        What it was cut out of.
-    metadata : dict
-        Where it came from and how it was made.
-    remarks : tuple of str
-        What the user should know of it.
-    """
-
-    core: _core.VoxelSurface
-    whole: _core.VoxelSurface
+    core: _core.VoxelSurface  # the part that is worked on
+    whole: _core.VoxelSurface  # what it was cut out of
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
 

@@ -23,8 +23,6 @@ from voxflat.io.apart import apart
 from voxflat.io.files import REMEDY, check_regular, naming, retelling
 from voxflat.io.reading import check_room, note
 
-__all__ = ["as_picture", "check_cover", "check_values", "decoded", "header", "picture_values", "place", "values_at"]
-
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
 

@@ -16,8 +16,6 @@ from voxflat.arguments import is_number, shown
 from voxflat.errors import InputError
 from voxflat.maps.textures.pictures import values_at
 
-__all__ = ["subdivide"]
-
 _MOST_FACES = 5_000_000  # some 1 GB while they are split
 _LONGEST = 1024  # texels; triangles with a longer side are split unseen
 _SAMPLES = 1_000_000  # looked up at a time

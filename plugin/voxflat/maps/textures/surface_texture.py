@@ -21,8 +21,6 @@ from voxflat.io.formats.obj import read_obj_texture
 from voxflat.maps.raster import Raster
 from voxflat.maps.textures.pictures import as_picture, values_at
 
-__all__ = ["TEXTURE_ENDINGS", "SurfaceTexture", "are_colours", "paint", "read_texture"]
-
 TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
 """Endings of files of surfaces that may have a texture, or colours at their vertices."""
 
@@ -31,21 +29,11 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
-    """A picture, and where each triangle of a surface lies in it.
+    """A picture, and where each triangle of a surface lies in it."""
 
-    Parameters
-    ----------
-    faces : ndarray of int64, shape (F, 3)
-        Triangles of the surface's vertices.
-    coordinates : ndarray of float64, shape (F, 3, 2)
-        Texture coordinates of their corners; NaN for none. At a seam a vertex has several.
-    picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
-        Row 0 is the top.
-    """
-
-    faces: NDArray[np.int64]
-    coordinates: NDArray[np.float64]
-    picture: NDArray[np.uint8]
+    faces: NDArray[np.int64]  # (F, 3), of the surface's vertices
+    coordinates: NDArray[np.float64]  # (F, 3, 2); NaN for none. At a seam a vertex has several
+    picture: NDArray[np.uint8]  # (H, W, 3 or 4); row 0 is the top
 
 
 def are_colours(values: object, count: int) -> bool:

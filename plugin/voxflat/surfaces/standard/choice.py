@@ -13,32 +13,18 @@ from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
 
-__all__ = ["AUTOMATIC", "Choice", "chosen"]
-
 AUTOMATIC = "automatic"
 """The word for cuts that are found anew for each surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The cuts that were chosen.
+    """The cuts that were chosen."""
 
-    Parameters
-    ----------
-    template : Template or None
-        Whose cuts are made.
-    sphere : Sphere or None
-        The surface's, if it is known.
-    is_usual : bool
-        Whether nobody asked for it.
-    remarks : tuple of str
-        What the user should know.
-    """
-
-    template: Template | None
-    sphere: Sphere | None
-    is_usual: bool
-    remarks: tuple[str, ...]
+    template: Template | None  # whose cuts are made
+    sphere: Sphere | None  # the surface's, if it is known
+    is_usual: bool  # whether nobody asked for it
+    remarks: tuple[str, ...]  # what the user should know
 
 
 def chosen(

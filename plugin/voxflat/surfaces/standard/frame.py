@@ -13,8 +13,6 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 from voxflat.surfaces.standard.template import standard_template
 
-__all__ = ["STANDARD_FRAME", "Turned", "in_standard_frame"]
-
 STANDARD_FRAME = "standard"
 """What ``metadata["frame"]`` of a map in it says."""
 
@@ -23,21 +21,11 @@ _FEWEST = 3  # corresponding points that settle a turn
 
 @dataclass(frozen=True)
 class Turned:
-    """A map in the standard frame.
+    """A map in the standard frame."""
 
-    Parameters
-    ----------
-    uv : ndarray of float64, shape (N, 2)
-        mm.
-    anchors : int
-        By how many corresponding points it was turned; 0 if these were too few, and it is as it was.
-    residual : float
-        Root mean square distance of these from their places on the template's map, mm.
-    """
-
-    uv: NDArray[np.float64]
-    anchors: int
-    residual: float
+    uv: NDArray[np.float64]  # (N, 2), mm
+    anchors: int  # corresponding points by which it was turned; 0 if too few, and it is as it was
+    residual: float  # root mean square distance of these from their places on the template's map, mm
 
 
 def in_standard_frame(uv: NDArray[np.float64], part: Manifold, faces: NDArray[Any], sphere: Sphere) -> Turned:

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from voxflat.unique_rows import distinct
 
-__all__ = ["DEPTH_UNIT", "PLACE_UNIT", "SIDES", "Pattern", "icosphere", "pattern"]
-
 SIDES = ("left", "right")
 
 DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255

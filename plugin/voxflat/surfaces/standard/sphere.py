@@ -20,8 +20,6 @@ from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 
-__all__ = ["Sphere", "in_triangles", "registered_sphere", "sphere_beside", "sphere_of"]
-
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
 _ROUND = 0.02  # of the radius that points may lie off the sphere
 _FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
@@ -34,29 +32,15 @@ _NEAREST = 12  # vertices whose triangles may hold a place
 class Sphere:
     """Where each vertex of a surface lies on the sphere of fsaverage or fs_LR.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (V, 3)
-        Unit vectors, one for each vertex of the whole mesh.
-    space : {"fsaverage", "fs_LR"}
-        Whose sphere.
-    side : {"left", "right"}
-        Of which hemisphere.
-    name : str
-        The file's, or what else it is.
-    folded : int
-        Triangles of the surface that are turned over on it.
-    distance : float
-        Median distance from the template's brain, rigidly laid on it and scaled, mm, at corresponding places: how well
-        it is registered, roughly.
+    The distance from the template's brain, rigidly laid on it and scaled, says roughly how well it is registered.
     """
 
-    places: NDArray[np.float64]
-    space: str
-    side: str
-    name: str
-    folded: int
-    distance: float
+    places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
+    space: str  # fsaverage or fs_LR
+    side: str  # left or right
+    name: str  # the file's, or what else it is
+    folded: int  # triangles of the surface that are turned over on it
+    distance: float  # median, mm, at corresponding places
 
     def __repr__(self) -> str:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"

@@ -21,8 +21,6 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import Line, Template
 
-__all__ = ["TracedCut", "kept_by", "template_of", "traced"]
-
 _STEP = 0.0025  # between points of a line to which distances are measured, radians: 0.25 mm on a sphere of 100 mm
 _BEYOND = 0.3  # by how much a cut's line is drawn on beyond its root, radians: the subject's own wall may lie there
 _DIRECTION = 0.1  # of a line at its root: over so much of it
@@ -35,21 +33,11 @@ _STEEP = 1e6  # most that an edge costs for its length
 
 @dataclass(frozen=True, eq=False)
 class TracedCut:
-    """A template's cut on a surface.
+    """A template's cut on a surface."""
 
-    Parameters
-    ----------
-    name : str
-        The template's.
-    vertices : ndarray of int64, shape (k,)
-        Numbers of the part's vertices, from the root to the tip.
-    length : float
-        mm.
-    """
-
-    name: str
-    vertices: NDArray[np.int64]
-    length: float
+    name: str  # the template's
+    vertices: NDArray[np.int64]  # (k,), of the part, from the root to the tip
+    length: float  # mm
 
 
 # ------------------------------------------------------------------------------------------- outlines
