@@ -9,10 +9,7 @@ import numpy as np
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Say what a file holds.
-
-    Returns: {"map", "atlas"} or None, what `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read.
-    """
+    """Say what a file holds that `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read."""
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)

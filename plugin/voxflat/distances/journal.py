@@ -27,10 +27,7 @@ class Journal:
 
 
 def read_journal(store: Path) -> Journal:
-    """Read the journal of a store; lines that cannot be read say nothing, and their rows are not finished.
-
-    `store`: the directory. Raises InputError if there is none, or its header cannot be read.
-    """
+    """Read the journal of a store; lines that cannot be read say nothing, and their rows are not finished."""
     path = store / "journal.jsonl"
     try:
         first, *lines = path.read_text(errors="replace").splitlines() or [""]

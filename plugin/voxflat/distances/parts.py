@@ -68,14 +68,10 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks, on the workers of a cluster, and open it.
+    """Compute the rows that a store lacks, on the workers of a cluster, and open it; what is finished is kept.
 
-    Neighbours are joined by workers alone: what takes memory and time is theirs.
-
-    `part`: what distances are measured over. `choice`: the sources. `store`: the directory. `dask`: the cluster, as in
-    `connected`. `geodesic`: as in `voxflat.geodesic`. `threads`: of each worker. `memory_limit`: bytes that rows in the
-    making may take in each worker. `progress`: as in `voxflat.flatten`. Raises InputError, OSError if a part cannot be
-    computed. What is finished, of this and others, is kept; Cancelled if `progress` returned False. Workers stop.
+    Neighbours are joined by workers alone: what takes memory and time is theirs, and threads and memory limit are of
+    each.
     """
     path = store_path(store)
     beside = temporary_beside(path)  # until there is a store

@@ -43,11 +43,9 @@ def source_choice(
     fewest: int,
     at_most_all: bool = False,
 ) -> SourceChoice:
-    """Return how many sources there will be, and what chooses them.
+    """Return how many sources there will be, `fewest` or more, and what chooses them.
 
-    `part`: what distances are measured over. `sources`, `sampling`, `seed`: as in `voxflat.flatten`. `fewest`: as few
-    as the caller can use. `at_most_all`: take all points where more sources are asked for than there are points;
-    otherwise that is refused. Raises InputError if they are too few or too many, given twice, or not on the surface.
+    More than there are points are refused, or are all points (`at_most_all`).
     """
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):

@@ -68,10 +68,7 @@ def prepare_store(
 ) -> Store:
     """Make a store of a new or empty directory, or find that an old one is of the same rows.
 
-    `path`: the directory. `ids`, ndarray of int64: what its points are in the input. `chosen` uint32 (m,): the sources,
-    as numbers into the points. `geodesic`, `link_lengths`: as in `voxflat.geodesic`. `progress`: as in
-    `voxflat.flatten`. Raises InputError if it is a store of other rows, or holds other files; OSError if it cannot be
-    written, or there is no room on the disk.
+    `ids` are what its points are in the input, `chosen` (m,) the sources, as numbers into the points.
     """
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}

@@ -33,10 +33,7 @@ class Table:
 
     @classmethod
     def open(cls, path: Path) -> Table:
-        """Open a file without reading its values.
-
-        Raises InputError: it is damaged, or shorter than its header says.
-        """
+        """Open a file without reading its values; one shorter than its header says is refused."""
         try:
             with path.open("rb") as file:
                 major, _ = npy.read_magic(file)

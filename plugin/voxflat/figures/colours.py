@@ -48,10 +48,7 @@ class Look:
     least: float | None = 0.0  # where the colours begin; None where they lie around 0
 
     def limits(self, values: NDArray[np.float64]) -> tuple[float, float]:
-        """Return what the ends of the colours stand for, with the 99th percentile as the upper one.
-
-        `values`: as they are shown; NaN where there is none.
-        """
+        """Return what the ends of the colours stand for, with the 99th percentile as the upper one; NaN is left out."""
         if self.least is None:
             most = top(np.abs(values))
             return -most, most

@@ -129,10 +129,7 @@ class Pictures(Protocol):
 
 
 def check_movie(path: str | os.PathLike[str]) -> None:
-    """Refuse a name that no movie can be written to, before the long work.
-
-    `path`: as of `save_movie`. Raises InputError if the ending is another, or what writes it is missing.
-    """
+    """Refuse a name that no movie can be written to, before the long work."""
     name = Path(path)
     if name.suffix.lower() not in MOVIE_ENDINGS:
         raise InputError(f"cannot write a movie as {name.name}; give a name that ends in {' or '.join(MOVIE_ENDINGS)}")

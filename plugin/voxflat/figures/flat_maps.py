@@ -264,12 +264,7 @@ def check_underlay(underlay: str) -> None:
 
 
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:
-    """Return the grey picture of the folds: gyri light, sulci dark.
-
-    `flat_map`: a flat map; one without curvature (of the method "grossmann2002") has an even grey. `raster`: its
-    pixels. `underlay`, {"curvature", "sulcal depth", "none"}: what they are told by. Returns: uint8 (H, W, 4), opacity
-    0 outside the map.
-    """
+    """Return the grey picture of the folds, RGBA: gyri light, sulci dark; an even grey where they are not known."""
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":

@@ -33,8 +33,6 @@ def name_layers(path: Path, drawn: Figure) -> None:
     """Sort what an SVG file of matplotlib draws into layers, where artists have their names as gid.
 
     The root tells where the map lies, so that regions that are drawn into the file find their way back.
-
-    `path`: the file; a figure without such artists stays as it is. `drawn`: what it shows.
     """
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):

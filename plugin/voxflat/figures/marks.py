@@ -26,13 +26,10 @@ class Direction:
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:
-    """Find the two directions of the body that lie best in the plane, at the middle of the map.
+    """Find the two directions of the body that lie best in the plane, at the middle of a map whose space is known.
 
     To the points around the middle each of their coordinates is fitted linearly in (u, v); its gradient points where it
     grows most.
-
-    `flat_map`: a flat map. Returns: two at most, those of the greatest R²; none where the space of the points is
-    unknown.
     """
     is_known = flat_map.space.name != "unknown" or flat_map.metadata.get("structure") in _SIDES
     if not is_known:
@@ -68,11 +65,7 @@ def side(flat_map: FlatMap) -> str | None:
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
-    """Find where the names of cuts belong: between the lips, where they are farthest apart.
-
-    `flat_map`: a flat map; ``metadata["cut_names"]`` has a name, or None, for each of ``metadata["cuts"]``. Returns:
-    places in mm.
-    """
+    """Find where the names of cuts belong, (u, v) in mm: between the lips, where they are farthest apart."""
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []
     rows: dict[object, list[int]] = {}

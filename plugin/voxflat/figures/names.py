@@ -37,9 +37,8 @@ class PlacedName:
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
     """Find a place for each name whose box lies in its region, as far from the region's border as can be.
 
-    `labels` int64 (H, W): the label of each pixel. `names`: label: name. `pixel`: side of a pixel on paper, mm.
-    Returns: `placed`, in the largest size, in one line or several, level or upright, in which they fit; `left_out`,
-    names that fit in no size.
+    Each has the largest size, in one line or several, level or upright, in which it fits; names that fit in none are
+    left out. A pixel's side is in mm of paper.
     """
     placed, left_out = [], []
     for label, name in names.items():
@@ -55,10 +54,7 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
 
 
 def text_size(text: str, size: float) -> tuple[float, float]:
-    """Return width and height of a text on paper, mm.
-
-    `text`: in lines. `size`: of the font, points.
-    """
+    """Return width and height of a text on paper, mm; the font's size is in points."""
     lines = text.split("\n")
     return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)
 

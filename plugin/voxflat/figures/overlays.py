@@ -122,12 +122,7 @@ def painted(
     by: NDArray[Any] | None = None,
     opacity: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Return values as colours, transparent where they do not pass the thresholds.
-
-    `data` float (...): values; NaN is transparent. `colour_map`: of matplotlib. `limits`: the ends of the colours.
-    `above`, `below`: as in `Overlay`. `by` float (...): what has to pass the thresholds; by default `data`. `opacity`:
-    from 0 to 1. Returns: uint8 (..., 4). Raises InputError if there is no such colour map.
-    """
+    """Return values as RGBA, transparent where they are NaN, or they, or `by` instead, do not pass the thresholds."""
     if not isinstance(colour_map, str) or colour_map not in colormaps:
         raise InputError(f"matplotlib has no colour map {shown(colour_map)}")
     low, high = limits
@@ -158,11 +153,7 @@ class OverlayColours:
         overlay: Overlay,
         opacity: float = 1.0,
     ) -> OverlayColours:
-        """Choose what is not given, by what an image shows.
-
-        `image`: the overlay on the map. `strength`: what has to pass the thresholds, on the map. `overlay`: how it is
-        to be shown. `opacity`: from 0 to 1. Raises InputError if something does not fit the image.
-        """
+        """Choose what is not given, by what an image, and its strength, show on the map."""
         above, below = overlay.thresholds
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
@@ -194,11 +185,7 @@ class OverlayColours:
         return cls(chosen, (low, high), **told)
 
     def paint(self, data: NDArray[Any], by: NDArray[Any] | None = None) -> NDArray[np.uint8]:
-        """Return pixels.
-
-        `data` (H, W), or (H, W, 4) of uint8 for colours: what the overlay shows. `by` (H, W): its strength, which has
-        to pass the thresholds. Returns: uint8 (H, W, 4).
-        """
+        """Return pixels, RGBA, of values (H, W) or colours; their strength (`by`) has to pass the thresholds."""
         if self.colour_map is not None:
             shown = data % self.limits[1] if self.is_cyclic else data
             thresholds: dict[str, Any] = {"above": self.above, "below": self.below, "by": by}

@@ -124,12 +124,10 @@ class Page:
         pixels: int | None = None,
         axes: Axes | None = None,
     ) -> Page:
-        """Lay maps on a page, side by side.
+        """Lay maps on a page, side by side; widths and the height of the strip below in mm.
 
-        `maps`: the maps shown. `width`: of the page, mm; axes that are given have their own. `title`: above the maps.
-        `strip`: height of the strip below the maps, mm. `head`: leave room above the maps, whether there is a title or
-        not. `pixels`: width of the page in pixels; by default as many as print needs. `axes`: fill these instead of a
-        figure. Raises InputError if the page is too narrow or too wide.
+        Axes that are given have their own width. `head` leaves room above the maps without a title; `pixels` is the
+        width of the page, by default as many as print needs.
         """
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:

@@ -147,12 +147,10 @@ def drawn_from_both_sides(
     names: Sequence[tuple[NDArray[np.float64], str]],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Draw meshes of a map's surface from outside and, beside that, from the other side.
+    """Draw meshes, with options of `Plotter.add_mesh`, from outside a map's surface and, beside that, the other side.
 
-    `flat_map`: what is looked at. `meshes`, sequence of (pyvista.PolyData, dict): with the options of
-    `Plotter.add_mesh`. `names`, sequence of (point, str): written where they are seen; in brackets, on the side where
-    they lie, if they are hidden from both. The first mesh is what may hide them. `size`: width and height in pixels.
-    Returns: uint8 (height, width, 3).
+    Names are written at their points where they are seen; in brackets, on the side where they lie, if the first mesh
+    hides them from both.
     """
     pyvista = load_pyvista()
     width, height = size

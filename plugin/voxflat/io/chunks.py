@@ -97,11 +97,7 @@ class Chunked:
         return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
-        """Read a box of voxels.
-
-        `spans`: first and behind the last index along i, j and k. Raises InputError if it cannot be read: a chunk is
-        damaged, or what a dask array is computed from fails.
-        """
+        """Read a box of voxels, from the first to behind the last index along i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
@@ -152,10 +148,9 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return the values of voxels; of an array in chunks, by reading each chunk that holds one of them once.
+    """Return the values of voxels, `low` (P, 3) plus each of `offsets` (K, 3) but within the volume, shape (P, K).
 
-    `data`, ndarray or Chunked, shape (I, J, K): voxels. `low` int (P, 3): indices of voxels. `offsets` int (K, 3): what
-    is added to each; indices beyond the last voxel mean that. Returns: (P, K).
+    Of an array in chunks each chunk that holds one of them is read once.
     """
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
@@ -189,11 +184,9 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Take an array in chunks, or a path of OME-Zarr, as channels of volumes.
+    """Take an array in chunks, or a path of OME-Zarr, as channels of `Chunked`, with affine and file where known.
 
-    `obj`: a dask or zarr array, (I, J, K) or (I, J, K, C); a path of a zarr directory; or anything else. Returns:
-    `channels`, of `Chunked`; `affine`, (4, 4), or None, voxel index to RAS+ mm, where it is known; `path`, the file.
-    None instead of all three if it is none of these. Raises InputError if it has another shape or type, or no place.
+    None if it is none of these.
     """
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))

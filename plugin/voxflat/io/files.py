@@ -322,12 +322,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced.
-
-    `path`: the directory to make. Yields: a new empty directory beside it. It takes its place when the block ends, and
-    is deleted when the block raises. Raises InputError: something of that name is there already; OSError: nothing can
-    be written there.
-    """
+    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced."""
     path = checked_path(path)
     check_new(path)
     temporary = temporary_beside(path)

@@ -25,10 +25,7 @@ SMALLEST = _core.SMALLEST
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine.
-
-    `affine` (4, 4): voxel index to RAS+ mm.
-    """
+    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
     # the cube root of 1 is 1 everywhere, that of 0.125 is not 0.5 everywhere
@@ -36,12 +33,7 @@ def voxel_size(affine: ArrayLike) -> float:
 
 
 def check_affine(affine: ArrayLike) -> Affine:
-    """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
-
-    `affine` (4, 4): voxel index to RAS+ mm. Returns: (4, 4), float64, the affine. Raises InputError: it has another
-    shape, values that are not finite or beyond 1e11 mm, a voxel size of 0 or below 1e-9 mm, or axes that are not
-    orthogonal (the cosine between two of them exceeds 1e-3).
-    """
+    """Return an affine, voxel index to RAS+ mm, that maps a grid of boxes: finite, and not sheared."""
     try:
         matrix = numbers_of(affine, "affine")
     except InputError as error:

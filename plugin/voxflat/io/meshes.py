@@ -167,10 +167,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
 
 
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch.
-
-    Raises InputError: the file is damaged; FileNotFoundError, PermissionError: the file cannot be opened.
-    """
+    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch."""
     path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
@@ -283,11 +280,10 @@ def _writer(path: Path) -> _Write:
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
-    """Carry points to where FreeSurfer's own surfaces lie.
+    """Carry points to where FreeSurfer's own surfaces lie, mm; return the volume of this tkRAS, too.
 
-    `points` float64 (N, 3): mm, in `space`; those of an unknown one are left as they are. `space`: where it is scanner
-    RAS and its volume is not known, a conformed one in its middle is taken. Returns: `points`, float64 (N, 3), tkRAS,
-    mm; `volume`, the volume of this tkRAS.
+    Where a space is scanner RAS and its volume is not known, a conformed one in its middle is taken. Points of an
+    unknown space are left as they are.
     """
     if space.name != "scanner":
         return points, space.volume

@@ -40,10 +40,7 @@ def mesh_of_object(given: object) -> Mesh | None:
 
 
 def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
-    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none.
-
-    `points`: the number of vertices of the surface. `structure`: "CortexLeft" or "CortexRight", if that is known.
-    """
+    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none."""
     if isinstance(given, np.ndarray | list | tuple):
         return None
     with naming(type(given).__name__, "give the values of this surface"):

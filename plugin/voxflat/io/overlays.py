@@ -68,11 +68,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 
 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
-    """Read values at the points of a surface map by map.
-
-    `path`, `points`, `structure`: as in `read_overlay`. Returns: arrays of shape (points,). Those of NIfTI and CIFTI
-    files are read when they are asked for. Raises InputError, FileNotFoundError, PermissionError: as `read_overlay`.
-    """
+    """Read values at the points of a surface map by map: as `read_overlay`, those of NIfTI and CIFTI when asked for."""
     path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
@@ -90,10 +86,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending.
-
-    Raises PermissionError: the file cannot be opened.
-    """
+    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending."""
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False

@@ -126,10 +126,7 @@ def parse_patch(path: Path, data: bytes) -> Patch:
 
 
 def is_patch(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a FreeSurfer patch.
-
-    Raises InputError if it cannot be a name.
-    """
+    """Say whether a file is a FreeSurfer patch."""
     path = checked_path(path)
     if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
         return False

@@ -51,11 +51,10 @@ _Made = TypeVar("_Made", bound=_Told)
 def telling(
     **told_as: Callable[[Any], Any],
 ) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
-    """Let the result of a function say what made it.
+    """Let the result of a function say what made it, by its ``_with_provenance``.
 
-    `**told_as`: what a parameter of this name is told as, where that is not the value which was given. Returns: a
-    decorator: the record is handed to the result's ``_with_provenance``, whose result is returned. A function's
-    ``memory_limit``, if it has one, holds for reading files, too.
+    A parameter may be told as something else than the value that was given. A function's ``memory_limit``, if it has
+    one, holds for reading files, too.
     """
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
@@ -91,10 +90,7 @@ def _telling(function: Callable[_Given, _Made], told_as: dict[str, Callable[[Any
 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:
-    """Return a record that says what was used for parameters that were not given.
-
-    `record`: a record. `used`: by their names; others are passed over.
-    """
+    """Return a record that says what was used, by their names, for parameters that were not given."""
     parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
     method = parameters.get("method")
     for told in (parameters, method) if isinstance(method, dict) else (parameters,):
@@ -121,11 +117,7 @@ class Recorded:
 
 
 def described(value: object) -> Any:
-    """Return what JSON can hold of a parameter.
-
-    `value`: numbers, text, paths, lists and short arrays stay what they are. Of a result its record is told, of longer
-    arrays the SHA-256 of their values, of others the type.
-    """
+    """Return what JSON can hold of a parameter: of results their record, of long arrays the SHA-256, else the type."""
     if value is None or isinstance(value, str | bool | np.bool_):
         return bool(value) if isinstance(value, np.bool_) else value
     if isinstance(value, Integral):
@@ -166,7 +158,7 @@ KEEP_PATHS = "VOXFLAT_KEEP_PATHS"
 def portable(content: Any) -> Any:
     """Return what is written into a file: file names instead of paths, which would tell names of people and projects.
 
-    `content`: what JSON can hold. Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
+    Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
     """
     if os.environ.get(KEEP_PATHS) == "1":
         return content
@@ -222,11 +214,7 @@ def _files(record: object) -> Iterator[tuple[str, str]]:
 
 
 def check_not_read(path: Path, record: Record) -> None:
-    """Refuse to write over a file that a result was made of.
-
-    `path`: where it is to be written. `record`: the result's. Raises InputError if it is one of its files, by this name
-    or another.
-    """
+    """Refuse to write over a file that a result was made of, by this name or another."""
     if not path.exists():
         return
     for name, digest in _files(record):
@@ -236,11 +224,7 @@ def check_not_read(path: Path, record: Record) -> None:
 
 
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
-    """Refuse to replace what lies beside a result, unless voxflat wrote it.
-
-    `path`: the result's file. `beside`: what is written with it, whose name nobody gave. `overwrite`: replace it
-    nevertheless. Raises InputError if it is there already, and does not say that it is ours.
-    """
+    """Refuse to replace what lies beside a result, by a name that nobody gave, unless voxflat wrote it."""
     if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
     is_ours = False
@@ -264,12 +248,10 @@ def sidecar_of(path: str | os.PathLike[str]) -> Path:
 def saving(
     path: str | os.PathLike[str], record: Record, *, sidecar: bool = False, overwrite: bool = False
 ) -> Iterator[Path]:
-    """Write a result, but not over a file that it was made of, and its record beside it where that is asked for.
+    """Write a result in the block, but not over a file that it was made of, and its record beside it where asked for.
 
-    `path`: the result's file, which the block writes. `record`: its record. `sidecar`: write the record to
-    ``<path>.json``, too, for formats that hold none. `overwrite`: replace a file of that name that voxflat did not
-    write. Yields: the result's file. Raises InputError if either file is one that was read, or the one beside is there
-    already and not of voxflat; OSError if the record cannot be written.
+    That goes to ``<path>.json``, for formats that hold none, and replaces a file that is not ours only with
+    `overwrite`.
     """
     path = checked_path(path)
     checked_switch(overwrite, "overwrite")

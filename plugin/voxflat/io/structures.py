@@ -20,21 +20,13 @@ _NAMES = {
 
 
 def named_structure(path: str | os.PathLike[str]) -> str | None:
-    """Tell a side of the cortex by a file's name.
-
-    `path`: such as ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii`` or ``100307.L.sulc.32k_fs_LR.shape.gii``.
-    Returns: {"CortexLeft", "CortexRight"} or None, none if the name says nothing, or both.
-    """
+    """Tell a side of the cortex by a name that says one: ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii``."""
     found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
     return found[0] if len(found) == 1 else None
 
 
 def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
-    """Refuse a file of the other side of the cortex than a surface's.
-
-    `path`: a file of values or labels at vertices; what GIFTI says of itself counts more than its name. `structure`:
-    the surface's, as GIFTI's AnatomicalStructurePrimary says it. Raises InputError if it is of the other side.
-    """
+    """Refuse a file of values of the other side of the cortex; what GIFTI says of itself counts more than its name."""
     if structure not in (_LEFT, _RIGHT):
         return
     path = checked_path(path)

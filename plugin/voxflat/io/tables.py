@@ -29,11 +29,7 @@ class PointTable:
     rows: list[list[str]]  # all cells, as they were read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
-        """Write the table with further columns, all of it or nothing.
-
-        `path`: ``.csv``, ``.tsv`` or ``.txt``; a missing number is ``n/a``. `more`: numbers for each point by the
-        columns' names.
-        """
+        """Write the table with further columns, all of it or nothing; a missing number is ``n/a``."""
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
         columns = [
@@ -48,12 +44,7 @@ class PointTable:
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:
-    """Read points from a table.
-
-    `path`: ``.csv``, ``.tsv`` or ``.txt``. With a header the columns x, y and z are taken, else the first three; a
-    missing number is empty, ``n/a`` or ``nan``. Raises InputError if it is no such table; FileNotFoundError,
-    PermissionError if it cannot be opened.
-    """
+    """Read points from a table: its columns x, y and z if it has a header, else the first three."""
     path = checked_path(path)
     with naming(path, "give columns x, y and z in mm"):
         ending = path.suffix.lower()

@@ -26,10 +26,7 @@ class Geometry:
     said_by: str = ""  # the name of the map that says so
 
     def check(self, name: str, matched: Matched) -> None:
-        """Refuse a map with vertices of which it is not known where they lie.
-
-        `name`: of the map. `matched`: the map on `surface`. Raises InputError if it has one.
-        """
+        """Refuse a map with vertices of which it is not known where they lie."""
         if self.known is None:
             return
         unknown = matched.vertices[~self.known[matched.vertices]]
@@ -42,12 +39,7 @@ class Geometry:
 
 
 def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
-    """Return the surface on which maps are judged: the given one, unless maps of voxflat were made on another geometry.
-
-    `whole`: the given surface. `maps`: of which those that are a `FlatMap` of a mesh know where their points lie.
-    Returns: if it is another than the given one, that is logged. Raises InputError if two maps were made on different
-    geometries.
-    """
+    """Return the surface on which maps are judged: the given one, unless ours were made on another geometry."""
     ours = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and not flat.is_voxels}
     places = {name: vertices_of(whole, flat) for name, flat in ours.items()}
     moved = [name for name, flat in ours.items() if not _agree(flat, flat.points, whole.points[places[name]])]

@@ -20,11 +20,9 @@ _UNLABELLED = (208, 208, 208)
 
 
 def are_labels(data: NDArray[Any]) -> bool:
-    """Tell labels from intensities that happen to be whole numbers.
+    """Tell labels from intensities that happen to be whole numbers, in pixels of any kind, NaN outside the map.
 
     Labels form areas: most pixels have the value of those some way off. Intensities, such as a T1 image's, do not.
-
-    `data` (H, W), or (H, W, 4) for colours: pixels of any kind, NaN outside the map.
     """
     if data.ndim == 3 or not all_whole(data):
         return False
@@ -39,13 +37,9 @@ def are_labels(data: NDArray[Any]) -> bool:
 def coloured(
     data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None, *, labels: bool
 ) -> NDArray[np.uint8]:
-    """Return an image's pixels as colours.
+    """Return an image's pixels, scalars, labels or colours, as RGBA, opacity 0 outside the map.
 
-    `data` (H, W), or (H, W, 4) of uint8 for colours: scalars or labels, NaN outside the map, or colours. `colour_map`:
-    a colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each. `limits`,
-    sequence of 2 floats: the values at the ends of the colour map; by default the 1st and 99th percentile. `labels`:
-    whether they are labels. Returns: uint8 (H, W, 4), opacity 0 outside the map. Raises InputError if there is no such
-    colour map.
+    By default as in a PNG: grey from the 1st to the 99th percentile, and for labels a colour each.
     """
     if data.ndim == 3:
         return data
@@ -80,11 +74,9 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
 
 
 def passing(data: NDArray[Any], above: float | None = None, below: float | None = None) -> NDArray[np.bool_]:
-    """Tell which values pass thresholds.
+    """Tell which values are greater than one threshold and less than the other; NaN passes none.
 
-    `data`: values; NaN passes none. `above`, `below`: greater and less than what values are. With both: where `below`
-    is less than `above`, what is beyond either, as of a statistic with two sides; else what is between them. Returns:
-    ndarray of bool, of the same shape.
+    Where `below` is less than `above`, that is what is beyond either, as of a statistic with two sides.
     """
     with np.errstate(invalid="ignore"):
         higher = data > above if above is not None else np.isfinite(data)

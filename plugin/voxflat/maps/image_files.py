@@ -37,12 +37,7 @@ def write_image(
     labels: bool,
     record: Record | None = None,
 ) -> None:
-    """Write a flat image to a file, all of it or nothing; see `FlatImage.save`.
-
-    `path`: its ending says how. `data`, `affine`, `name`: as in `FlatImage`. `labels`: whether the values are labels.
-    `record`: what made it; ``.npy`` has no place for it. Raises InputError if the ending is another, or the values do
-    not fit; OSError if the file cannot be written.
-    """
+    """Write a flat image to a file, all of it or nothing; see `FlatImage.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
@@ -156,13 +151,7 @@ class Image(Protocol):
 def write_stack(
     path: str | os.PathLike[str], stack: Stack, record: Record | None = None, progress: Progress | None = None
 ) -> None:
-    """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`.
-
-    `path`: its ending says how. `stack`: images of values; one at a time is in memory. `record`: what made them;
-    ``.npy`` has no place for it. `progress`: as of `FlatStack.save`. Raises InputError if the ending is another, the
-    values do not fit, or it is too large for the format; Cancelled if `progress` returned False; OSError if the file
-    cannot be written.
-    """
+    """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:

@@ -59,12 +59,7 @@ class TriangleFinder:
         torn: NDArray[np.bool_] | None = None,
         piece_ids: NDArray[np.int64] | None = None,
     ) -> Places:
-        """Look up places.
-
-        `places` (..., 2): (u, v), mm. `points` (N, 3): places in space. `faces` int (F, 3): which of them are the
-        triangles' corners. `torn` bool (F,): triangles that stand for their nearest corner. `piece_ids` int64 (F,): the
-        piece of each triangle. Raises InputError if the places have another shape.
-        """
+        """Look up places (u, v), mm; torn triangles stand for their nearest corner."""
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
             raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
@@ -80,9 +75,5 @@ class TriangleFinder:
         )
 
     def find(self, places: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Find the triangle at each place.
-
-        `places` (P, 2): (u, v), mm; those that are not finite lie nowhere. Returns: `triangles`, int64 (P,), the first
-        that holds the place; −1 for none; `weights`, (P, 3), NaN for none.
-        """
+        """Find the first triangle that holds each place, −1 for none, and its weights there, (P, 3), NaN for none."""
         return self._core.find(np.ascontiguousarray(places, dtype=np.float64))

@@ -32,10 +32,7 @@ class Matched:
     uv: NDArray[np.float64]  # (N, 2)
 
     def correspondence(self, other: Matched) -> NDArray[np.int64] | None:
-        """Find for each vertex the other's, if both have the same triangles and the same cuts.
-
-        `other`: another map of the same whole surface. Returns: int64 (N,), or None.
-        """
+        """Find for each vertex the other map's, if both have the same triangles and the same cuts."""
         corners, ids = _sorted_corners(self)
         others, other_ids = _sorted_corners(other)
         if not np.array_equal(ids, other_ids):
@@ -56,20 +53,13 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def loaded(flat: object) -> object:
-    """Load a map of voxflat, if that is what a path names; everything else is returned as it is.
-
-    `flat`: a map, as in `match`.
-    """
+    """Load a map of voxflat, if that is what a path names; everything else is returned as it is."""
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
 
 def match(whole: Manifold, flat: object) -> Matched:
-    """Match a map to its surface.
-
-    `flat`, path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3):
-    the map, as in `voxflat.measure`. Raises InputError if the map does not belong to the surface, or is not flat.
-    """
+    """Match a map, as in `voxflat.measure`, to its surface."""
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         return _of_patch(whole, flat)
@@ -168,11 +158,7 @@ def _cut_as_it_is(
 
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
-    """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest.
-
-    `flat`: a map of it. Returns: int64 (N,), a vertex of the surface for each point of the map. Raises InputError if
-    the surface does not have one.
-    """
+    """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest."""
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)

@@ -50,10 +50,7 @@ class Parcels:
         return self.flat_map.faces[~self.flat_map.torn]
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
-        """Return the label of each pixel, parted by the same lines as `borders`.
-
-        `raster`: pixels of the map. Returns: int64 (H, W), −1 where there is no parcel, and outside the map.
-        """
+        """Return the label of each pixel, parted by the same lines as `borders`; −1 for none, and outside the map."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
@@ -62,10 +59,7 @@ class Parcels:
         return found
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return the colours of labels: RGBA, opacity 0 where there is no parcel.
-
-        `labels` int64 (...): labels, as from `raster`. Returns: uint8 (..., 4).
-        """
+        """Return the colours of labels: RGBA, opacity 0 where there is no parcel."""
         known, which = np.unique(labels, return_inverse=True)
         rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]

@@ -56,11 +56,7 @@ class Raster:
         return np.where(self.inside, nearest, -1)
 
     def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Carry values of the map's points to the pixels, linearly within each triangle.
-
-        `values` (N,) or (N, C): one value, or one row, a point. Returns: float64 (H, W) or (H, W, C), NaN outside the
-        map.
-        """
+        """Carry values of the points, (N,) or (N, C), to the pixels, linearly within triangles; NaN outside the map."""
         values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
@@ -420,9 +416,7 @@ def series_showing(
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
     """Return how overlays that follow each other come to the pixels: what `show` does, with weights found once.
 
-    `raster`: the pixels. `ids` int64 (N,): of each of the raster's points the vertex, whose value it has.
-    `interpolation`, {"linear", "nearest", "majority"}: as in `show`. Returns: takes values at the vertices; the same as
-    `show`, within the rounding of sums.
+    `ids` are of each of the raster's points the vertex, whose value it has. The same, within the rounding of sums.
     """
     held: dict[str, Mixing] = {}
 
@@ -451,11 +445,6 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
-    """Draw a flat map's faces.
-
-    `uv` (N, 2): places in the plane, mm. `faces` uint32 (F, 3): triangles of points. `torn` bool (F,): triangles
-    without a surface in between: their pixels show the nearest corner. `pixel_size`: side of a pixel, mm. Raises
-    InputError if the pixel size is not positive, or so small that the image would be too large.
-    """
+    """Draw a flat map's faces; pixels of torn ones, without a surface in between, show the nearest corner."""
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))

@@ -37,11 +37,7 @@ _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9
 
 
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
-    """Return the typical distance of neighbouring points, mm.
-
-    `metadata`: of a map or an atlas. `uv` (N, 2): places in the plane, mm. `faces` int (F, 3): triangles of them.
-    Returns: of voxels the geometric mean of the three spacings, of a mesh the median edge in the plane.
-    """
+    """Return the usual distance of neighbours, mm: of voxels the spacing, of a mesh the median edge in the plane."""
     if metadata["kind"] == "voxels":
         return voxel_size(metadata["affine"])
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
@@ -49,11 +45,7 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
 
 
 def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
-    """Check what a file says a map's surface was made of.
-
-    `metadata`: as of `Sampler`. `ids` int64 (N, 3) or (N,): voxel indices, or vertex numbers in the mesh. Raises
-    InputError if it says nothing that can be, or the ids do not fit.
-    """
+    """Check what a file says a map's surface was made of, as in the metadata of `Sampler`."""
     if not isinstance(metadata.get("provenance", {}), dict):
         raise InputError(f"its provenance is {metadata['provenance']!r:.80}: {AGAIN}")
     kind = metadata.get("kind")
@@ -115,10 +107,7 @@ class Sampler:
         return (i, j, k)
 
     def need_volume(self, what: str) -> None:
-        """Refuse what only the map of a volume has.
-
-        `what`: what the map of a mesh lacks. Raises InputError if the surface was made of a mesh.
-        """
+        """Refuse what only the map of a volume has."""
         if not self.is_voxels:
             raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
 
@@ -336,12 +325,7 @@ class Sampler:
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
     def at(self, depths: Depths) -> list[NDArray[np.float64]]:
-        """Return the points at depths.
-
-        `depths`: in mm, or as fractions of the cortex. Returns: list of ndarray of float64, shape (N, 3), RAS+ mm in
-        the space of the points, one array a depth. Raises InputError if the surface has no outside, or no pial surface
-        is known.
-        """
+        """Return the points at depths, (N, 3) each, RAS+ mm in the space of the points."""
         if depths.layering is None:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
         if self.white_points is None or self.pial_points is None:
@@ -367,11 +351,7 @@ class Sampler:
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with its place; without one of its own it lies where the flattened volume lies.
-
-        `volume`: whatever `as_volume` takes. Raises InputError if it has neither a place nor the flattened volume's
-        shape.
-        """
+        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 

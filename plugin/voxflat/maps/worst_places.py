@@ -384,11 +384,9 @@ _NO_PLACE = WorstPlace(
 
 
 def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return of each triangle its area, and how the map changes it, at the scale that keeps the area of the whole.
+    """Return of each triangle its area, mm², and log2 of its change, at the scale that keeps the area of the whole.
 
-    `flat_map`: a map whose triangles are the surface's. Returns: `areas`, float64 (F,), on the surface, mm²; `logs`,
-    float64 (F,), log2 of the factor by which the map changes them: NaN where there is none on the surface, −10 where
-    there is none on the map.
+    The latter is NaN where there is no area on the surface, −10 where there is none on the map.
     """
     assert flat_map.distortion.triangles is not None
     a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))

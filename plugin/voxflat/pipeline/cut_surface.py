@@ -62,11 +62,7 @@ _ASIDE = 1 / 3  # of the way from the middle of a surface to its end: what lies 
 
 
 def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
-    """Say on which sides of a surface a cut lies, so that one finds it.
-
-    `points` (k, 3): along the cut, RAS+ mm. `whole` (N, 3): the surface's points. Returns: such as "posterior,
-    inferior", at most two, the clearest first; "middle" where it is on none.
-    """
+    """Say on which sides of a surface a cut lies, such as "posterior, inferior", the clearest first; else "middle"."""
     low, high = whole.min(axis=0), whole.max(axis=0)
     aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
     order = np.argsort(-np.abs(aside), kind="stable")[:2]

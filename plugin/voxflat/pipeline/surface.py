@@ -64,16 +64,7 @@ class Surface(Manifold):
 
     @classmethod
     def _of(cls, made: Manifold) -> Surface:
-        """Return what the core made as a surface.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import voxflat
-        >>> whole = voxflat.surface(np.ones((3, 3, 3), dtype=bool))
-        >>> type(voxflat.Surface._of(whole)).__name__
-        'Surface'
-        """
+        """Return what the core made as a surface."""
         return cls(**{one.name: getattr(made, one.name) for one in fields(Manifold)})
 
     # ------------------------------------------------------------------------------------------ parts

@@ -70,11 +70,7 @@ class Where:
 def cut_open(
     part: Manifold, where: Where, threads: int | None = None, progress: Progress | None = None, *, to_disk: bool = True
 ) -> Cutout:
-    """Cut a surface, or a part of one, open.
-
-    `part`: what is to be flattened. `where`: where it is cut. `threads`, `progress`: as in `voxflat.flatten`.
-    `to_disk`: close small holes and open the rest to a disk; otherwise only what was asked for is cut.
-    """
+    """Cut a surface, or a part of one, open; without `to_disk` only as was asked for, and small holes stay."""
     cuts, relax, adapt = where.cuts, where.relax, where.adapt
     whole = part if part.whole is None else part.whole
     check_relax(relax, adapt)
@@ -135,11 +131,7 @@ def _chosen_part(part: Manifold) -> dict[str, Any]:
 
 
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
-    """Take a part of a surface whose triangles and cuts are known.
-
-    `part`: some of its triangles. `cuts`, sequence of ndarray of int64: paths of vertices of the part. `by`: what said
-    where to cut. Returns: as `cut_open` returns it with ``to_disk=False``.
-    """
+    """Take a part of a surface whose cuts, paths of its vertices, are known: as `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
     named = [part.ids[path] for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
@@ -168,11 +160,7 @@ def opened_to_disk(
     progress: Progress | None,
     adapt: float | None = None,
 ) -> Cutout:
-    """Close small holes, and cut the rest open to a disk.
-
-    `cut`: as `cut_open` leaves it with ``to_disk=False``. `relax`, `threads`, `progress`, `adapt`: as in
-    `voxflat.flatten`.
-    """
+    """Close small holes, and cut the rest open to a disk."""
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
     automatic: list[dict[str, Any]] = []
@@ -203,8 +191,7 @@ def opened_to_disk(
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
     """Return by how much a sketch of a disk's map gets distances wrong: what relaxation cuts are judged by.
 
-    `part`: a disk. `threads`, `progress`: as in `voxflat.flatten`. Returns: mean relative error, at the best scale; NaN
-    where the disk is too small for a sketch.
+    That is the mean relative error, at the best scale; NaN where the disk is too small for a sketch.
     """
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)

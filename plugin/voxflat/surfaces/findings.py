@@ -197,10 +197,9 @@ def check_surface(
     progress: Progress | None = None,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
-    """Say whether a surface, or a part of one, can be flattened.
+    """Say whether a surface, or a part of one, can be flattened, beside what is known already.
 
-    `found`: what is known already. `where`: where it is to be cut. `threads`, `progress`: as in `voxflat.flatten`.
-    `repaired`: makes the same part of the surface after repair, for a surface with handles.
+    `repaired` makes the same part of the surface after repair, for a surface with handles.
     """
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()

@@ -45,11 +45,7 @@ class PackedMask:
 def foreground_of(
     volume: Volume, *, label: int | None = None, threshold: float | None = None, memory_limit: int | None = None
 ) -> Foreground:
-    """Choose the foreground of a volume: where every way from one begins.
-
-    A volume of more than one value a voxel, a foreground that is ambiguous or empty, or too little memory is an
-    `InputError`.
-    """
+    """Choose the foreground of a volume: where every way from one begins."""
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
@@ -95,12 +91,9 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
-    """Select the foreground of a volume.
+    """Select where a volume equals a label or is greater than a threshold.
 
-    `data` (I, J, K): labels (bool or integer) or intensities (any real type). `label`: foreground is where `data`
-    equals this. `threshold`: foreground is where `data` is greater than this. Without label and threshold, `data` must
-    be a mask: bool, or integer with one label other than 0. Returns: bool (I, J, K). Raises InputError if the choice is
-    ambiguous or empty, or values are not finite; the message lists the labels that are there.
+    Without both it must be a mask: bool, or integer with one label other than 0.
     """
     if data.ndim != 3:
         raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
@@ -118,10 +111,7 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
 
 
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
-    """Labels other than 0 and how many voxels each has; None where the values are no labels.
-
-    `data`: any real type. Floating-point volumes hold labels if all values are whole and they are few.
-    """
+    """Labels other than 0 and how many voxels each has; None where the values, many or not whole, are no labels."""
     if data.dtype.kind == "f":
         sample = data.ravel()[:: max(1, data.size // 10_000)]
         if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):

@@ -479,10 +479,8 @@ def patch_of(
 ) -> Patch:
     """Return points as a FreeSurfer patch whose triangles, by its readers' rule, are these; say what it cannot hold.
 
-    `points` float64 (N, 3): places, mm. `ids` int64 (N,): the vertex of the mesh that each is; the sides of a cut share
-    one. `faces` int (F, 3): triangles of the points. `bridges` int64 (B, 3): as `Surface.bridges` finds them. `count`:
-    how many vertices the mesh has. `merged` int64 (M, 2): as of a `Surface`: the former are listed where the latter
-    are. Raises InputError if it can hold no triangle.
+    `ids` are the vertices of a mesh of `count` that the points are, bridges as `Manifold._bridges` finds them; of
+    `merged` the former are listed where the latter are.
     """
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]

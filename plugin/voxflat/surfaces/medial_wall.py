@@ -19,20 +19,13 @@ _CLEAR = 10  # times as large as the next such place
 
 
 def is_medial_wall(region: object) -> bool:
-    """Say whether a region is given by this name.
-
-    `region`: as of `Surface.drop`.
-    """
+    """Say whether a region is given by this name."""
     name = os.fspath(region) if isinstance(region, str | os.PathLike) else ""
     return name in ("medial wall", "medial-wall")
 
 
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
-    """Find the medial wall: the one large place where cortex has no thickness.
-
-    `whole`: made of a white and a pial surface. Returns: bool (N,), which of its vertices belong to it. Raises
-    InputError if there is no pial surface, or no such place that is clearly the wall.
-    """
+    """Find the medial wall, bool (N,): the one large place where cortex has no thickness."""
     advice = "give its label as the region to drop, or leave it out"
     if whole.thickness is None:
         raise InputError(f"the medial wall is where white and pial surface touch: give pial, too; or {advice}")

@@ -33,11 +33,7 @@ def of_volume(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Manifold:
-    """Make a surface of a volume's foreground.
-
-    `given`: the volume and which voxels are inside. `probability`, `sheet`, `repair`, `threads`, `progress`: as in
-    `voxflat.surface`. Raises InputError if the probability image does not fit, or the foreground has no surface.
-    """
+    """Make a surface of a volume's foreground; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
     check_room(_A_SURFEL * _surfels(mask))

@@ -85,11 +85,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 
 
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
-    """Check that a region's file is of this side of the brain, and that the points of a FreeSurfer label lie on it.
-
-    `region`: as of `Surface.keep` and `drop`, read without an error. Returns: what the user should know: that
-    they lie elsewhere. Raises InputError if it is of the other side.
-    """
+    """Check that a region's file is of this side of the brain; remark if the points of a label lie elsewhere."""
     if whole.is_voxels or is_medial_wall(region):
         return []
     refuse_other_side(region, whole.metadata.get("structure"))

@@ -10,11 +10,7 @@ from voxflat.surfaces.manifold import Manifold
 
 
 def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
-    """Find the pixels that the vertices of a range image are.
-
-    `part`: a range image, or a part of one. Returns: `pixels`, uint32 (N, 2), row and column; `spacing`, distance of
-    rows and of columns, mm. Raises InputError if it is none, or if a pixel belongs to two vertices.
-    """
+    """Find the pixels, row and column, that the vertices of a range image are, and the distances of these, mm."""
     grid = part.metadata.get("range_image")
     if grid is None:
         raise InputError(

@@ -21,11 +21,7 @@ def seed_voxel(seed_point: object) -> list[int]:
 
 
 def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
-    """Return what the user should know of the surface voxel that stands for a seed point.
-
-    `seed_point`, `voxel`: what was given, and the nearest voxel of the surface. `distance`: between their centres, mm.
-    `voxel_size`: the longest side of a voxel, mm. Returns: a remark if it lies farther away than two voxels.
-    """
+    """Return a remark if the surface voxel that stands for a seed point lies farther away, mm, than two voxels."""
     if distance <= _FAR * voxel_size:
         return []
     return [

@@ -49,11 +49,7 @@ class VoxelGraph:
         return voxel_size(self.metadata["affine"])
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
-        """Find voxels of the part.
-
-        `ids` int (m, 3): voxel indices. `name`: what they are, for messages. Returns: uint32 (m,), their numbers.
-        Raises InputError if one of them is not on the surface, or not in the part.
-        """
+        """Find the numbers of voxels of the part."""
         voxels = voxel_indices(ids, name)
         on_surface = self.whole.find(voxels)  # names a voxel that is not on the surface at all
         try:
@@ -70,10 +66,7 @@ class VoxelGraph:
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of the volume that a surface was made of, and take the part that the surface is.
 
-    `of`: a surface of a volume, or a part of one by regions and disks. The voxels are those that were given, repaired
-    only where that was asked for. `link_lengths`, {"chain-code", "euclidean"}: as in `voxflat.methods.Grossmann2002`.
-    `progress`: as in `voxflat.flatten`. Raises InputError if the surface has no voxels, the part was chosen by a
-    polygon, or it is empty.
+    That is one by regions and disks. The voxels are those that were given, repaired only where that was asked for.
     """
     if of.foreground is None:
         raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")

@@ -161,10 +161,9 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
 
 
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read the points that a label file names, and where they lay on the surface that it was drawn on.
+    """Read the vertices that a label file names, and where they lay on the surface that it was drawn on, tkRAS, mm.
 
-    `path`: a ``.label`` file that `read_region` has read: its points are those of a surface. Returns: `vertices`, int64
-    (k,), numbers of points; `points`, float64 (k, 3), tkRAS, mm; some programs write 0.
+    Some programs write 0 for the latter.
     """
     path = checked_path(path)
     with naming(path, _REMEDY):

@@ -37,12 +37,10 @@ class Outline:
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
-    """Read the paths of a layer.
+    """Read the paths of a layer, by its ``inkscape:label`` or the id of a group, the lowest first.
 
-    `path`: an SVG file with the attributes above. `layer`: the layer's name (``inkscape:label``), or the id of a group.
-    Returns: as they lie over each other, the lowest first. Each has the name of its path (``inkscape:label``), else of
-    the group around it within the layer, else its title, else its id. Raises InputError if it is no such SVG, has no
-    such layer, or this has no path; FileNotFoundError, PermissionError if the file cannot be opened.
+    Each has the name of its path (``inkscape:label``), else of the group around it within the layer, else its title,
+    else its id.
     """
     path = checked_path(path)
     with naming(path, "is it an SVG figure of voxflat.figures?"):

@@ -32,11 +32,7 @@ def subdivide(
     *,
     repeat: bool,
 ) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
-    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`.
-
-    `points`, `faces`, `coordinates`, `picture`, `repeat`: as in `TexturedSurface`, without seams. `tolerance`: of 255
-    grey levels. Raises InputError if the tolerance is not positive, or there would be too many triangles.
-    """
+    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
         raise InputError(f"the tolerance is {shown(tolerance)}; give a positive number of 255 grey levels")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
@@ -100,8 +96,8 @@ def _bisect(
 ) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
     """Bisect triangles, and others as far as is needed to stay without cracks.
 
-    Returns: `sides`, (K, 2), the sides whose midpoints become the points N, N + 1, ; `faces`, (F', 3), first those that
-    stay, then the new ones; `is_new`, bool (F',).
+    Return the sides whose midpoints become the points N, N + 1, ..., the triangles that stay and then the new ones, and
+    which are new.
     """
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)

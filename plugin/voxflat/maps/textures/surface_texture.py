@@ -45,13 +45,10 @@ def are_colours(values: object, count: int) -> bool:
 
 
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
-    """Read the texture of a surface.
+    """Read the texture of a surface of `count` vertices, or colours there.
 
-    `path`: ``.obj`` with a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` with texture coordinates and a
-    picture, of the same name beside it or named in PLY's comment TextureFile, or with colours at the vertices. `count`:
-    how many vertices the surface has. Returns: SurfaceTexture, or ndarray of uint8, shape (count, 3) or (count, 4).
-    Raises InputError if it has no texture or several, or another number of vertices; FileNotFoundError, PermissionError
-    if the file, or what it names, cannot be opened.
+    ``.obj`` has a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` texture coordinates and a picture, of the
+    same name beside it or named in PLY's comment TextureFile, or colours at the vertices.
     """
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
@@ -122,11 +119,10 @@ def _material_pictures(library: Path) -> dict[str, str]:
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Carry a surface's texture to the pixels of its flat map.
+    """Carry a surface's texture, or colours at its vertices, to the pixels of its flat map, RGBA.
 
-    `texture`, SurfaceTexture, or ndarray of uint8, shape (V, 3) or (V, 4): a picture on the surface, or colours at its
-    vertices. `raster`: the map's pixels. `ids` int64 (N,): the vertex that each point of the map is. Returns: uint8 (H,
-    W, 4), opacity 0 outside the map, and in triangles that have no texture.
+    Opacity is 0 outside the map, and in triangles that have no texture. `ids` are the vertices that the map's points
+    are.
     """
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])

@@ -38,9 +38,7 @@ def chosen(
 ) -> Choice:
     """Choose the cuts.
 
-    `cuts`, `sphere`, `threads`, `progress`: as in `voxflat.flatten`. `is_free`: whether nobody has said what to
-    flatten: then a closed surface with a registered sphere gets standard cuts. Raises InputError if a template is asked
-    for and does not fit, or there is no sphere and the surface cannot be registered.
+    Where nobody has said what to flatten (`is_free`), a closed surface with a registered sphere gets standard cuts.
     """
     asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):

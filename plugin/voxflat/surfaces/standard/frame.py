@@ -34,9 +34,6 @@ def in_standard_frame(uv: NDArray[np.float64], part: Manifold, faces: NDArray[An
     The points lie evenly on the template's map, so that each counts the same. The turn is the one of the least sum of
     squares (Schönemann 1966); nothing is scaled, nothing mirrored. Their mean comes to lie where it is on the
     template's.
-
-    `uv` float64 (N, 2): the map, mm. `part`: what is flat. `faces` int (F, 3): the map's triangles. `sphere`: that of
-    the whole surface.
     """
     anchors = standard_template(sphere.space, sphere.side).anchors
     assert anchors is not None

@@ -52,33 +52,24 @@ class Sphere:
 
 
 def sphere_beside(whole: Manifold) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface.
-
-    `whole`: such as of ``surf/lh.white``. Returns: ``surf/lh.sphere.reg``, if it is there.
-    """
+    """Find the registered sphere that FreeSurfer leaves beside a surface: ``lh.sphere.reg`` of ``lh.white``."""
     given = whole.metadata.get("input")
     return sphere_at(given) if given and not whole.is_voxels else None
 
 
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface's file.
-
-    `path`: such as ``surf/lh.white``. Returns: ``surf/lh.sphere.reg``, if it is there.
-    """
+    """Find the registered sphere that FreeSurfer leaves beside a surface's file."""
     match = re.match(r"[lr]h(?=\.)", Path(path).name)
     beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
     return beside if beside is not None and beside.is_file() else None
 
 
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
-    """Take what is given as the registered sphere of a surface.
+    """Take what is given as the registered sphere of a surface, with remarks: a place for each vertex of the mesh.
 
-    `sphere`, path, Mesh, (points, faces) or array_like of shape (V, 3): one place for each vertex of the mesh, around
-    the origin, of any radius. In fsaverage space, or in that of fs_LR where the file's name says so (``fs_LR``,
-    ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that where the
-    surface says clearly that it is the other one, that counts. Returns: `remarks`, what the user should know of it.
-    Raises InputError if it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not
-    registered.
+    It lies around the origin, with any radius, in fsaverage space, or in that of fs_LR where the file's name says so
+    (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that
+    where the surface says clearly that it is the other one, that counts.
     """
     mesh = _as_points(sphere)
     name, points = (
@@ -113,10 +104,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
 
 
 def registered_sphere(found: Registration) -> Sphere:
-    """Take a surface's registration as its sphere.
-
-    `found`: of the surface, or of its largest component; what belongs to no other lies in the centre.
-    """
+    """Take a surface's registration as its sphere; what belongs to no triangle of it lies in the centre."""
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
     return Sphere(places, "fsaverage", found.side, "its own registration", 0, distance)
@@ -171,11 +159,10 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
 def in_triangles(
     places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find the spherical triangles that hold places on the unit sphere.
+    """Find the spherical triangles that hold places on the unit sphere, all given as unit vectors.
 
-    `places` float64 (N, 3): of vertices; unit vectors. `faces` int (F, 3): triangles of vertices. `wanted` float64 (k,
-    3): unit vectors. Returns: `corners`, int64 (k, 3), of the triangle that holds each, or comes nearest to holding it;
-    `weights`, float64 (k, 3), its weights there, which sum to 1; `is_inside`, bool (k,), whether one holds it.
+    Return the corners of the one that holds each, or comes nearest to it, its weights there, which sum to 1, and
+    whether one holds it.
     """
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(

@@ -89,19 +89,13 @@ def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
 
 @cache
 def standard_template(space: str, side: str) -> Template:
-    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one.
-
-    `space`, {"fsaverage", "fs_LR"}: the sphere's. `side`, {"left", "right"}: the hemisphere's.
-    """
+    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one."""
     path = Path(__file__).parent / f"{space}.{side}.json"
     return _parsed(path, from_json(path.read_text(encoding="utf-8")), STANDARD)
 
 
 def is_template(path: Path) -> bool:
-    """Say whether a file is a template, and not a list of one surface's vertices.
-
-    `path`: a file of cuts.
-    """
+    """Say whether a file of cuts is a template, and not a list of one surface's vertices."""
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):
@@ -110,10 +104,7 @@ def is_template(path: Path) -> bool:
 
 
 def read_template(path: str | os.PathLike[str]) -> Template:
-    """Read a template from a file, as `CutSurface.save_template` writes it.
-
-    `path`: JSON. Raises InputError if it is no template, or names what there is not.
-    """
+    """Read a template from a file, as `CutSurface.save_template` writes it."""
     path = checked_path(path)
     try:
         content = from_json(contents(path))

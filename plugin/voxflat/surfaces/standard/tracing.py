@@ -44,10 +44,7 @@ class TracedCut:
 
 
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
-    """Find the triangles that a template's outlines keep: on their left, in one piece with one border each.
-
-    `template`: the template. `sphere`: its sphere. Returns: bool (F,). Raises InputError if none is kept.
-    """
+    """Find the triangles that a template's outlines keep: on their left, in one piece with one border each."""
     faces = whole.faces
     kept = np.ones(len(faces), dtype=np.bool_)
     for outline in template.outlines:
@@ -123,12 +120,7 @@ def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 def traced(
     template: Template, part: Manifold, sphere: Sphere, progress: Progress | None
 ) -> tuple[list[TracedCut], list[str]]:
-    """Find a template's cuts on a part of a surface.
-
-    `template`: the template. `part`: what is left of a surface, in one piece, not cut yet. `sphere`: that of the whole
-    surface. `progress`: as in `voxflat.flatten`. Returns: `remarks`, which cuts lie elsewhere and are not made. Raises
-    InputError if a cut finds no way near its line.
-    """
+    """Find a template's cuts on a part of a surface, in one piece and not cut yet; remarks say which are not made."""
     places = sphere.places[part.vertices]
     topology = part.core.topology()
     loops = [np.asarray(loop["vertices"], dtype=np.int64) for loop in topology["loops"]]
@@ -230,12 +222,7 @@ def _way(
 def template_of(
     whole: Manifold, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
 ) -> Template:
-    """Make a template of what was left out of a surface, and of its cuts.
-
-    `whole`: the whole surface. `faces` bool (F,): its triangles that were kept. `cuts`, list of (str, ndarray of
-    int64): names, and paths of neighbouring vertices of the whole mesh. `sphere`: the surface's. Raises InputError if a
-    cut begins neither at a border nor at another cut, or is closed.
-    """
+    """Make a template of the triangles that a surface kept, and of its cuts: names, and paths of its vertices."""
     part = whole._with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
     outlines = []
