@@ -203,11 +203,7 @@ class FlatPage(Planar):
 
     @telling()
     def textured(
-        self,
-        image: FlatImage | None = None,
-        *,
-        colour_map: str | None = None,
-        limits: Sequence[float] | None = None,
+        self, image: FlatImage | None = None, *, colour_map: str | None = None, limits: Sequence[float] | None = None
     ) -> TexturedSurface:
         """Return the surface with an image of the page on it: a texture atlas.
 

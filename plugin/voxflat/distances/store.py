@@ -19,14 +19,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.distances.table import Table
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    atomic_path,
-    check_regular_within,
-    from_json,
-    naming_file,
-    save_array,
-    temporary_beside,
-)
+from voxflat.io.files import atomic_path, check_regular_within, from_json, naming_file, save_array, temporary_beside
 from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"

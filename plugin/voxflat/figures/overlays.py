@@ -146,13 +146,7 @@ class OverlayColours:
     is_by_strength: bool = False  # other values than the overlay's have to pass the thresholds
 
     @classmethod
-    def of(
-        cls,
-        image: FlatImage,
-        strength: FlatImage | None,
-        overlay: Overlay,
-        opacity: float = 1.0,
-    ) -> OverlayColours:
+    def of(cls, image: FlatImage, strength: FlatImage | None, overlay: Overlay, opacity: float = 1.0) -> OverlayColours:
         """Choose what is not given, by what an image, and its strength, show on the map."""
         above, below = overlay.thresholds
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period

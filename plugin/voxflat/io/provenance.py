@@ -48,9 +48,7 @@ class _Told(Protocol):
 _Made = TypeVar("_Made", bound=_Told)
 
 
-def telling(
-    **told_as: Callable[[Any], Any],
-) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
+def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
     """Let the result of a function say what made it, by its ``_with_provenance``.
 
     A parameter may be told as something else than the value that was given. A function's ``memory_limit``, if it has

@@ -17,9 +17,7 @@ from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    SAVED_ENDINGS,
-)
+from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling

@@ -159,12 +159,7 @@ class Regions(Recorded):
         data = np.where(raster.inside, self.at(_centres(raster)), np.nan)
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance)
 
-    def volume(
-        self,
-        like: object,
-        *,
-        depth: tuple[float, float] | None = None,
-    ) -> Volume:
+    def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Carry the regions through the cortex into the voxels of a volume.
 
         A voxel whose centre lies in the column of a triangle gets the region at its place in that column. Columns lead

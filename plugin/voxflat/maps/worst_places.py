@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import (
-    checked_path,
-    is_whole,
-)
+from voxflat.arguments import checked_path, is_whole
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, Recorded, as_text, saving

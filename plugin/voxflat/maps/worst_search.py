@@ -10,15 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import (
-    Progress,
-    checked_kind,
-    checked_switch,
-    checked_threads,
-    is_whole,
-    optional_number,
-    shown,
-)
+from voxflat.arguments import Progress, checked_kind, checked_switch, checked_threads, is_whole, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap

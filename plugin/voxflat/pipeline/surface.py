@@ -8,14 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import (
-    Progress,
-    checked_seed,
-    checked_threads,
-    give_back_memory,
-    log,
-    shown,
-)
+from voxflat.arguments import Progress, checked_seed, checked_threads, give_back_memory, log, shown
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.making import patches
 from voxflat.distances.geodesic import geodesic as _geodesic

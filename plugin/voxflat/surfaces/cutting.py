@@ -154,11 +154,7 @@ def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]
 
 
 def opened_to_disk(
-    cut: Cutout,
-    relax: float | bool | None,
-    threads: int | None,
-    progress: Progress | None,
-    adapt: float | None = None,
+    cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None, adapt: float | None = None
 ) -> Cutout:
     """Close small holes, and cut the rest open to a disk."""
     part, faces, told = close_holes(cut.part, progress)

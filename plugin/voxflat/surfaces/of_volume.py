@@ -128,10 +128,7 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 
 
 def _repaired(
-    mask: NDArray[np.bool_],
-    volume: Volume,
-    level: tuple[NDArray[np.float32], float] | None,
-    progress: Progress | None,
+    mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
     """Make the foreground's surface a sphere; with what was done."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
@@ -152,10 +149,7 @@ def _repaired(
 
 
 def _without_handles(
-    mask: NDArray[np.bool_],
-    volume: Volume,
-    level: tuple[NDArray[np.float32], float] | None,
-    progress: Progress | None,
+    mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
     """Close or open the handles of the largest component, and change nothing else, if that takes few voxels."""
     _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)

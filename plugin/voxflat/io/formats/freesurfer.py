@@ -176,11 +176,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
 
 
 def write_annot(
-    path: Path,
-    labels: NDArray[np.int64],
-    keys: Sequence[int],
-    names: Sequence[str],
-    colours: NDArray[np.uint8],
+    path: Path, labels: NDArray[np.int64], keys: Sequence[int], names: Sequence[str], colours: NDArray[np.uint8]
 ) -> None:
     """Write labels of all points, 0 for none, with names and colours, by which the format tells labels apart."""
     table = np.zeros((len(keys) + 1, 5), dtype=np.int64)

@@ -40,9 +40,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     return faces, places[used], names
 
 
-def _tables(
-    data: bytes,
-) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
+def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
     """Return a file's lines, of each triangle's corners the numbers of point and texture coordinate, and remarks."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
