@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, check_memory, log
 from voxflat.distances.cluster import Cluster, Work, connected
-from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, damaged_rows, open_rows
 from voxflat.distances.sources import SourceChoice
-from voxflat.distances.store import Store, array_hash, prepare_store, store_path
+from voxflat.distances.store import Store, append, array_hash, complete, prepare_store, read_journal, store_path
 from voxflat.distances.table import Table
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside

@@ -18,8 +18,15 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import checked_path
-from voxflat.distances.journal import read_journal
-from voxflat.distances.store import ARRAYS, OTHER, array_hash, read_description, read_provenance, write_provenance
+from voxflat.distances.store import (
+    ARRAYS,
+    OTHER,
+    array_hash,
+    read_description,
+    read_journal,
+    read_provenance,
+    write_provenance,
+)
 from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record

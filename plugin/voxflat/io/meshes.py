@@ -6,6 +6,7 @@ GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PL
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,11 +23,16 @@ from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, stl, vtk
 from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
-from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
 _WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ, formats.OFF, formats.GLB)
+
+LEFT, RIGHT = "CortexLeft", "CortexRight"
+_NAMES = {
+    r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.|_left[_.]": LEFT,  # FreeSurfer, BIDS, HCP, nilearn
+    r"^rh\.|[._]rh[._]|(^|_)hemi-R[_.]|\.R\.|_right[_.]": RIGHT,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +199,12 @@ def parsed(path: Path, data: bytes) -> Mesh:
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
     return replace(mesh, structure=mesh.structure or named_structure(path), remarks=remarks)
+
+
+def named_structure(path: str | os.PathLike[str]) -> str | None:
+    """Tell a side of the cortex by a name that says one: ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii``."""
+    found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
+    return found[0] if len(found) == 1 else None
 
 
 _Parts: TypeAlias = dict[str, Any]

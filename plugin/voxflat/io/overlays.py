@@ -18,7 +18,7 @@ from voxflat.io import formats, patches, readers
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
 from voxflat.io.files import REMEDY, check_regular, contents, naming
 from voxflat.io.formats import freesurfer, gifti
-from voxflat.io.meshes import READERS, parsed
+from voxflat.io.meshes import LEFT, READERS, RIGHT, named_structure, parsed
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS
 
@@ -163,6 +163,22 @@ def read_region(
             _fitting(mesh.points[:, 0], points)
             return _mask(np.unique(mesh.faces), points)
         return region_of(_channels(path, points, structure), points)
+
+
+def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
+    """Refuse a file of values of the other side of the cortex; what GIFTI says of itself counts more than its name."""
+    if structure not in (LEFT, RIGHT):
+        return
+    path = checked_path(path)
+    own = named_structure(path)
+    if formats.by_name(path) == formats.GIFTI:
+        with naming(path, REMEDY):
+            own = gifti.first_metadata(contents(path)).get("AnatomicalStructurePrimary") or own
+    if own in (LEFT, RIGHT) and own != structure:
+        raise InputError(
+            f"{path}: is of {own}, the surface of {structure}: give the file of this side, or, if it is meant, its "
+            "values as an array"
+        )
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:

@@ -21,11 +21,10 @@ from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.grid import voxel_size
 from voxflat.io.objects import values_of_object
-from voxflat.io.overlays import holds_volume, read_channels
+from voxflat.io.overlays import holds_volume, read_channels, refuse_other_side
 from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
-from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show

@@ -16,11 +16,10 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.formats.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
+from voxflat.io.overlays import refuse_other_side
 from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
-from voxflat.io.structures import refuse_other_side
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.medial_wall import is_medial_wall
 
 _OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
 _BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
@@ -86,7 +85,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
     """Check that a region's file is of this side of the brain; remark if the points of a label lie elsewhere."""
-    if whole.is_voxels or is_medial_wall(region):
+    if whole.is_voxels:
         return []
     refuse_other_side(region, whole.metadata.get("structure"))
     return _check_label(whole, Path(region)) if Path(region).name.lower().endswith(".label") else []

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, voxel_indices
+from voxflat.arguments import Progress, array_of, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.seed import found_seed, seed_voxel
 
 LINK_LENGTHS = "chain-code"
 """How links are measured where nothing else is asked for: the paper's unbiased estimator."""
+
+_FAR = 2.0  # voxels between a seed point and the surface that need no remark
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,3 +103,22 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         "points": len(part),
     }
     return VoxelGraph(part, whole, metadata, tuple(remarks))
+
+
+def seed_voxel(seed_point: object) -> list[int]:
+    """Return a seed point as voxel indices."""
+    place = array_of(seed_point, "indices of the seed point")
+    if place.shape != (3,) or place.dtype.kind not in "ui":
+        raise InputError(
+            f"the seed point must be whole voxel indices of shape (3,), not {place.dtype} of {place.shape}"
+        )
+    return [int(index) for index in place]
+
+
+def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
+    """Return a remark if the surface voxel that stands for a seed point lies farther away, mm, than two voxels."""
+    if distance <= _FAR * voxel_size:
+        return []
+    return [
+        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; its nearest voxel {voxel} is taken"
+    ]
