@@ -96,7 +96,7 @@ def flat_map(
     """
     maps = maps_of(flat_map)
     checked_text(title, "title")
-    check_underlay(underlay)
+    checked_choice(underlay, "underlay", UNDERLAYS)
     depths = Depths.of(depth, fraction, layering)
     of = None if overlay is None else Overlay._of(overlay, len(maps))
     shown_by = _opacity(opacity)
@@ -256,11 +256,6 @@ def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
     image, strength = found
     assert image is not None
     return image, strength
-
-
-def check_underlay(underlay: str) -> None:
-    """Refuse what the folds are not shown by."""
-    checked_choice(underlay, "underlay", UNDERLAYS)
 
 
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:

@@ -13,9 +13,9 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from voxflat.arguments import Progress, checked_switch, is_number, is_whole, log, shown
+from voxflat.arguments import Progress, checked_choice, checked_switch, is_number, is_whole, log, shown
 from voxflat.errors import InputError
-from voxflat.figures.flat_maps import check_underlay, folds, maps_of
+from voxflat.figures.flat_maps import UNDERLAYS, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.paper import Page, Panel
 from voxflat.maps.depth import Depths
@@ -173,7 +173,7 @@ def movie(
     of = Overlay._of(overlay, len(maps))
     if of.channel is not None or of.strength is not None or of.period is not None:
         raise InputError("channel, strength and period are for figures: a movie shows the values of all frames")
-    check_underlay(underlay)
+    checked_choice(underlay, "underlay", UNDERLAYS)
     checked_switch(change, "change")
     if not (is_number(rate) and 0.1 <= rate <= 120):
         raise InputError(f"the rate is {shown(rate)}; give 0.1 to 120 frames a second")

@@ -19,7 +19,7 @@ from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
-from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, stl, vtk
+from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, vtk
 from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
@@ -211,23 +211,13 @@ _Parts: TypeAlias = dict[str, Any]
 """What a reader found: the keyword arguments of `Mesh`."""
 
 
-def _read_gifti(path: Path, data: bytes) -> _Parts:
-    points, faces, structure, space, remarks = gifti.surface(gifti.load(data))
-    return {"points": points, "faces": faces, "structure": structure, "space": space, "remarks": remarks}
-
-
-def _read_freesurfer(path: Path, data: bytes) -> _Parts:
-    points, faces, space, remarks = freesurfer.read_geometry(path, data)
-    return {"points": points, "faces": faces, "space": space, "remarks": remarks}
-
-
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
-    formats.GIFTI: _read_gifti,
-    formats.FREESURFER: _read_freesurfer,
+    formats.GIFTI: lambda _, data: gifti.surface(gifti.load(data)),
+    formats.FREESURFER: freesurfer.read_geometry,
     formats.VTK: vtk.read_vtk,
     formats.VTP: vtk.read_vtp,
     formats.PLY: ply.read_ply,
-    formats.STL: stl.read_stl,
+    formats.STL: polygons.read_stl,
     formats.OBJ: obj.read_obj,
     formats.OFF: polygons.read_off,
     formats.ASC: polygons.read_asc,

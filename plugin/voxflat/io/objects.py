@@ -81,11 +81,6 @@ def _has_parts(given: object) -> bool:
     return isinstance(parts, Mapping) and all(hasattr(part, "coordinates") for part in parts.values())
 
 
-def _of_gifti(image: Any) -> Mesh:
-    points, faces, structure, space, remarks = gifti.surface(image)
-    return Mesh(points, faces, structure=structure, space=space, remarks=remarks)
-
-
 def _of_nilearn(mesh: Any) -> Mesh:
     path = getattr(mesh, "file_path", None)  # a FileMesh: its file says more
     return Mesh(np.asarray(mesh.coordinates), np.asarray(mesh.faces)) if path is None else read_mesh(path)
@@ -118,10 +113,6 @@ def _of_meshio(mesh: Any) -> Mesh:
     return Mesh(points, corners[places], remarks=remarks)
 
 
-def _of_trimesh(mesh: Any) -> Mesh:
-    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-
-
 def _of_polydata(mesh: Any) -> Mesh:
     faces, remarks = polydata_triangles(mesh)
     return Mesh(polydata_points(mesh), faces, remarks=remarks)
@@ -136,9 +127,9 @@ _MESHES: tuple[_Reader, ...] = (
     (_has("coordinates", "faces", "n_vertices"), _of_nilearn),  # InMemoryMesh, FileMesh
     (lambda given: _has_parts(getattr(given, "mesh", None)), _of_surface_image),
     (_has_parts, _of_parts),  # PolyMesh
-    (lambda given: is_gifti(given) and gifti._has_triangles(given), _of_gifti),
+    (lambda given: is_gifti(given) and gifti._has_triangles(given), lambda image: Mesh(**gifti.surface(image))),
     (_has("points", "cells", "cells_dict"), _of_meshio),
-    (_has("vertices", "faces", "face_normals"), _of_trimesh),
+    (_has("vertices", "faces", "face_normals"), lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))),
 )
 
 

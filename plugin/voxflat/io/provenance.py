@@ -56,35 +56,31 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
     """
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
-        return _telling(function, told_as)
+        signature = inspect.signature(function)
+
+        @wraps(function)
+        def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            given = bound.arguments
+            with reading(given.get("memory_limit")) as files:
+                made = function(*args, **kwargs)
+            if any(made is value for value in given.values()):  # nothing was made of it
+                return made
+            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
+            told |= {name: tell(told[name]) for name, tell in told_as.items()}
+            record = {
+                "voxflat": __version__,
+                "function": function.__name__,
+                "parameters": described(told),
+                "files": dict(sorted(files.items())),
+            }
+            found: _Made = made._with_provenance(record)
+            return found
+
+        return wrapped
 
     return decorate
-
-
-def _telling(function: Callable[_Given, _Made], told_as: dict[str, Callable[[Any], Any]]) -> Callable[_Given, _Made]:
-    signature = inspect.signature(function)
-
-    @wraps(function)
-    def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
-        bound = signature.bind(*args, **kwargs)
-        bound.apply_defaults()
-        given = bound.arguments
-        with reading(given.get("memory_limit")) as files:
-            made = function(*args, **kwargs)
-        if any(made is value for value in given.values()):  # nothing was made of it
-            return made
-        told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
-        told |= {name: tell(told[name]) for name, tell in told_as.items()}
-        record = {
-            "voxflat": __version__,
-            "function": function.__name__,
-            "parameters": described(told),
-            "files": dict(sorted(files.items())),
-        }
-        found: _Made = made._with_provenance(record)
-        return found
-
-    return wrapped
 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:

@@ -122,14 +122,12 @@ def _read_npz(path: Path) -> Read:
     return voxels, affine[0] if affine else None
 
 
-def _read_mgh(path: Path) -> Read:
-    return _read_by_nibabel(path)
-
-
-def _read_by_nibabel(path: Path) -> Read:
+def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
+    """Read a file, whose voxels may lie in another one."""
     image = nibabel_image(path, mmap=False)
     _check_proxy(image)
-    check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
+    stored = image.dataobj
+    check_length(voxels or path, stored.offset + int(np.prod(image.shape, dtype=object)) * stored.dtype.itemsize)
     return from_nibabel(image)
 
 
@@ -138,12 +136,9 @@ def _read_pair(path: Path) -> Read:
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
         raise InputError(f"{voxels.name} is not beside it: an image of this format is two files, .hdr and .img")
-    image = nibabel_image(path, mmap=False)
-    _check_proxy(image)
-    stored = image.dataobj
-    check_length(voxels, stored.offset + int(np.prod(image.shape, dtype=object)) * stored.dtype.itemsize)
+    found = _read_by_nibabel(path, voxels)
     note(voxels)
-    return from_nibabel(image)
+    return found
 
 
 def _read_nifti(path: Path) -> Read:
@@ -485,8 +480,8 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".nhdr": _read_nrrd,
     ".mha": _read_metaimage,
     ".mhd": _read_metaimage,
-    ".mgh": _read_mgh,
-    ".mgz": _read_mgh,
+    ".mgh": _read_by_nibabel,
+    ".mgz": _read_by_nibabel,
     ".npy": _read_npy,
     ".npz": _read_npz,
     ".hdr": _read_pair,

@@ -106,50 +106,32 @@ IMAGE_ENDINGS = tuple(_WRITERS)
 # ------------------------------------------------------------------------------------------------ stacks
 
 
-class Stack(Protocol):
-    """Images on the same pixels, one after the other, as `FlatStack`."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of each image."""
-
-    @property
-    def layers(self) -> tuple[str, ...]:
-        """Of the depths of each channel, where there are several."""
-
-    @property
-    def timing(self) -> Timing | None:
-        """Of the frames of a series."""
-
-    @property
-    def name(self) -> str:
-        """What they show."""
-
-    def __len__(self) -> int:
-        """Return the number of images."""
-
-    def __getitem__(self, channel: int) -> Image:
-        """Return an image."""
-
-
-class Image(Protocol):
+class _Image(Protocol):
     """As `FlatImage`."""
 
     @property
-    def data(self) -> NDArray[Any]:
-        """Pixels."""
+    def data(self) -> NDArray[Any]: ...
+    @property
+    def affine(self) -> NDArray[np.float64]: ...
+
+
+class _Stack(Protocol):
+    """As `FlatStack`."""
 
     @property
-    def affine(self) -> NDArray[np.float64]:
-        """From row and column to mm."""
-
+    def names(self) -> tuple[str, ...]: ...
     @property
-    def name(self) -> str:
-        """What it shows."""
+    def layers(self) -> tuple[str, ...]: ...
+    @property
+    def timing(self) -> Timing | None: ...
+    @property
+    def name(self) -> str: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, channel: int) -> _Image: ...
 
 
 def write_stack(
-    path: str | os.PathLike[str], stack: Stack, record: Record | None = None, progress: Progress | None = None
+    path: str | os.PathLike[str], stack: _Stack, record: Record | None = None, progress: Progress | None = None
 ) -> None:
     """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`."""
     path = checked_path(path)
@@ -180,19 +162,19 @@ def _shown(
             raise Cancelled(f"cancelled while writing {name}")
 
 
-def _frames_and_channels(stack: Stack) -> tuple[int, int]:
+def _frames_and_channels(stack: _Stack) -> tuple[int, int]:
     """Return how many frames a stack has, 1 where it is no series, and how many images each."""
     channels = max(1, len(stack.layers)) if stack.timing is not None else len(stack)
     return len(stack) // channels, channels
 
 
-def _channel_names(stack: Stack) -> tuple[str, ...]:
+def _channel_names(stack: _Stack) -> tuple[str, ...]:
     """Return the names of the images of a frame."""
     return tuple(stack.layers or ("",)) if stack.timing is not None else stack.names
 
 
 def _write_tiff_pages(
-    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
+    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
 ) -> None:
     from PIL import Image as Pillow
     from PIL import TiffImagePlugin
@@ -211,7 +193,7 @@ def _write_tiff_pages(
             file.newFrame()
 
 
-def _ome(stack: Stack, first: Image, record: Record) -> str:
+def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     """Return the description of an OME-TIFF: what Bio-Formats, Fiji and tifffile know the axes and their units by."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
@@ -236,7 +218,7 @@ def _ome(stack: Stack, first: Image, record: Record) -> str:
 
 
 def _write_nifti_series(
-    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
+    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
 ) -> None:
     nibabel = require("nibabel")
     height, width = first.data.shape
@@ -267,7 +249,7 @@ def _write_nifti_series(
 
 
 def _write_npy_series(
-    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
+    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
 ) -> None:
     depths = len(stack.layers)
     shape = (len(stack) // depths, depths) if 0 < depths < len(stack) else (len(stack),)
@@ -278,7 +260,9 @@ def _write_npy_series(
             file.write(pixels.tobytes())
 
 
-def _write_zarr(path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record) -> None:
+def _write_zarr(
+    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
+) -> None:
     """Write OME-Zarr 0.4, which readers of any age know: axes t or c (t and c), y = −v, x = u."""
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only one before
@@ -324,7 +308,7 @@ def _write_zarr(path: Path, stack: Stack, first: Image, values: Iterator[NDArray
         array[np.unravel_index(n, lengths)] = pixels
 
 
-_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image, Iterator[NDArray[np.float32]], Record], None]] = {
+_STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, Iterator[NDArray[np.float32]], Record], None]] = {
     ".tif": _write_tiff_pages,
     ".tiff": _write_tiff_pages,
     ".nii": _write_nifti_series,

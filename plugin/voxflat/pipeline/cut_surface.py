@@ -165,7 +165,7 @@ class CutSurface(Generic[_Surface]):
         """
         if self.cutout is None:
             raise InputError("nothing says how this surface was cut; give the one that Surface.cut returns")
-        return flattened(self.cutout, method, Where(), How.of(mirror, rows, seed, threads, memory_limit, progress))
+        return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
         return (

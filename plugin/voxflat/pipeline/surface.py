@@ -335,7 +335,7 @@ class Surface(Manifold):
         >>> flat_map.distortion.raw.relative_error < 0.01
         True
         """
-        how = How.of(mirror, rows, seed, threads, memory_limit, progress)
+        how = How(mirror, rows, seed, threads, memory_limit, progress)
         return flattened(self, method, Where(cuts, sphere, relax, adapt), how)
 
     @telling()

@@ -178,11 +178,12 @@ def load(data: bytes) -> Any:
 # ---------------------------------------------------------------------------------------- surfaces
 
 
-def surface(image: Any) -> tuple[NDArray[Any], NDArray[Any], str | None, Space, tuple[str, ...]]:
-    """Return points, faces, structure, space and remarks of a surface."""
+def surface(image: Any) -> dict[str, Any]:
+    """Return parts of a `Mesh`."""
     points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "set of triangles")
     structure = points.meta.get("AnatomicalStructurePrimary") or image.meta.get("AnatomicalStructurePrimary")
-    return points.data, triangles.data, structure or None, _space(points), _remarks(points)
+    more = {"structure": structure or None, "space": _space(points), "remarks": _remarks(points)}
+    return {"points": points.data, "faces": triangles.data, **more}
 
 
 def _has_triangles(image: Any) -> bool:

@@ -44,7 +44,8 @@ def chosen(
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)
     if asked is not None:
-        found, remarks = _needed_sphere(whole, sphere, threads, progress)
+        place = sphere_beside(whole) if sphere is None else sphere
+        found, remarks = _registered(whole, threads, progress) if place is None else sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, found)
         return Choice(named, found, False, tuple(remarks))
@@ -64,13 +65,6 @@ def chosen(
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
     return Choice(template, found, is_usual, tuple(remarks))
-
-
-def _needed_sphere(
-    whole: Manifold, sphere: object | None, threads: int | None, progress: Progress | None
-) -> tuple[Sphere, list[str]]:
-    place = sphere_beside(whole) if sphere is None else sphere
-    return _registered(whole, threads, progress) if place is None else sphere_of(whole, place)
 
 
 def _registered(whole: Manifold, threads: int | None, progress: Progress | None) -> tuple[Sphere, list[str]]:

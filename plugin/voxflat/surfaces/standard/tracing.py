@@ -75,9 +75,8 @@ def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
     pole = pole / np.linalg.norm(pole) if np.linalg.norm(pole) > 1e-6 else np.cross(line[0], line[1])
     x, y = _across(pole)
 
-    def flat(
-        points: NDArray[np.float64],
-    ) -> NDArray[np.float64]:  # stereographic: circles stay circles, left stays left
+    def flat(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Project stereographically: circles stay circles, left stays left."""
         away = np.maximum(1 + points @ pole, 1e-9)
         return np.stack([points @ x, points @ y], axis=1) / away[:, None]
 
@@ -155,7 +154,13 @@ def traced(
             continue
         aside = _beside(cut, places, drawn_on=cut.root is not None)
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
-        way = _way(part, tip, is_root, is_open, factors, cut.name, progress)
+        try:
+            way = part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
+        except InputError:
+            raise InputError(
+                f"the cut {cut.name!r} finds no way from its tip to its root: borders or other cuts lie between; give "
+                "other regions, or cuts='automatic'"
+            ) from None
         if aside[way].max() > astray:
             aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
@@ -196,24 +201,6 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
         angles = np.arange(_BEYOND, 0, -0.01)[:, None]
         points = np.concatenate([np.cos(angles) * points[0] + np.sin(angles) * back, points])
     return np.asarray(scipy.spatial.KDTree(_dense(points, _STEP)).query(places, distance_upper_bound=_FAR)[0])
-
-
-def _way(
-    part: Manifold,
-    tip: int,
-    is_root: NDArray[np.bool_],
-    is_open: NDArray[np.bool_],
-    factors: NDArray[np.float64],
-    name: str,
-    progress: Progress | None,
-) -> NDArray[np.int64]:
-    try:
-        return part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
-    except InputError:
-        raise InputError(
-            f"the cut {name!r} finds no way from its tip to its root: borders or other cuts lie between; give other "
-            "regions, or cuts='automatic'"
-        ) from None
 
 
 # ------------------------------------------------------------------------------------------- making a template
