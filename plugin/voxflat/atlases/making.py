@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_choice, checked_seed, checked_threads, is_number, is_whole, log, shown
 from voxflat.atlases.certified import Certificate, FlatAtlas
@@ -37,6 +36,8 @@ def patches(
     faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
     starts = np.cumsum([0, *(len(part["vertices"]) for part in parts)])
     vertices = np.concatenate([part["vertices"] for part in parts]).astype(np.int64)
+    count = int(vertices.max()) + 1  # vertices ascend within each patch, and so do the keys
+    keys = np.repeat(np.arange(len(parts)), np.diff(starts)) * count + vertices
     atlas = FlatAtlas(
         points=whole.points,
         faces=faces,
@@ -48,7 +49,7 @@ def patches(
         starts=starts,
         vertex_ids=vertices,
         uv=np.concatenate([part["uv"] for part in parts]),
-        uv_faces=_uv_faces(faces, labels, starts, vertices),
+        uv_faces=np.searchsorted(keys, labels[:, None] * count + faces),
         planes=np.stack([part["plane"] for part in parts]),
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
         metadata={
@@ -67,15 +68,6 @@ def patches(
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
     return atlas
-
-
-def _uv_faces(
-    faces: NDArray[np.int64], labels: NDArray[np.int64], starts: NDArray[np.int64], vertices: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Find each triangle's corners among the vertices of its patch, which ascend within each patch."""
-    count = int(vertices.max()) + 1
-    keys = np.repeat(np.arange(len(starts) - 1), np.diff(starts)) * count + vertices
-    return np.searchsorted(keys, labels[:, None] * count + faces)
 
 
 _SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space")

@@ -103,9 +103,7 @@ def read_description(path: Path) -> dict[str, Any]:
     """Return what a store says that it holds."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
-        raise InputError(
-            f"{path} is no store of distance rows: it has no store.json; give a directory that was a store="
-        )
+        raise InputError(f"{path} is no store of distance rows: no store.json; give a directory that was a store=")
     check_regular_within(path)
     try:
         described = from_json(file.read_text())
@@ -154,7 +152,7 @@ def _holds_files(path: Path) -> bool:
 def check_disk(path: Path, size: int) -> None:
     """Say what room is needed on the disk, and refuse to start where it is not there."""
     table = path / "rows.npy"
-    need = max(0, size - (_allocated(table) if table.exists() else 0))
+    need = max(0, size - (int(getattr(table.stat(), "st_blocks", 0)) * 512 if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
     if need > free:
         raise OSError(
@@ -223,11 +221,6 @@ def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
             return
     with atomic_path(path) as temporary:
         save_array(temporary, array)
-
-
-def _allocated(path: Path) -> int:
-    status = path.stat()
-    return int(getattr(status, "st_blocks", 0)) * 512
 
 
 # ------------------------------------------------------------------------------------------ the journal

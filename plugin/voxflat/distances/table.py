@@ -45,7 +45,8 @@ class Table:
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
             raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {FINISH}")
         table = cls(path, tuple(shape), dtype, start)
-        table._check_there()
+        if (there := path.stat().st_size) < start + table.nbytes:
+            raise table._cut_short(there)
         return table
 
     def __repr__(self) -> str:
@@ -94,11 +95,6 @@ class Table:
     @property
     def _width(self) -> int:
         return self.shape[1] if self.ndim == 2 else 1
-
-    def _check_there(self) -> None:
-        there, need = self.path.stat().st_size, self.start + self.nbytes
-        if there < need:
-            raise self._cut_short(there)
 
     def _cut_short(self, there: int) -> InputError:
         return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {FINISH}")

@@ -197,7 +197,9 @@ class _Side:
         is_map = overlay is not None and not isinstance(opacity, float)
         self.opacity = self._sampled(Overlay._of(opacity, count)) if is_map else None
         own = self._own(parcels)
-        self.parcels = None if own is None else self._parcels(own, table)
+        if own is not None and not isinstance(own, Parcels):
+            own = parcels_of(self.flat_map, own, table=table, depths=self._depths_of(own))
+        self.parcels: Parcels | None = own
 
     def _own(self, values: Any) -> Any:
         """Return this side's of values that are given for each; else all of them."""
@@ -205,7 +207,7 @@ class _Side:
         return values[self._number] if is_each else values
 
     def _depths_of(self, values: object) -> Depths:
-        is_volume = not (isinstance(values, Parcels) or self._sampler.is_overlay(values))
+        is_volume = not self._sampler.is_overlay(values)
         self.has_volume |= is_volume
         return self._depths if is_volume else ON_SURFACE
 
@@ -213,12 +215,6 @@ class _Side:
         values = self._own(overlay.values)
         how: dict[str, Any] = {"interpolation": interpolation, "period": overlay.period}
         return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
-
-    def _parcels(self, parcels: object, table: object) -> Parcels:
-        depths = self._depths_of(parcels)
-        if isinstance(parcels, Parcels):
-            return parcels
-        return parcels_of(self.flat_map, parcels, table=table, depths=depths)
 
     def shares(self, full: float | None) -> NDArray[np.float64]:
         """Return how opaque the overlay is at each pixel."""

@@ -178,9 +178,7 @@ def movie(
     if not (is_number(rate) and 0.1 <= rate <= 120):
         raise InputError(f"the rate is {shown(rate)}; give 0.1 to 120 frames a second")
     if not (is_whole(size) and _SIZES[0] <= size <= _SIZES[1]):
-        raise InputError(
-            f"the size is {shown(size)}; give the width of the pictures, {_SIZES[0]} to {_SIZES[1]} pixels"
-        )
+        raise InputError(f"the size is {shown(size)}; give the pictures' width, {_SIZES[0]} to {_SIZES[1]} pixels")
     if not (is_number(opacity) and 0 <= opacity <= 1):
         raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
@@ -214,9 +212,7 @@ def _check_series(stack: FlatStack) -> None:
     if stack[0].is_colour:
         raise InputError("colours are no series: give values")
     if stack.timing is None and not any(stack.names):
-        log.info(
-            "%s does not say how far its frames are apart, so they are numbered; the time step says it", stack.name
-        )
+        log.info("%s does not say how far apart its frames are: they are numbered; the time step says it", stack.name)
 
 
 def _look(stacks: Sequence[FlatStack]) -> FlatImage:

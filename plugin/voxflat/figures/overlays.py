@@ -170,9 +170,7 @@ class OverlayColours:
         told["is_by_strength"] = strength is not None
         if period is not None:
             if limits is not None:
-                raise InputError(
-                    "limits are for values; phases have all colours from 0 to their period: leave them out"
-                )
+                raise InputError("limits are for values; phases have all colours from 0 to the period: leave them out")
             return cls(_cyclic(colour_map), (0.0, period), is_cyclic=True, **told)
         low, high = _limits(values, limits)
         chosen = colour_map if colour_map is not None else "RdBu_r" if low < 0 < high else "viridis"

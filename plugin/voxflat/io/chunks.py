@@ -264,9 +264,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
                     f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
                 )
     if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(
-            f"its axes are scaled by {scale.tolist()} and shifted by {shift.tolist()}: give finite numbers"
-        )
+        raise InputError(f"its axes are scaled by {scale.tolist()}, shifted by {shift.tolist()}: give finite numbers")
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1

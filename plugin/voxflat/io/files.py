@@ -338,9 +338,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
 def check_new(path: Path) -> None:
     """Refuse a directory that is there already: its files are not ours to delete."""
     if path.exists() or path.is_symlink():
-        raise InputError(
-            f"{path} is there already, and directories are not replaced: delete it, or choose another name"
-        )
+        raise InputError(f"{path} is there already, and directories are not replaced: delete it or choose another name")
 
 
 def _probe(path: Path) -> None:

@@ -111,9 +111,7 @@ def millimetres(unit: str) -> float:
     """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
     if found is None:
-        raise InputError(
-            f"its lengths are in {unit!r}, which is no known unit: save it in mm, or give array and affine"
-        )
+        raise InputError(f"its lengths are in {unit!r}, which is no known unit: save it in mm or give array and affine")
     return _MILLIMETRES[found]
 
 

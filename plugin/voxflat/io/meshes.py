@@ -267,18 +267,14 @@ _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
 
 def check_mesh_name(path: Path) -> _Write:
     """Refuse a name of no format that a surface can be written in; return what writes it."""
-    with naming(path, "can this format hold it?"):
-        return _writer(path)
-
-
-def _writer(path: Path) -> _Write:
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
-    if ".patch." in name:
-        raise InputError("is the name of a patch: use write_patch")
-    if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
-        return _write_freesurfer
-    return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
+    with naming(path, "can this format hold it?"):
+        if ".patch." in name:
+            raise InputError("is the name of a patch: use write_patch")
+        if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
+            return _write_freesurfer
+        return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:

@@ -105,10 +105,6 @@ def _need_of(file: IO[bytes], size: int) -> int:
     return need
 
 
-def _read_npy(path: Path) -> Read:
-    return read_array(path), None
-
-
 def _read_npz(path: Path) -> Read:
     if not zipfile.is_zipfile(path):
         raise InputError("is no complete .npz archive: write it again with numpy.savez")
@@ -482,7 +478,7 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".mhd": _read_metaimage,
     ".mgh": _read_by_nibabel,
     ".mgz": _read_by_nibabel,
-    ".npy": _read_npy,
+    ".npy": lambda path: (read_array(path), None),
     ".npz": _read_npz,
     ".hdr": _read_pair,
     ".img": _read_pair,

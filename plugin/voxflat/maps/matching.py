@@ -64,7 +64,7 @@ def match(whole: Manifold, flat: object) -> Matched:
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         return _of_patch(whole, flat)
     if isinstance(flat, FlatMap):
-        return _of_map(whole, flat)
+        return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # in the plane
     if isinstance(flat, tuple) and len(flat) == 3:
@@ -74,7 +74,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(
-                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2), or a file"
+                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2) or a file"
             )
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
@@ -120,10 +120,6 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
     vertices = rows[:, 0].astype(np.int64)
     core, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3), mend=True)
     return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
-
-
-def _of_map(whole: Manifold, flat: FlatMap) -> Matched:
-    return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
 
 
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
@@ -187,9 +183,7 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
     """Refuse triangles of vertices that the surface does not have, and tell of those that it joins otherwise."""
     if len(faces) == 0:
-        raise InputError(
-            "no triangle of the surface has a place for all its corners in the map: is it of this surface?"
-        )
+        raise InputError("no triangle of the surface has a place for all corners in the map: is it of this surface?")
     is_there = np.zeros(whole.count, dtype=np.bool_)
     is_there[whole.vertices] = True
     strange = faces[~is_there[faces]]

@@ -33,8 +33,6 @@ _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
 REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
 """Endings of the files that `Regions.save` writes."""
 
-_EACH = 250  # bytes of memory for each voxel of the cortex
-
 
 class _Places(Protocol):
     """What knows which region lies where."""

@@ -74,7 +74,7 @@ def range_image(
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
         raise InputError(
-            f"every triangle spans more than {limit:g} mm of depth; give a greater jump, or check the units"
+            f"every triangle spans more than {limit:g} mm of depth; give a greater jump or check the units"
         )
     remarks = []
     if cut:

@@ -99,7 +99,7 @@ def cut_open(
         **_chosen_part(uncut),
         "cuts": cut_paths,
         "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
-        "cuts_by": _cuts_by(choice, paths),
+        "cuts_by": choice.template.name if choice.template else AUTOMATIC if paths is None else "given",
         "sphere": None if choice.sphere is None else choice.sphere._described(),
         "automatic_cuts": [],
         "surface_points": len(whole),
@@ -239,12 +239,6 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
             f"{len(after['loops'])} borders: its lines do not fit; give cuts='automatic'"
         )
     return opened_part, cuts, remarks
-
-
-def _cuts_by(choice: Choice, paths: list[Any] | None) -> str:
-    if choice.template is not None:
-        return choice.template.name
-    return AUTOMATIC if paths is None else "given"
 
 
 def _told_of_standard(cut: Cutout, error: float) -> str:

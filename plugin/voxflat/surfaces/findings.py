@@ -219,7 +219,8 @@ def check_surface(
     advice = list(cut.remarks)
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
-        advice.append(_cutting_changes(handles))
+        total = sum(handle["length"] for handle in handles)
+        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel")
     try:
         to_open = cut
         if shape["handles"] and repaired is not None:
@@ -281,8 +282,3 @@ def _thin(part: Manifold, threads: int | None, progress: Progress | None) -> dic
     if worst is not None:
         found |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}
     return found
-
-
-def _cutting_changes(handles: Sequence[dict[str, Any]]) -> str:
-    total = sum(handle["length"] for handle in handles)
-    return f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel"

@@ -79,7 +79,7 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
         raise InputError(
-            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}; they must agree"
+            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}: they must agree"
         )
     if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
         raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")

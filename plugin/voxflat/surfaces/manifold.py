@@ -449,7 +449,7 @@ class Manifold:
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
             raise InputError(
-                f"cannot write {path}: a surface in space is no flat patch; end its name in {PATCH_ENDING}"
+                f"cannot write {path}: a surface in space is no flat patch: end its name in {PATCH_ENDING}"
             )
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")

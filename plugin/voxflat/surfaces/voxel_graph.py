@@ -109,9 +109,7 @@ def seed_voxel(seed_point: object) -> list[int]:
     """Return a seed point as voxel indices."""
     place = array_of(seed_point, "indices of the seed point")
     if place.shape != (3,) or place.dtype.kind not in "ui":
-        raise InputError(
-            f"the seed point must be whole voxel indices of shape (3,), not {place.dtype} of {place.shape}"
-        )
+        raise InputError(f"the seed point must be whole voxel indices, shape (3,), not {place.dtype} of {place.shape}")
     return [int(index) for index in place]
 
 

@@ -134,15 +134,14 @@ class _Walk:
     def _check(self, text: str) -> None:
         """Compare the length of an array's data to its header."""
         nibabel = require("nibabel")
+        types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(
-                f"keeps data in another file, {self.array.get('ExternalFileName')!r}: write it as one file"
-            )
+            raise InputError(f"keeps data in another file, {self.array.get('ExternalFileName')!r}: write one file")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]
-        need = int(np.prod(dims, dtype=object)) * _item_size(self.array.get("DataType", ""))
+        need = int(np.prod(dims, dtype=object)) * types.dtype[self.array.get("DataType", "")].itemsize
         self.room -= need
         if min(dims, default=0) < 0 or self.room < 0:
             raise InputError(
@@ -156,11 +155,6 @@ class _Walk:
             relation = "ends after" if len(stored) < need else "goes on after"
             have = f"{len(stored)} of {need}" if len(stored) < need else f"{need}"
             raise InputError(f"array {self.arrays} {relation} {have} bytes: copy or download it again")
-
-
-def _item_size(name: str) -> int:
-    """Return the bytes of a value of a NIfTI type."""
-    return int(require("nibabel").nifti1.data_type_codes.dtype[name].itemsize)
 
 
 def load(data: bytes) -> Any:
@@ -195,9 +189,7 @@ def _only(image: Any, intent: str, name: str) -> Any:
     found = image.get_arrays_from_intent(intent)
     if len(found) != 1:
         others = ", ".join(sorted({require("nibabel").nifti1.intent_codes.niistring[a.intent] for a in image.darrays}))
-        raise InputError(
-            f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}): a surface has one"
-        )
+        raise InputError(f"has {len(found) or 'no'} {name}{'s' * bool(found)} (of arrays: {others}): a surface has one")
     return found[0]
 
 

@@ -77,9 +77,7 @@ def check_values(picture: object) -> NDArray[Any]:
     """Take an array of any numbers, (H, W) or (H, W, C), as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise InputError(
-            f"the picture has shape {array.shape} and type {array.dtype}; give (H, W) or (H, W, C) numbers"
-        )
+        raise InputError(f"the picture has shape {array.shape}, type {array.dtype}; give (H, W) or (H, W, C) numbers")
     return array
 
 

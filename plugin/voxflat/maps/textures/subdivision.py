@@ -7,8 +7,6 @@ those that share the side (Rivara 1984), so that the surface stays without crack
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,7 +66,8 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
     worst = np.where(steps > _LONGEST, np.inf, 0.0)
     for step in np.unique(steps[(steps > 1) & (steps <= _LONGEST)]).tolist():
         weights = _lattice(step)
-        for some in _batches(np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))):
+        numbers, count = np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))
+        for some in (numbers[first : first + count] for first in range(0, len(numbers), count)):
             ends = values_at(picture, corners[some], repeat)
             within = values_at(picture, weights @ corners[some], repeat)
             worst[some] = np.abs(within - weights @ ends).max(axis=(1, 2))
@@ -81,11 +80,6 @@ def _lattice(steps: int) -> NDArray[np.float64]:
     inside = a + b <= steps
     a, b = a[inside], b[inside]
     return np.column_stack([a, b, steps - a - b]) / steps
-
-
-def _batches(numbers: NDArray[np.int64], count: int) -> Iterator[NDArray[np.int64]]:
-    for start in range(0, len(numbers), count):
-        yield numbers[start : start + count]
 
 
 # ----------------------------------------------------------------------------------------------- how

@@ -150,9 +150,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(
-            f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other"
-        )
+        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface}: give the other")
     return of_surface or of_sphere
 
 
