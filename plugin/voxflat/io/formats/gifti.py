@@ -189,7 +189,9 @@ def _only(image: Any, intent: str, name: str) -> Any:
     found = image.get_arrays_from_intent(intent)
     if len(found) != 1:
         others = ", ".join(sorted({require("nibabel").nifti1.intent_codes.niistring[a.intent] for a in image.darrays}))
-        raise InputError(f"has {len(found) or 'no'} {name}{'s' * bool(found)} (of arrays: {others}): a surface has one")
+        raise InputError(
+            f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}): a surface has one"
+        )
     return found[0]
 
 
