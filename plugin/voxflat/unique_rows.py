@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 class Distinct(NamedTuple):
     """The different rows of an array."""
 
-    rows: NDArray[Any]
-    """Sorted, by the first column first, shape (K, C), or (K,) of an array of one dimension."""
-    first: NDArray[np.int64]
-    """Where each comes first, shape (K,)."""
-    which: NDArray[np.int64]
-    """Which of them each row is, shape (N,)."""
-    counts: NDArray[np.int64]
-    """How often each comes, shape (K,)."""
+    rows: NDArray[Any]  # sorted, by the first column first, shape (K, C), or (K,) of an array of one dimension
+    first: NDArray[np.int64]  # where each comes first, shape (K,)
+    which: NDArray[np.int64]  # which of them each row is, shape (N,)
+    counts: NDArray[np.int64]  # how often each comes, shape (K,)
 
 
 def distinct(rows: NDArray[Any]) -> Distinct:

@@ -86,11 +86,8 @@ class Atlas(FlatPieces, ABC):
 
     measured: NDArray[np.float64]
 
-    _format: ClassVar[str]
-    """Name and version of its files."""
-
-    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS
-    """What its files hold beside text."""
+    _format: ClassVar[str]  # name and version of its files
+    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # what its files hold beside text
 
     @property
     @abstractmethod

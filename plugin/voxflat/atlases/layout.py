@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-PACKINGS = ("boxes", "shapes")
-"""How pieces are packed."""
+PACKINGS = ("boxes", "shapes")  # how pieces are packed
 
 _GAP = 0.05  # of the side of a square as large as a piece's box on the average
 _WIDTH = 1.05  # of the side of a square as large as all boxes
@@ -39,9 +38,6 @@ def lay_out(
     if packing == "shapes":
         placed = _by_shape(placed, starts, faces, gap)
     return np.asarray(placed - placed.min(axis=0))
-
-
-# ------------------------------------------------------------------------------------------------ boxes
 
 
 def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -86,9 +82,6 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
         corners[n] = x, y - sizes[n, 1]
         x += sizes[n, 0] + gap
     return corners
-
-
-# ----------------------------------------------------------------------------------------------- shapes
 
 
 def _by_shape(

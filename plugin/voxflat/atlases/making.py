@@ -11,11 +11,8 @@ from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 
-MAX_ANGLE = 10.0
-"""Greatest inclination to a patch's plane, degrees, where no limit is given."""
-
-SEEDS = ("curvature", "flattest", "random")
-"""Where patches may begin."""
+MAX_ANGLE = 10.0  # greatest inclination to a patch's plane, degrees, where no limit is given
+SEEDS = ("curvature", "flattest", "random")  # where patches may begin
 
 
 def patches(

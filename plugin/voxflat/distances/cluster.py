@@ -21,8 +21,7 @@ from voxflat._core import __version__
 from voxflat.arguments import Progress, free_memory, log
 from voxflat.errors import Cancelled, InputError
 
-LOCAL = "local"
-"""Instead of an address: workers on this machine, for as long as they are needed."""
+LOCAL = "local"  # instead of an address: workers on this machine, for as long as they are needed
 
 _PATIENCE = 30  # s, in which a scheduler answers
 _WAITING = "waiting for workers"  # as long as there is none: they may come, or come back

@@ -12,8 +12,7 @@ from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import VoxelGraph
 
-SAMPLINGS = ("farthest", "curvature", "random")
-"""How sources may be chosen on any surface."""
+SAMPLINGS = ("farthest", "curvature", "random")  # how sources may be chosen on any surface
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,11 @@ from voxflat.atlases.pieces import FlatPieces
 from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 
-ERRORS = "inferno"
-"""The colour map of distortion, in the plane and in space."""
+ERRORS = "inferno"  # the colour map of distortion, in the plane and in space
 
 ERROR_LABEL = "mean relative error of distances (%)"
 
-AREAS = "RdBu_r"
-"""The colour map of areas, from shrunk to grown."""
+AREAS = "RdBu_r"  # the colour map of areas, from shrunk to grown
 
 AREA_LABEL = "area, log2(flat / surface)"
 

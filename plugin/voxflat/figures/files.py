@@ -20,8 +20,7 @@ from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
 
-MOVIE_ENDINGS = (".mp4", ".gif")
-"""How the name of a movie may end."""
+MOVIE_ENDINGS = (".mp4", ".gif")  # how the name of a movie may end
 
 _DPI = 200
 _QUALITY = "18"  # of H.264, from 0 to 51: no loss that one sees

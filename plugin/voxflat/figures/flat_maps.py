@@ -22,8 +22,7 @@ from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 
-UNDERLAYS = ("curvature", "sulcal depth", "none")
-"""What the folds may be shown by."""
+UNDERLAYS = ("curvature", "sulcal depth", "none")  # what the folds may be shown by
 
 _LINE, _THIN = 0.5, 0.35  # points
 _NO_FOLDS = 0.66  # grey where nothing is known

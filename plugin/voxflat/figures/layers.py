@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from voxflat.io.formats.svg import AXES, EXTENT
 
-MAP = "map"
-"""What the axes of a flat map are labelled, in mm of the map."""
+MAP = "map"  # what the axes of a flat map are labelled, in mm of the map
 
 LAYERS = ("curvature", "data", "parcels", "names", "marks")
 """Layers of a flat map, from below, by the gid of the artists that they hold."""

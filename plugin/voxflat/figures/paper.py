@@ -23,11 +23,8 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import Raster
 
-DARK, LIGHT = 0.47, 0.75
-"""Greys of sulci and gyri."""
-
-STRIP, WHEEL_STRIP = 9.0, 18.0
-"""Height of the strip below a map, and of one that has a wheel, mm."""
+DARK, LIGHT = 0.47, 0.75  # greys of sulci and gyri
+STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, and of one that has a wheel, mm
 
 _INCH = 25.4  # mm
 _MOST_PIXELS, _LEAST_DPI = 1700, 300

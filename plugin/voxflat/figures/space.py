@@ -130,9 +130,6 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     )
 
 
-# ------------------------------------------------------------------------------------------ drawing
-
-
 def _both(size: object) -> tuple[int, int]:
     """Return width and height, pixels."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:

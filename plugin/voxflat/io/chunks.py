@@ -27,8 +27,7 @@ from voxflat.io.reading import check_room, note
 PLACE_BYTES = 360
 """How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
 
-_CHANNEL_BYTES = 1000
-"""How much memory a channel takes before any of its voxels is read, bytes."""
+_CHANNEL_BYTES = 1000  # how much memory a channel takes before any of its voxels is read, bytes
 
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 

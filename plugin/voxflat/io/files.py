@@ -36,8 +36,7 @@ REMEDY = "is the file complete, and what its ending says?"
 SAVED_ENDINGS = (".npz", ".voxflat")
 """Of files that hold all of a map or an atlas: one format, NumPy's archive; the second is no other program's."""
 
-AGAIN = "copy it again"
-"""What to do with a file that was cut short."""
+AGAIN = "copy it again"  # what to do with a file that was cut short
 
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems

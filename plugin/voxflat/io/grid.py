@@ -20,8 +20,7 @@ _LONGEST = 2**31 - 1  # voxels along an axis: their indices are kept in 32 bits
 FARTHEST = _core.FARTHEST
 """mm from the origin: brains in nm have room, and the Earth in m; squares and volumes stay finite."""
 
-SMALLEST = _core.SMALLEST
-"""mm that a voxel has at least, and the longest side of a surface's box."""
+SMALLEST = _core.SMALLEST  # mm that a voxel has at least, and the longest side of a surface's box
 
 
 def voxel_size(affine: ArrayLike) -> float:

@@ -123,9 +123,6 @@ class Mesh:
                     raise InputError(f"{kind} data {name!r} has {own} values; the surface has {count} {kind}s")
 
 
-# ------------------------------------------------------------------------------------------ reading
-
-
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a surface of triangles from a file.
 
@@ -207,8 +204,7 @@ def named_structure(path: str | os.PathLike[str]) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-_Parts: TypeAlias = dict[str, Any]
-"""What a reader found: the keyword arguments of `Mesh`."""
+_Parts: TypeAlias = dict[str, Any]  # what a reader found: the keyword arguments of `Mesh`
 
 
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
@@ -223,9 +219,6 @@ READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
     formats.ASC: polygons.read_asc,
     formats.GLB: polygons.read_glb,
 }
-
-
-# ------------------------------------------------------------------------------------------ writing
 
 
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:

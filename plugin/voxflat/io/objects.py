@@ -69,9 +69,6 @@ def is_gifti(given: object) -> bool:
     return hasattr(given, "darrays") and hasattr(given, "agg_data")
 
 
-# --------------------------------------------------------------------------------------- surfaces
-
-
 def _has(*names: str) -> Callable[[object], bool]:
     return lambda given: all(hasattr(given, name) for name in names)
 
@@ -131,9 +128,6 @@ _MESHES: tuple[_Reader, ...] = (
     (_has("points", "cells", "cells_dict"), _of_meshio),
     (_has("vertices", "faces", "face_normals"), lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))),
 )
-
-
-# ----------------------------------------------------------------------------------------- values
 
 
 def _value_parts(given: object) -> Mapping[str, Any] | None:

@@ -145,8 +145,7 @@ def _digest(array: np.ndarray[Any, Any]) -> Any:
     return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
-KEEP_PATHS = "VOXFLAT_KEEP_PATHS"
-"""The variable of the environment that, set to 1, keeps paths in files."""
+KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # the variable of the environment that, set to 1, keeps paths in files
 
 
 def portable(content: Any) -> Any:

@@ -27,8 +27,7 @@ from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
 
-Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
-"""Voxels, and the affine if there is one."""
+Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine if there is one
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -44,9 +43,6 @@ def as_array(obj: object) -> NDArray[Any]:
     `numpy.asarray` drops the view's hold on the image, and ends in freed memory; `memoryview` keeps it.
     """
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
-
-
-# ------------------------------------------------------------------------------------------- reading
 
 
 def read(path: Path) -> Read:
@@ -213,14 +209,8 @@ _NIFTI1_FIELDS = {
     "srow": ("(3,4)f4", 280),
     "magic": ("S4", 344),
 }
-_NIFTI1 = np.dtype(
-    {
-        "names": list(_NIFTI1_FIELDS),
-        "formats": [form for form, _ in _NIFTI1_FIELDS.values()],
-        "offsets": [offset for _, offset in _NIFTI1_FIELDS.values()],
-        "itemsize": 348,
-    }
-)
+_FORMATS, _OFFSETS = zip(*_NIFTI1_FIELDS.values(), strict=True)
+_NIFTI1 = np.dtype({"names": [*_NIFTI1_FIELDS], "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": 348})
 _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 
 

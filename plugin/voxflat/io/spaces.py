@@ -293,8 +293,7 @@ class Space:
         return f"<Space: {self}>"
 
 
-UNKNOWN = Space()
-"""Nothing says where the points lie: they are taken as scanner RAS."""
+UNKNOWN = Space()  # nothing says where the points lie: they are taken as scanner RAS
 
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:

@@ -14,8 +14,7 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
-TABLE_ENDINGS = (".csv", ".tsv", ".txt")
-"""Endings of files of points: between commas, tabs, or blanks."""
+TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of files of points: between commas, tabs, or blanks
 
 _MISSING = ("", "n/a", "na", "nan")
 

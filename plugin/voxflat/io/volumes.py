@@ -179,9 +179,6 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
     return data.astype(data.dtype.newbyteorder("="), copy=False)
 
 
-# ------------------------------------------------------------------------------------------- writing
-
-
 def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
     if not np.array_equal(volume.affine, np.eye(4)):
         raise InputError("a .npy file keeps no affine: use .npz or an image format")

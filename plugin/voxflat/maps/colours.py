@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
-WINDOW = (1, 99)
-"""Percentiles that are shown as the ends of a colour map: black and white."""
+WINDOW = (1, 99)  # percentiles that are shown as the ends of a colour map: black and white
 
 _GOLDEN_RATIO = 0.6180339887498949  # its multiples spread over the circle of hues as evenly as can be
 _UNLABELLED = (208, 208, 208)

@@ -58,8 +58,7 @@ class Depths:
         return tuple(f"{self.layering} {value:g}" for value in self.values)
 
 
-ON_SURFACE = Depths((0.0,))
-"""The surface itself."""
+ON_SURFACE = Depths((0.0,))  # the surface itself
 
 
 def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:

@@ -99,11 +99,10 @@ _WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool
     ".nii.gz": _write_nifti,
     ".npy": _write_npy,
 }
-IMAGE_ENDINGS = tuple(_WRITERS)
-"""Endings of the files that `FlatImage.save` writes."""
+IMAGE_ENDINGS = tuple(_WRITERS)  # endings of the files that `FlatImage.save` writes
 
 
-# ------------------------------------------------------------------------------------------------ stacks
+_Values = Iterator[NDArray[np.float32]]
 
 
 class _Image(Protocol):
@@ -152,9 +151,7 @@ def write_stack(
         write(temporary, stack, first, _shown(values, len(stack), path.name, progress), record or {})
 
 
-def _shown(
-    images: Iterator[NDArray[np.float32]], count: int, name: str, progress: Progress | None
-) -> Iterator[NDArray[np.float32]]:
+def _shown(images: _Values, count: int, name: str, progress: Progress | None) -> _Values:
     """Show progress after each image."""
     for done, image in enumerate(images, 1):
         yield image
@@ -173,9 +170,7 @@ def _channel_names(stack: _Stack) -> tuple[str, ...]:
     return tuple(stack.layers or ("",)) if stack.timing is not None else stack.names
 
 
-def _write_tiff_pages(
-    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     from PIL import Image as Pillow
     from PIL import TiffImagePlugin
 
@@ -217,9 +212,7 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     return text.decode("ascii")
 
 
-def _write_nifti_series(
-    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
@@ -248,9 +241,7 @@ def _write_nifti_series(
             file.write(pixels.tobytes(order="F"))
 
 
-def _write_npy_series(
-    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     depths = len(stack.layers)
     shape = (len(stack) // depths, depths) if 0 < depths < len(stack) else (len(stack),)
     described = {"descr": "<f4", "fortran_order": False, "shape": (*shape, *first.data.shape)}
@@ -260,9 +251,7 @@ def _write_npy_series(
             file.write(pixels.tobytes())
 
 
-def _write_zarr(
-    path: Path, stack: _Stack, first: _Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     """Write OME-Zarr 0.4, which readers of any age know: axes t or c (t and c), y = −v, x = u."""
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only one before
@@ -308,7 +297,7 @@ def _write_zarr(
         array[np.unravel_index(n, lengths)] = pixels
 
 
-_STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, Iterator[NDArray[np.float32]], Record], None]] = {
+_STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None]] = {
     ".tif": _write_tiff_pages,
     ".tiff": _write_tiff_pages,
     ".nii": _write_nifti_series,
@@ -316,11 +305,7 @@ _STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, Iterator[NDArray[np.fl
     ".zarr": _write_zarr,
     ".npy": _write_npy_series,
 }
-STACK_ENDINGS = tuple(_STACK_WRITERS)
-"""Endings of what `FlatStack.save` writes."""
-
-
-# ----------------------------------------------------------------------------------------------- helpers
+STACK_ENDINGS = tuple(_STACK_WRITERS)  # endings of what `FlatStack.save` writes
 
 
 def _description(affine: NDArray[np.float64], name: str, record: Record) -> dict[str, str]:

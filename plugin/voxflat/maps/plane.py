@@ -19,8 +19,7 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-LIMIT = 5.0
-"""How far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick."""
+LIMIT = 5.0  # how far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick
 
 
 @dataclass(frozen=True, eq=False)

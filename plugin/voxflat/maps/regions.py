@@ -25,7 +25,7 @@ from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
 from voxflat.maps.plane import FlatTriangles, Planar
-from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
 
@@ -154,7 +154,10 @@ class Regions(Recorded):
         <FlatImage: regions, 43 x 43 pixels of 1 mm>
         """
         raster = self.of.raster(pixel_size)
-        data = np.where(raster.inside, self.at(_centres(raster)), np.nan)
+        rows, columns = np.indices(raster.shape)
+        u, v = raster.origin
+        centres = np.stack([u + columns * raster.pixel_size, v - rows * raster.pixel_size], axis=-1)
+        data = np.where(raster.inside, self.at(centres), np.nan)
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance)
 
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
@@ -285,13 +288,6 @@ class Regions(Recorded):
             rows[self._surface.ids[::-1]] = np.arange(len(self._flat.uv))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
             write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
-
-
-def _centres(raster: Raster) -> NDArray[np.float64]:
-    """Return (u, v) of each pixel's centre, shape (H, W, 2)."""
-    rows, columns = np.indices(raster.shape)
-    u, v = raster.origin
-    return np.stack([u + columns * raster.pixel_size, v - rows * raster.pixel_size], axis=-1)
 
 
 def _columns(

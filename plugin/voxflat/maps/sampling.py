@@ -16,8 +16,7 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-INTERPOLATIONS = ("linear", "nearest", "majority")
-"""How values between voxels, or between vertices, are found."""
+INTERPOLATIONS = ("linear", "nearest", "majority")  # how values between voxels, or between vertices, are found
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # places whose weights are there at a time
@@ -177,9 +176,6 @@ def sample_mean(
     mean = np.round(mean).astype(np.uint8)
     mean[(layers[..., 3] == 0).any(axis=0)] = 0
     return mean
-
-
-# -------------------------------------------------------------------------------------------- series
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, Recorded, as_text, saving
 from voxflat.maps.flat_map import FlatMap
 
-WORST_ENDINGS = (".json", ".tsv")
-"""Endings of the files that `WorstPlaces.save` writes."""
+WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
 _MOST = 10.0  # of |log2| of a triangle's areas that is counted: one that has none on the map would be all there is
 

@@ -26,8 +26,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.cutting import Cutout, Where, cut_open
 from voxflat.surfaces.manifold import Manifold
 
-Rows = bool | str | os.PathLike[str]
-"""Whether the distances are kept in memory, or the directory of a store on disk."""
+Rows = bool | str | os.PathLike[str]  # whether the distances are kept in memory, or the directory of a store on disk
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -471,19 +472,9 @@ class Surface(Manifold):
         >>> round(float(rows[0][35]), 3)
         7.071
         """
-        return _geodesic(
-            self,
-            sources,
-            geodesic=geodesic,
-            sampling=sampling,
-            link_lengths=link_lengths,
-            store=store,
-            dask=dask,
-            seed=seed,
-            threads=threads,
-            memory_limit=memory_limit,
-            progress=progress,
-        )
+        what: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "link_lengths": link_lengths, "seed": seed}
+        limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+        return _geodesic(self, sources, **what, store=store, dask=dask, **limits)
 
     @telling()
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:

@@ -163,17 +163,8 @@ def opened_to_disk(
     is_fixed = cut.given_length is not None and not cut.metadata["cuts"] and not cut.is_standard
     if relax or not is_fixed:
         given = cut.given_length or 0.0
-        part, automatic, told = opened(
-            part,
-            relax,
-            given,
-            threads,
-            progress,
-            is_fixed=is_fixed,
-            is_cut=cut.is_cut,
-            is_given=cut.is_whole,
-            adapt=adapt,
-        )
+        known = {"is_fixed": is_fixed, "is_cut": cut.is_cut, "is_given": cut.is_whole}
+        part, automatic, told = opened(part, relax, given, threads, progress, **known, adapt=adapt)
         faces = part.faces[: len(faces)]
         remarks += told
     metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
@@ -191,9 +182,6 @@ def sketch_error(part: Manifold, threads: int | None, progress: Progress | None)
     """
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)
-
-
-# --------------------------------------------------------------------------------------------- templates
 
 
 def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Manifold, list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -184,11 +184,6 @@ def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
     return ", ".join(str(item) for item in items[:most]) + more
 
 
-def extended(found: Check, **values: Any) -> Check:
-    """Return the same check with more findings."""
-    return Check(**{**found.__dict__, **values})
-
-
 def check_surface(
     part: Manifold,
     found: Check,
@@ -203,7 +198,7 @@ def check_surface(
     """
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()
-    found = extended(
+    found = replace(
         found,
         foreground=whole.metadata.get("foreground"),
         surface_points=len(whole),
@@ -214,7 +209,7 @@ def check_surface(
     try:
         cut = cut_open(part, where, threads, progress, to_disk=False)
     except InputError as error:
-        return extended(found, advice=(*part.remarks, str(error)))
+        return replace(found, advice=(*part.remarks, str(error)))
     shape = cut.part.core.topology()
     advice = list(cut.remarks)
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
@@ -240,7 +235,7 @@ def check_surface(
             f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
             f"with automatic cuts {100 * automatic:.1f} %"
         )
-    return extended(
+    return replace(
         found,
         used=len(cut.part),
         euler_characteristic=shape["euler"],

@@ -141,7 +141,7 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
         raise InputError(f"{name}: there is no file {os.fspath(region)}")
     if whole.is_voxels:
         shape = tuple(whole.metadata["shape"])
-        if _is_vertex_list(region):
+        if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
             found = whole.find(array_of(region, name), name)
             mask = np.zeros(shape, dtype=np.bool_)
             mask[tuple(whole.ids[found].T)] = True
@@ -158,10 +158,6 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     chosen = chosen.copy()
     np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
     return np.asarray(chosen[whole.vertices]), None
-
-
-def _is_vertex_list(region: object) -> bool:
-    return isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2
 
 
 def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:

@@ -15,8 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
 from voxflat.surfaces.manifold import Manifold
 
-LINK_LENGTHS = "chain-code"
-"""How links are measured where nothing else is asked for: the paper's unbiased estimator."""
+LINK_LENGTHS = "chain-code"  # how links are measured where nothing else is asked for: the paper's unbiased estimator
 
 _FAR = 2.0  # voxels between a seed point and the surface that need no remark
 

@@ -331,11 +331,7 @@ def label_bytes(
     record: Record | None = None,
 ) -> bytes:
     """Write labels at points as Workbench expects them, 0 for none, with names and colours."""
-    nibabel = require("nibabel")
-    gifti = nibabel.gifti
-    meta = {} if structure is None else {"AnatomicalStructurePrimary": structure}
-    if record is not None:
-        meta["Provenance"] = as_text(record)
+    gifti = require("nibabel").gifti
     table = gifti.GiftiLabelTable()
     rows = [(0, "???", (0.0, 0.0, 0.0, 0.0))]
     shares = [(*(channel / 255 for channel in colour), 1.0) for colour in colours.tolist()]
@@ -347,8 +343,15 @@ def label_bytes(
     array = gifti.GiftiDataArray(
         data, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=gifti.GiftiMetaData({"Name": "regions"})
     )
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), labeltable=table, darrays=[array])
+    image = gifti.GiftiImage(meta=_metadata(structure, record), labeltable=table, darrays=[array])
     return bytes(image.to_bytes())
+
+
+def _metadata(structure: str | None, record: Record | None) -> Any:
+    """Return the metadata of a file of labels or values."""
+    told = {} if structure is None else {"AnatomicalStructurePrimary": structure}
+    more = {} if record is None else {"Provenance": as_text(record)}
+    return require("nibabel").gifti.GiftiMetaData({**told, **more})
 
 
 def value_bytes(
@@ -356,16 +359,13 @@ def value_bytes(
 ) -> bytes:
     """Write values at points as Workbench expects them, a map for each name; NaN where there is none."""
     gifti = require("nibabel").gifti
-    meta = {} if structure is None else {"AnatomicalStructurePrimary": structure}
-    if record is not None:
-        meta["Provenance"] = as_text(record)
     arrays = [
         gifti.GiftiDataArray(
             data.astype(np.float32), "NIFTI_INTENT_NONE", "NIFTI_TYPE_FLOAT32", meta=gifti.GiftiMetaData({"Name": name})
         )
         for name, data in values.items()
     ]
-    return bytes(gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=arrays).to_bytes())
+    return bytes(gifti.GiftiImage(meta=_metadata(structure, record), darrays=arrays).to_bytes())
 
 
 def _is_closed(faces: NDArray[np.int64]) -> bool:

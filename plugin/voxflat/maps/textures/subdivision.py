@@ -52,9 +52,6 @@ def subdivide(
         open_ = is_new
 
 
-# --------------------------------------------------------------------------------------------- where
-
-
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
     """Return how far the texture differs in each triangle from what is linear between its corners, at most.
 
@@ -80,9 +77,6 @@ def _lattice(steps: int) -> NDArray[np.float64]:
     inside = a + b <= steps
     a, b = a[inside], b[inside]
     return np.column_stack([a, b, steps - a - b]) / steps
-
-
-# ----------------------------------------------------------------------------------------------- how
 
 
 def _bisect(

@@ -20,6 +20,7 @@ from voxflat.io.files import REMEDY, beside, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
 from voxflat.maps.raster import Raster
 from voxflat.maps.textures.pictures import as_picture, values_at
+from voxflat.unique_rows import numbered
 
 TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
 """Endings of files of surfaces that may have a texture, or colours at their vertices."""
@@ -39,9 +40,6 @@ class SurfaceTexture:
 def are_colours(values: object, count: int) -> bool:
     """Tell whether an array holds a colour for each of so many vertices."""
     return isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.shape in ((count, 3), (count, 4))
-
-
-# ------------------------------------------------------------------------------------------- reading
 
 
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
@@ -115,9 +113,6 @@ def _material_pictures(library: Path) -> dict[str, str]:
     return found
 
 
-# ------------------------------------------------------------------------------------------ painting
-
-
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Carry a surface's texture, or colours at its vertices, to the pixels of its flat map, RGBA.
 
@@ -150,13 +145,11 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
 
 def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Find triangles by their corners in any order: their numbers, −1 for none, and which corner is which."""
-    rows = [("a", np.int64), ("b", np.int64), ("c", np.int64)]
     sorting, wanted_sorting = faces.argsort(axis=1), triples.argsort(axis=1)
-    known = np.ascontiguousarray(np.take_along_axis(faces, sorting, 1)).view(rows).ravel()
-    wanted = np.ascontiguousarray(np.take_along_axis(triples, wanted_sorting, 1)).view(rows).ravel()
-    keys, first = np.unique(known, return_index=True)
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    face = np.where(keys[place] == wanted, first[place], -1)
+    keys, wanted = numbered(np.sort(faces, axis=1), np.sort(triples, axis=1))
+    first = np.full(len(keys) + len(wanted), -1)
+    first[keys[::-1]] = np.arange(len(keys))[::-1]
+    face = first[wanted]
     order = np.empty_like(triples)
     np.put_along_axis(order, wanted_sorting, sorting[face], axis=1)
     return face, order

@@ -236,5 +236,4 @@ _WRITERS: dict[str, Callable[[_Files, TexturedSurface, list[str]], None]] = {
     ".ply": _write_ply,
 }
 _BESIDE = {".obj": (".mtl", ".png"), ".vtp": (".png",)}
-TEXTURED_ENDINGS = tuple(_WRITERS)
-"""Endings of the files that `TexturedSurface.save` writes."""
+TEXTURED_ENDINGS = tuple(_WRITERS)  # endings of the files that `TexturedSurface.save` writes

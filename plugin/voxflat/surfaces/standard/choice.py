@@ -13,8 +13,7 @@ from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
 
-AUTOMATIC = "automatic"
-"""The word for cuts that are found anew for each surface."""
+AUTOMATIC = "automatic"  # the word for cuts that are found anew for each surface
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,14 +16,9 @@ from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.io.provenance import Record, as_text
 
-STANDARD = "standard"
-"""The name of the template that the package carries."""
-
-SPACES = ("fsaverage", "fs_LR")
-"""The spaces in which a sphere may be registered."""
-
-SIDES = {"left": "CortexLeft", "right": "CortexRight"}
-"""The sides, and GIFTI's names for them."""
+STANDARD = "standard"  # the name of the template that the package carries
+SPACES = ("fsaverage", "fs_LR")  # the spaces in which a sphere may be registered
+SIDES = {"left": "CortexLeft", "right": "CortexRight"}  # the sides, and GIFTI's names for them
 
 _FORMAT = 1
 _UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
