@@ -260,11 +260,13 @@ def compare(
     groups = _grouped(list(matched.values()))
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
+    # others are computed twice
+    kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [one.uv[order] for one, order in group]
-        found = first.core.judge(places, chosen, reference, _kept(memory_limit), seed, threads, progress)
+        found = first.core.judge(places, chosen, reference, kept, seed, threads, progress)
         for (one, order), measured in zip(group, found, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
@@ -311,11 +313,6 @@ def _usual_sources(points: list[int], reference: str) -> int:
     if reference == "graph":
         return _USUAL_SOURCES
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
-
-
-def _kept(limit: int | None) -> int:
-    """Return how many bytes of rows may be kept; others are computed twice."""
-    return int(max(_core.KEPT_BYTES, (free_memory() if limit is None else limit) // _KEPT_SHARE))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:

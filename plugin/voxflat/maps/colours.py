@@ -44,19 +44,15 @@ def coloured(
         return data
     if colour_map is None and limits is None and labels:
         return label_colours(data)
-    level, inside = levels(data, limits)[0], np.isfinite(data)
-    pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
-    pixels[inside] = _mapped(level[inside], colour_map)
-    return pixels
-
-
-def _mapped(level: NDArray[np.float64], colour_map: str | None) -> NDArray[np.uint8]:
     from matplotlib import colormaps
 
+    level, inside = levels(data, limits)[0], np.isfinite(data)
+    pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
     try:
-        return np.asarray(colormaps[colour_map or "gray"](level, bytes=True))
+        pixels[inside] = colormaps[colour_map or "gray"](level[inside], bytes=True)
     except (KeyError, TypeError, ValueError):  # the latter of what is no name
         raise InputError(f"matplotlib has no colour map {shown(colour_map)}") from None
+    return pixels
 
 
 def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[np.float64], tuple[float, float]]:

@@ -44,7 +44,12 @@ def chosen(
         asked = Path(cuts)
     if asked is not None:
         place = sphere_beside(whole) if sphere is None else sphere
-        found, remarks = _registered(whole, threads, progress) if place is None else sphere_of(whole, place)
+        if place is None:
+            own = register(whole, None, threads, progress)
+            told = f"the surface was registered by its folds ({own.side}, confidence {own.confidence:.2f})"
+            found, remarks = registered_sphere(own), [f"there is no sphere: {told}"]
+        else:
+            found, remarks = sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, found)
         return Choice(named, found, False, tuple(remarks))
@@ -64,15 +69,6 @@ def chosen(
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
     return Choice(template, found, is_usual, tuple(remarks))
-
-
-def _registered(whole: Manifold, threads: int | None, progress: Progress | None) -> tuple[Sphere, list[str]]:
-    """Register a surface that has no sphere."""
-    found = register(whole, None, threads, progress)
-    told = (
-        f"there is no sphere: the surface was registered by its folds ({found.side}, confidence {found.confidence:.2f})"
-    )
-    return registered_sphere(found), [told]
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:

@@ -40,9 +40,6 @@ class TracedCut:
     length: float  # mm
 
 
-# ------------------------------------------------------------------------------------------- outlines
-
-
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
     """Find the triangles that a template's outlines keep: on their left, in one piece with one border each."""
     faces = whole.faces
@@ -111,9 +108,6 @@ def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
         parts.append((1 - t) * a + t * b)
     dense = np.concatenate([*parts, points[-1:]])
     return np.asarray(dense / np.linalg.norm(dense, axis=1)[:, None])
-
-
-# ------------------------------------------------------------------------------------------- cuts
 
 
 def traced(
@@ -201,9 +195,6 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
         angles = np.arange(_BEYOND, 0, -0.01)[:, None]
         points = np.concatenate([np.cos(angles) * points[0] + np.sin(angles) * back, points])
     return np.asarray(scipy.spatial.KDTree(_dense(points, _STEP)).query(places, distance_upper_bound=_FAR)[0])
-
-
-# ------------------------------------------------------------------------------------------- making a template
 
 
 def template_of(
