@@ -17,7 +17,7 @@ from scipy.spatial.distance import pdist
 import voxflat
 from voxflat import figures
 from voxflat._pyvista import to_surface_polydata
-from voxflat.surfaces.pixels import pixels_of
+from voxflat.methods.zigelman2002 import pixels_of
 
 SOURCES = 625  # 25 x 25, as in the paper
 PAIRS = 1500  # points whose distances are compared where the truth is known

@@ -19,15 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
 
-Progress = Callable[[str, int, int], bool | None]
-"""Called as ``progress(stage, done, total)``; returning False cancels."""
+Progress = Callable[[str, int, int], bool | None]  # called as ``progress(stage, done, total)``; returning False cancels
 
 _PIXELS = (16, 16384)  # of a side of a picture; graphics cards draw no more
 _MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
 _LINE = 80  # characters of a value in a message
 
-log = logging.getLogger("voxflat")
-"""Says what memory is needed, and warns of what the user should know of a map."""
+log = logging.getLogger("voxflat")  # says what memory is needed, and warns of what the user should know of a map
 
 
 # -------------------------------------------------------------------------------------------- kinds

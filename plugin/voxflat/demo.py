@@ -21,19 +21,10 @@ from voxflat.surfaces.hemispheres import hemisphere
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "run"]
-
-THRESHOLD = 0.5
-"""White matter is where its probability is greater."""
-
-SEED_POINT = (136, 112, 127)
-"""Voxel indices of the patch's centre: the right central cortex, at (38, −22, 55) mm."""
-
-RADIUS = 45.0
-"""Radius of the patch, mm along the surface."""
-
-DEPTH = 2.0
-"""How far outside white matter T1 is sampled, mm: in grey matter."""
+THRESHOLD = 0.5  # white matter is where its probability is greater
+SEED_POINT = (136, 112, 127)  # voxel indices of the patch's centre: the right central cortex, at (38, −22, 55) mm
+RADIUS = 45.0  # radius of the patch, mm along the surface
+DEPTH = 2.0  # how far outside white matter T1 is sampled, mm: in grey matter
 
 
 def demo_cortex() -> tuple[Volume, Volume, Volume]:

@@ -11,27 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Distinct", "distinct", "in_rows", "numbered"]
-
 
 class Distinct(NamedTuple):
     """The different rows of an array."""
 
-    rows: NDArray[Any]
-    """Sorted, by the first column first, shape (K, C), or (K,) of an array of one dimension."""
-    first: NDArray[np.int64]
-    """Where each comes first, shape (K,)."""
-    which: NDArray[np.int64]
-    """Which of them each row is, shape (N,)."""
-    counts: NDArray[np.int64]
-    """How often each comes, shape (K,)."""
+    rows: NDArray[Any]  # sorted, by the first column first, shape (K, C), or (K,) of an array of one dimension
+    first: NDArray[np.int64]  # where each comes first, shape (K,)
+    which: NDArray[np.int64]  # which of them each row is, shape (N,)
+    counts: NDArray[np.int64]  # how often each comes, shape (K,)
 
 
 def distinct(rows: NDArray[Any]) -> Distinct:
-    """Find the different rows of an array.
-
-    `rows` (N, C) or (N,): numbers, none of them NaN; of one dimension each is a row.
-    """
+    """Find the different rows of an array of numbers, none of them NaN; of one dimension each is a row."""
     columns = rows[:, None] if rows.ndim == 1 else rows
     order = np.lexsort(columns.T[::-1])  # stable, so that the first of equal ones is first
     is_new = np.ones(len(rows), dtype=np.bool_)
@@ -43,19 +34,12 @@ def distinct(rows: NDArray[Any]) -> Distinct:
 
 
 def numbered(*parts: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Give rows of several arrays numbers, the same to those that are the same.
-
-    `*parts` (N_i, C) or (N_i,): numbers, none of them NaN. Returns: tuple of ndarray of int64, shape (N_i,), from 0, in
-    the order of the rows.
-    """
+    """Give rows of several arrays numbers from 0, in the order of the rows, the same to those that are the same."""
     which = distinct(np.concatenate(parts)).which
     return tuple(np.split(which, np.cumsum([len(part) for part in parts[:-1]])))
 
 
 def in_rows(rows: NDArray[Any], of: NDArray[Any]) -> NDArray[np.bool_]:
-    """Say which rows are among others.
-
-    `rows` (N, C) or (N,): numbers, none of them NaN. `of` (M, C) or (M,): the others. Returns: bool (N,).
-    """
+    """Say which rows are among others."""
     own, others = numbered(rows, of)
     return np.isin(own, others)

@@ -14,9 +14,8 @@ from PIL import Image
 from triangle_meshes import torus
 
 import voxflat
-from voxflat import InputError, figures
+from voxflat import InputError, _core, figures
 from voxflat.io import meshes
-from voxflat.maps.look_up import TriangleFinder
 
 pv = pytest.importorskip("pyvista")
 
@@ -187,7 +186,7 @@ class TestLookUp:
         rng = np.random.default_rng(seed)
         corners = rng.normal(size=(count, 3, 2)) * scale * rng.exponential(size=(count, 1, 1)) + rng.normal(size=2)
         places = rng.normal(size=(200, 2)) * scale + corners.mean(axis=(0, 1))
-        found, weights = TriangleFinder(corners).find(places)
+        found, weights = _core.TriangleFinder(corners).find(places)
         x, y = np.moveaxis(corners - places[:, None, None], -1, 0)  # a place, a triangle, a corner
         twice = [x[..., k] * y[..., m] - y[..., k] * x[..., m] for k, m in ((1, 2), (2, 0), (0, 1))]
         parts = np.stack(twice, axis=-1)

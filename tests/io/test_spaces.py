@@ -22,9 +22,8 @@ from brain_spaces import (
 )
 
 import voxflat
-from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.meshes import Mesh, named_structure, read_mesh, write_mesh
 from voxflat.io.spaces import Space, VolumeGeometry
-from voxflat.io.structures import named_structure
 
 IN_SCANNER = ["s.surf.gii", "s.vtp", "s.ply", "s.obj"]
 

@@ -39,8 +39,6 @@ from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.sampler import check_origin
 
-__all__ = ["Atlas", "figures_of"]
-
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
 
@@ -89,11 +87,8 @@ class Atlas(FlatPieces, ABC):
 
     measured: NDArray[np.float64]
 
-    _format: ClassVar[str]
-    """Name and version of its files."""
-
-    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS
-    """What its files hold beside text."""
+    _format: ClassVar[str]  # name and version of its files
+    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # what its files hold beside text
 
     @property
     @abstractmethod

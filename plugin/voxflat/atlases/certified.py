@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,6 @@ from voxflat.atlases.pieces import Piece
 from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
 from voxflat.io.provenance import telling
 from voxflat.io.readers import read_arrays
-
-__all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas"]
 
 _COLUMNS = (
     ("patch", ">6"),
@@ -312,3 +310,15 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     with holding(path, "an atlas"):
         form = from_json(str(read_arrays(path, ["text"])["text"]))["format"]
     return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)
+
+
+def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
+    """Say what a file holds that `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            names = set(file.files)
+    except Exception:  # what damage leads to is known to no one
+        return None
+    if {"uv", "ids", "metadata"} <= names:
+        return "map"
+    return "atlas" if {"uv", "uv_faces", "text"} <= names else None

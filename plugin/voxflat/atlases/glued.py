@@ -18,8 +18,6 @@ from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
 from voxflat.unique_rows import distinct
 
-__all__ = ["GluedAtlas", "GluedPiece", "Seams", "glue", "measured"]
-
 _COLUMNS = (("piece", ">6"), ("triangles", ">11"), ("area, mm²", ">12.4g"), ("C", ">9.4f"), ("K", ">9.4f"))
 
 

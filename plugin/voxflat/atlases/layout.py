@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-__all__ = ["PACKINGS", "lay_out", "usual_gap"]
-
-PACKINGS = ("boxes", "shapes")
-"""How pieces are packed."""
+PACKINGS = ("boxes", "shapes")  # how pieces are packed
 
 _GAP = 0.05  # of the side of a square as large as a piece's box on the average
 _WIDTH = 1.05  # of the side of a square as large as all boxes
@@ -19,10 +16,7 @@ _TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
 
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
-    """Return the gap that suits pieces, mm.
-
-    `uv`, `starts`: as in `lay_out`. Returns: the smaller the pieces are, the smaller.
-    """
+    """Return the gap that suits pieces, mm: the smaller they are, the smaller."""
     boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
     return _GAP * float(np.sqrt(boxes.mean()))
 
@@ -30,14 +24,11 @@ def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
 def lay_out(
     uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
 ) -> NDArray[np.float64]:
-    """Lay pieces out on a page.
+    """Lay pieces out on a page; return for each row of `uv` its place, mm, the lowest corner at (0, 0).
 
-    `uv` (P, 2): places of all pieces, one piece after another, each in a plane of its own, mm. `starts` int64 (pieces +
-    1,): where each piece's begin. `faces` int64 (F, 3): triangles, as rows of `uv`. `gap`: between them, mm; "boxes":
-    between their boxes. `packing`, {"boxes", "shapes"}: "boxes": each piece turned into its smallest rectangle, in rows
-    from the highest to the lowest. "shapes": into each other's bays, by xatlas. Returns: (P, 2), for each row of `uv`
-    its place, mm. Pieces are turned and moved, not mirrored; the lowest corner is (0, 0). Raises InputError if the gap
-    or the packing does not fit, or xatlas is missing.
+    Pieces follow one another in `uv` (P, 2), each in a plane of its own, mm, and begin at `starts`. They are turned and
+    moved, not mirrored: "boxes" is each in its smallest rectangle, in rows from the highest to the lowest, with the gap
+    between the boxes; "shapes" into each other's bays, by xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"the gap is {gap} mm; give a positive number")
@@ -47,9 +38,6 @@ def lay_out(
     if packing == "shapes":
         placed = _by_shape(placed, starts, faces, gap)
     return np.asarray(placed - placed.min(axis=0))
-
-
-# ------------------------------------------------------------------------------------------------ boxes
 
 
 def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -94,9 +82,6 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
         corners[n] = x, y - sizes[n, 1]
         x += sizes[n, 0] + gap
     return corners
-
-
-# ----------------------------------------------------------------------------------------------- shapes
 
 
 def _by_shape(

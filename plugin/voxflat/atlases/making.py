@@ -5,20 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_choice, checked_seed, checked_threads, is_number, is_whole, log, shown
 from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["MAX_ANGLE", "SEEDS", "patches"]
-
-MAX_ANGLE = 10.0
-"""Greatest inclination to a patch's plane, degrees, where no limit is given."""
-
-SEEDS = ("curvature", "flattest", "random")
-"""Where patches may begin."""
+MAX_ANGLE = 10.0  # greatest inclination to a patch's plane, degrees, where no limit is given
+SEEDS = ("curvature", "flattest", "random")  # where patches may begin
 
 
 def patches(
@@ -39,6 +33,8 @@ def patches(
     faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
     starts = np.cumsum([0, *(len(part["vertices"]) for part in parts)])
     vertices = np.concatenate([part["vertices"] for part in parts]).astype(np.int64)
+    count = int(vertices.max()) + 1  # vertices ascend within each patch, and so do the keys
+    keys = np.repeat(np.arange(len(parts)), np.diff(starts)) * count + vertices
     atlas = FlatAtlas(
         points=whole.points,
         faces=faces,
@@ -50,7 +46,7 @@ def patches(
         starts=starts,
         vertex_ids=vertices,
         uv=np.concatenate([part["uv"] for part in parts]),
-        uv_faces=_uv_faces(faces, labels, starts, vertices),
+        uv_faces=np.searchsorted(keys, labels[:, None] * count + faces),
         planes=np.stack([part["plane"] for part in parts]),
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
         metadata={
@@ -69,15 +65,6 @@ def patches(
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
     return atlas
-
-
-def _uv_faces(
-    faces: NDArray[np.int64], labels: NDArray[np.int64], starts: NDArray[np.int64], vertices: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Find each triangle's corners among the vertices of its patch, which ascend within each patch."""
-    count = int(vertices.max()) + 1
-    keys = np.repeat(np.arange(len(starts) - 1), np.diff(starts)) * count + vertices
-    return np.searchsorted(keys, labels[:, None] * count + faces)
 
 
 _SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space")

@@ -19,8 +19,6 @@ from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.textures.textured import TexturedSurface
 
-__all__ = ["FlatPage"]
-
 
 @dataclass(frozen=True, eq=False)
 class FlatPage(Planar):
@@ -205,11 +203,7 @@ class FlatPage(Planar):
 
     @telling()
     def textured(
-        self,
-        image: FlatImage | None = None,
-        *,
-        colour_map: str | None = None,
-        limits: Sequence[float] | None = None,
+        self, image: FlatImage | None = None, *, colour_map: str | None = None, limits: Sequence[float] | None = None
     ) -> TexturedSurface:
         """Return the surface with an image of the page on it: a texture atlas.
 

@@ -14,8 +14,6 @@ from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
 
-__all__ = ["FIGURES", "FlatPieces", "Piece"]
-
 FIGURES = {
     "isometric": "C: by what factor lengths change at most",
     "quasi_conformal": "K: by what factor lengths change more one way than across",

@@ -21,10 +21,7 @@ from voxflat._core import __version__
 from voxflat.arguments import Progress, free_memory, log
 from voxflat.errors import Cancelled, InputError
 
-__all__ = ["LOCAL", "Cluster", "Work", "connected"]
-
-LOCAL = "local"
-"""Instead of an address: workers on this machine, for as long as they are needed."""
+LOCAL = "local"  # instead of an address: workers on this machine, for as long as they are needed
 
 _PATIENCE = 30  # s, in which a scheduler answers
 _WAITING = "waiting for workers"  # as long as there is none: they may come, or come back
@@ -40,13 +37,7 @@ _Item = TypeVar("_Item")
 
 
 class Cluster:
-    """The workers of a Dask cluster.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        A connection to its scheduler.
-    """
+    """The workers of a Dask cluster, of which a `distributed.Client` is a connection to the scheduler."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

@@ -23,7 +23,7 @@ from voxflat.arguments import (
 )
 from voxflat.distances.parts import rows_by_workers
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distances.sources import SourceChoice, source_choice
+from voxflat.distances.sources import source_choice
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
@@ -31,8 +31,6 @@ from voxflat.surfaces.parts import largest_piece, piece_of
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
 
 SOLVERS = ("graph", "marching", "exact")
-
-__all__ = ["geodesic"]
 
 
 def geodesic(
@@ -67,19 +65,7 @@ def geodesic(
     choice = source_choice(part, sources, sampling, seed, fewest=1)
     if dask is not None and store is not None and isinstance(part, Manifold):
         return rows_by_workers(part, choice, store, dask, geodesic=geodesic, **common)
-    return _rows(choice, what, store, **common)
-
-
-def _rows(
-    choice: SourceChoice,
-    what: dict[str, Any],
-    store: str | os.PathLike[str] | None,
-    threads: int | None,
-    memory_limit: int | None,
-    progress: Progress | None,
-) -> DistanceRows:
-    """Compute rows in memory, or in a store."""
-    part, core, few = choice.part, choice.part.core, "take fewer sources or a smaller patch"
+    core, few = part.core, "take fewer sources or a smaller patch"
     if store is None:
         check_memory(4 * choice.count * len(core), memory_limit, few + ", or give a store")
         chosen = choice.made(progress)

@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, check_memory, log
 from voxflat.distances.cluster import Cluster, Work, connected
-from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, damaged_rows, open_rows
 from voxflat.distances.sources import SourceChoice
-from voxflat.distances.store import Store, array_hash, prepare_store, store_path
+from voxflat.distances.store import Store, append, array_hash, complete, prepare_store, read_journal, store_path
 from voxflat.distances.table import Table
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside
@@ -37,8 +36,6 @@ try:
     import fcntl
 except ImportError:  # not on every system: there two callers at once compute rows twice
     fcntl = None  # type: ignore[assignment]
-
-__all__ = ["rows_by_workers"]
 
 _UNKNOWN = 16  # parts where no worker is there yet
 _PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
@@ -50,27 +47,13 @@ _kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works o
 
 @dataclass(frozen=True)
 class Wanted:
-    """Rows that are to be computed.
+    """Rows that are to be computed."""
 
-    Parameters
-    ----------
-    surface : str
-        A hash of the surface.
-    sources : int or ndarray of uint32
-        How many to choose, or which, as numbers into the points.
-    sampling : str
-        How they are chosen.
-    seed : int
-        Of the choice.
-    geodesic : str
-        As in `voxflat.geodesic`, over triangles.
-    """
-
-    surface: str
-    sources: int | NDArray[np.uint32]
+    surface: str  # a hash of it
+    sources: int | NDArray[np.uint32]  # how many to choose, or which, as numbers into the points
     sampling: str
     seed: int
-    geodesic: str
+    geodesic: str  # as in `voxflat.geodesic`, over triangles
 
 
 def rows_by_workers(
@@ -84,14 +67,10 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks, on the workers of a cluster, and open it.
+    """Compute the rows that a store lacks, on the workers of a cluster, and open it; what is finished is kept.
 
-    Neighbours are joined by workers alone: what takes memory and time is theirs.
-
-    `part`: what distances are measured over. `choice`: the sources. `store`: the directory. `dask`: the cluster, as in
-    `connected`. `geodesic`: as in `voxflat.geodesic`. `threads`: of each worker. `memory_limit`: bytes that rows in the
-    making may take in each worker. `progress`: as in `voxflat.flatten`. Raises InputError, OSError if a part cannot be
-    computed. What is finished, of this and others, is kept; Cancelled if `progress` returned False. Workers stop.
+    Neighbours are joined by workers alone: what takes memory and time is theirs, and threads and memory limit are of
+    each.
     """
     path = store_path(store)
     beside = temporary_beside(path)  # until there is a store

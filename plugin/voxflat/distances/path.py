@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, voxel_indices
 from voxflat.errors import InputError
-from voxflat.io.provenance import Record
+from voxflat.io.provenance import Record, Recorded
 from voxflat.io.spaces import Space
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS, voxel_graph
 
-__all__ = ["Path", "path"]
-
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Path(Recorded):
     """A shortest path over a surface.
 
     Parameters
@@ -52,10 +50,6 @@ class Path:
 
     def __repr__(self) -> str:
         return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
-
-    def _with_provenance(self, record: Record) -> Path:
-        """Return the same path with a record of what made it."""
-        return replace(self, provenance=record)
 
 
 def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str, link_lengths: str | None) -> Path:

@@ -18,20 +18,18 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import checked_path
-from voxflat.distances.journal import read_journal
 from voxflat.distances.store import (
     ARRAYS,
     OTHER,
     array_hash,
     read_description,
+    read_journal,
     read_provenance,
     write_provenance,
 )
 from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
-
-__all__ = ["DistanceRows", "damaged_rows", "open_rows"]
 
 _CHUNK = 1 << 26  # bytes that are best asked for at once
 
@@ -199,11 +197,7 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
 
 
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
-    """Read rows of a store.
-
-    `store`: the directory. `checksums`: the CRC-32 of each row that is read, as a journal has it. Returns: those that
-    do not agree with it. Raises InputError if the table is damaged or was cut short.
-    """
+    """Read those rows of a store whose CRC-32 a journal has; return those that do not agree with it."""
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:
         raise InputError(f"{store / 'rows.npy'} holds values of shape {shape}, not of rows and columns; {FINISH}")

@@ -12,38 +12,19 @@ from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import VoxelGraph
 
-__all__ = ["SAMPLINGS", "SourceChoice", "source_choice"]
-
-SAMPLINGS = ("farthest", "curvature", "random")
-"""How sources may be chosen on any surface."""
+SAMPLINGS = ("farthest", "curvature", "random")  # how sources may be chosen on any surface
 
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How many sources there will be, before any is chosen: choosing takes links, which take memory.
-
-    Parameters
-    ----------
-    part : Manifold or VoxelGraph
-        What distances are measured over.
-    count : int
-        Their number.
-    given : ndarray of uint32, shape (count,), optional
-        They themselves, as numbers into the surface's points; without, they are to be chosen.
-    sampling : str
-        By which rule.
-    seed : int
-        Of the rule.
-    rule : str
-        `sampling`, or "given" where the sources were given themselves.
-    """
+    """How many sources there will be, before any is chosen: choosing takes links, which take memory."""
 
     part: Manifold | VoxelGraph
     count: int
-    given: NDArray[np.uint32] | None
+    given: NDArray[np.uint32] | None  # (count,), numbers into the surface's points; without, they are to be chosen
     sampling: str
     seed: int
-    rule: str
+    rule: str  # `sampling`, or "given" where the sources were given themselves
 
     def made(self, progress: Progress | None) -> NDArray[np.uint32]:
         """Return the sources as numbers into the surface's points, shape (count,)."""
@@ -61,11 +42,9 @@ def source_choice(
     fewest: int,
     at_most_all: bool = False,
 ) -> SourceChoice:
-    """Return how many sources there will be, and what chooses them.
+    """Return how many sources there will be, `fewest` or more, and what chooses them.
 
-    `part`: what distances are measured over. `sources`, `sampling`, `seed`: as in `voxflat.flatten`. `fewest`: as few
-    as the caller can use. `at_most_all`: take all points where more sources are asked for than there are points;
-    otherwise that is refused. Raises InputError if they are too few or too many, given twice, or not on the surface.
+    More than there are points are refused, or are all points (`at_most_all`).
     """
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):

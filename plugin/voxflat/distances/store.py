@@ -1,4 +1,7 @@
-"""The directory of a store of distance rows: what is measured, room for it, and what is there already."""
+"""The directory of a store of distance rows: what is measured, room for it, what is there already, and its journal.
+
+The compiled core writes that, too: a header, then a JSON object a line.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import hashlib
 import json
 import os
 import shutil
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,16 +21,9 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
-from voxflat.distances.table import Table
+from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    atomic_path,
-    check_regular_within,
-    from_json,
-    naming_file,
-    save_array,
-    temporary_beside,
-)
+from voxflat.io.files import atomic_path, check_regular_within, from_json, naming_file, save_array, temporary_beside
 from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"
@@ -68,10 +65,7 @@ def prepare_store(
 ) -> Store:
     """Make a store of a new or empty directory, or find that an old one is of the same rows.
 
-    `path`: the directory. `ids`, ndarray of int64: what its points are in the input. `chosen` uint32 (m,): the sources,
-    as numbers into the points. `geodesic`, `link_lengths`: as in `voxflat.geodesic`. `progress`: as in
-    `voxflat.flatten`. Raises InputError if it is a store of other rows, or holds other files; OSError if it cannot be
-    written, or there is no room on the disk.
+    `ids` are what its points are in the input, `chosen` (m,) the sources, as numbers into the points.
     """
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
@@ -109,9 +103,7 @@ def read_description(path: Path) -> dict[str, Any]:
     """Return what a store says that it holds."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
-        raise InputError(
-            f"{path} is no store of distance rows: it has no store.json; give a directory that was a store="
-        )
+        raise InputError(f"{path} is no store of distance rows: no store.json; give a directory that was a store=")
     check_regular_within(path)
     try:
         described = from_json(file.read_text())
@@ -160,7 +152,7 @@ def _holds_files(path: Path) -> bool:
 def check_disk(path: Path, size: int) -> None:
     """Say what room is needed on the disk, and refuse to start where it is not there."""
     table = path / "rows.npy"
-    need = max(0, size - (_allocated(table) if table.exists() else 0))
+    need = max(0, size - (int(getattr(table.stat(), "st_blocks", 0)) * 512 if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
     if need > free:
         raise OSError(
@@ -231,6 +223,62 @@ def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
         save_array(temporary, array)
 
 
-def _allocated(path: Path) -> int:
-    status = path.stat()
-    return int(getattr(status, "st_blocks", 0)) * 512
+# ------------------------------------------------------------------------------------------ the journal
+
+_COMPLETE = '{"complete": true}'
+
+
+@dataclass(frozen=True)
+class Journal:
+    """What a journal says."""
+
+    header: str  # its first line
+    rows: int  # sources
+    columns: int  # points
+    checksums: dict[int, int]  # CRC-32 of each row that is finished
+    is_complete: bool  # whether it says that all are
+
+
+def read_journal(store: Path) -> Journal:
+    """Read the journal of a store; lines that cannot be read say nothing, and their rows are not finished."""
+    path = store / "journal.jsonl"
+    try:
+        first, *lines = path.read_text(errors="replace").splitlines() or [""]
+        header = from_json(first)
+        rows, columns = (header.get(name) for name in ("rows", "columns"))
+        if not (isinstance(rows, int) and isinstance(columns, int)):
+            raise ValueError("its first line is no header")
+    except FileNotFoundError:
+        raise InputError(f"the store {store} has no rows yet; {FINISH}") from None
+    except (OSError, ValueError, AttributeError) as error:
+        raise InputError(f"{path} is damaged ({error}); {OTHER}") from error
+    checksums: dict[int, int] = {}
+    is_complete = False
+    for line in lines:
+        try:
+            entry = from_json(line)
+            is_complete |= entry.get("complete") is True
+            if entry.get("row") in range(rows) and 0 <= (sum_ := int(entry["crc32"], 16)) < 1 << 32:
+                checksums[int(entry["row"])] = sum_
+        except (ValueError, AttributeError, KeyError, TypeError):
+            continue
+    return Journal(first, rows, columns, checksums, is_complete)
+
+
+def append(store: Path, checksums: Mapping[int, int]) -> None:
+    """Enter rows whose data are written."""
+    _append(store, "".join(f'{{"row": {row}, "crc32": "{sum_:08x}"}}\n' for row, sum_ in checksums.items()))
+
+
+def complete(store: Path) -> None:
+    """Enter that all rows are finished, once their data are on the disk."""
+    with (store / "rows.npy").open("r+b") as table:
+        os.fsync(table.fileno())
+    _append(store, _COMPLETE + "\n")
+
+
+def _append(store: Path, text: str) -> None:
+    with (store / "journal.jsonl").open("a") as journal:
+        journal.write(text)
+        journal.flush()
+        os.fsync(journal.fileno())

@@ -18,39 +18,22 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-__all__ = ["FINISH", "Table"]
-
 FINISH = "measure again with the same store to finish or mend it"
 """What a store that is damaged or not complete asks for."""
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    shape : tuple of int
-        Of the array.
-    dtype : dtype
-        Of its values.
-    start : int
-        Where they begin, bytes.
-    """
+    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory."""
 
     path: Path
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    start: int
+    start: int  # where its values begin, bytes
 
     @classmethod
     def open(cls, path: Path) -> Table:
-        """Open a file without reading its values.
-
-        Raises InputError: it is damaged, or shorter than its header says.
-        """
+        """Open a file without reading its values; one shorter than its header says is refused."""
         try:
             with path.open("rb") as file:
                 major, _ = npy.read_magic(file)
@@ -62,7 +45,8 @@ class Table:
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
             raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {FINISH}")
         table = cls(path, tuple(shape), dtype, start)
-        table._check_there()
+        if (there := path.stat().st_size) < start + table.nbytes:
+            raise table._cut_short(there)
         return table
 
     def __repr__(self) -> str:
@@ -111,11 +95,6 @@ class Table:
     @property
     def _width(self) -> int:
         return self.shape[1] if self.ndim == 2 else 1
-
-    def _check_there(self) -> None:
-        there, need = self.path.stat().st_size, self.start + self.nbytes
-        if there < need:
-            raise self._cut_short(there)
 
     def _cut_short(self, there: int) -> InputError:
         return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {FINISH}")

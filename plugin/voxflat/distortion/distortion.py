@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
 from voxflat.io.notebook import page
 
-__all__ = ["Distortion", "table_of_several"]
-
 
 @dataclass(frozen=True, eq=False)
 class Distortion:
@@ -117,7 +115,13 @@ class Distortion:
         >>> print(voxflat.samples.hill().flatten().distortion.table().splitlines()[0])
         from 200 random sources, ± standard error; distances by straight links over the triangles
         """
-        return _table_of_one(self)
+        errors = self.standard_error
+        rows = [
+            ["", "raw", f"at scale {_number(self.best_scale.scale, 3)}"],
+            *_distance_rows([(self.raw, errors.raw), (self.best_scale, errors.best_scale)], self.voxel_size),
+            *_other_rows([self]),
+        ]
+        return _aligned([self], rows)
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
@@ -125,8 +129,6 @@ def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
     kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
     return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
 
-
-# ------------------------------------------------------------------------------------------- tables
 
 _FIRST = 26  # width of the first column
 
@@ -172,19 +174,6 @@ _REFERENCES = {
     "graph": "distances by straight links over the triangles",
     "chain": "distances by chain codes over the voxels",
 }
-
-
-def _table_of_one(distortion: Distortion) -> str:
-    """Return the figures of one map: raw beside those at the best scale."""
-    errors = distortion.standard_error
-    rows = [
-        ["", "raw", f"at scale {_number(distortion.best_scale.scale, 3)}"],
-        *_distance_rows(
-            [(distortion.raw, errors.raw), (distortion.best_scale, errors.best_scale)], distortion.voxel_size
-        ),
-        *_other_rows([distortion]),
-    ]
-    return _aligned([distortion], rows)
 
 
 def table_of_several(maps: Mapping[str, Distortion]) -> str:

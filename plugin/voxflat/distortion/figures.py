@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Figures", "StandardErrors", "TriangleFigures", "json_ready", "undefined_as_nan"]
-
 
 @dataclass(frozen=True)
 class Figures:

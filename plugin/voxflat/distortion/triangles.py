@@ -19,19 +19,15 @@ from numpy.typing import NDArray
 
 from voxflat.distortion.distortion import Distortion
 
-__all__ = ["angle_changes", "isometric", "measure_arrays", "quasi_conformal", "stretches"]
-
 _WEIGHTED = np.spacing(1.0)  # areas of triangles without one
 
 
 def measure_arrays(
     distortion: Distortion, points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Return what a map did to each point and each triangle.
+    """Return what a map did to each point and each triangle, by the names above.
 
-    `distortion`: of the map. `points` (N, 3): on the surface. `faces` int (F, 3): triangles. `uv` (N, 2): in the plane.
-    Returns: `of_points, of_triangles`, by the names above; where the map's triangles are not the surface's,
-    `distance_error` alone.
+    Where the map's triangles are not the surface's that is `distance_error` alone.
     """
     of_points = {"distance_error": distortion.per_point}
     if distortion.triangles is None:
@@ -46,11 +42,7 @@ def measure_arrays(
 
 
 def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much the map stretches each triangle in its two principal directions.
-
-    `points`, `faces`, `uv`: as in `measure_arrays`. Returns: float64 (F, 2), σ1 ≥ σ2 ≥ 0; NaN where a triangle has no
-    area on the surface.
-    """
+    """Return σ1 ≥ σ2 ≥ 0 of each triangle, shape (F, 2); NaN where it has no area on the surface."""
     a, b = (points[faces[:, corner]] - points[faces[:, 0]] for corner in (1, 2))
     base = np.linalg.norm(a, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -82,10 +74,7 @@ def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def angle_changes(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much the angles of the triangles around each point change on the map, in the mean.
-
-    `points`, `faces`, `uv`: as in `measure_arrays`. Returns: float64 (N,), degrees; NaN where there is no triangle.
-    """
+    """Return by how much angles around each point change in the mean, degrees; NaN where there is no triangle."""
     corners = faces.astype(np.int64)
     change = np.abs(_corner_angles(uv[corners]) - _corner_angles(points[corners]))
     count = np.bincount(corners.ravel(), minlength=len(uv))

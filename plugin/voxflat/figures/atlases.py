@@ -13,8 +13,6 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.figures.colours import ERRORS, patch_colours
 
-__all__ = ["atlas_heat_map", "atlas_page"]
-
 
 def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     """Show the pieces of an atlas side by side on a page, coloured by patch; cuts are black.

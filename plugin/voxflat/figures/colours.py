@@ -11,15 +11,11 @@ from voxflat.atlases.pieces import FlatPieces
 from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["AREAS", "AREA_LABEL", "ERRORS", "ERROR_LABEL", "LOOKS", "Look", "patch_colours", "top", "top_error"]
-
-ERRORS = "inferno"
-"""The colour map of distortion, in the plane and in space."""
+ERRORS = "inferno"  # the colour map of distortion, in the plane and in space
 
 ERROR_LABEL = "mean relative error of distances (%)"
 
-AREAS = "RdBu_r"
-"""The colour map of areas, from shrunk to grown."""
+AREAS = "RdBu_r"  # the colour map of areas, from shrunk to grown
 
 AREA_LABEL = "area, log2(flat / surface)"
 
@@ -42,30 +38,15 @@ def top(values: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Look:
-    """How values are shown.
+    """How values are shown."""
 
-    Parameters
-    ----------
-    label : str
-        Beside the colour bar, with the unit.
-    cmap : str
-        The colour map's name.
-    factor : float
-        From the array to what is shown: 100 for %.
-    least : float or None
-        Where the colours begin; None where they lie around 0.
-    """
-
-    label: str
-    cmap: str
-    factor: float = 1.0
-    least: float | None = 0.0
+    label: str  # beside the colour bar, with the unit
+    cmap: str  # the colour map's name
+    factor: float = 1.0  # from the array to what is shown: 100 for %
+    least: float | None = 0.0  # where the colours begin; None where they lie around 0
 
     def limits(self, values: NDArray[np.float64]) -> tuple[float, float]:
-        """Return what the ends of the colours stand for, with the 99th percentile as the upper one.
-
-        `values`: as they are shown; NaN where there is none.
-        """
+        """Return what the ends of the colours stand for, with the 99th percentile as the upper one; NaN is left out."""
         if self.least is None:
             most = top(np.abs(values))
             return -most, most

@@ -20,10 +20,7 @@ from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
 
-__all__ = ["MOVIE_ENDINGS", "save", "save_movie", "save_picture"]
-
-MOVIE_ENDINGS = (".mp4", ".gif")
-"""How the name of a movie may end."""
+MOVIE_ENDINGS = (".mp4", ".gif")  # how the name of a movie may end
 
 _DPI = 200
 _QUALITY = "18"  # of H.264, from 0 to 51: no loss that one sees
@@ -131,10 +128,7 @@ class Pictures(Protocol):
 
 
 def check_movie(path: str | os.PathLike[str]) -> None:
-    """Refuse a name that no movie can be written to, before the long work.
-
-    `path`: as of `save_movie`. Raises InputError if the ending is another, or what writes it is missing.
-    """
+    """Refuse a name that no movie can be written to, before the long work."""
     name = Path(path)
     if name.suffix.lower() not in MOVIE_ENDINGS:
         raise InputError(f"cannot write a movie as {name.name}; give a name that ends in {' or '.join(MOVIE_ENDINGS)}")

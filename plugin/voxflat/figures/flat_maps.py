@@ -22,10 +22,7 @@ from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 
-__all__ = ["UNDERLAYS", "check_underlay", "flat_map", "folds", "maps_of"]
-
-UNDERLAYS = ("curvature", "sulcal depth", "none")
-"""What the folds may be shown by."""
+UNDERLAYS = ("curvature", "sulcal depth", "none")  # what the folds may be shown by
 
 _LINE, _THIN = 0.5, 0.35  # points
 _NO_FOLDS = 0.66  # grey where nothing is known
@@ -98,7 +95,7 @@ def flat_map(
     """
     maps = maps_of(flat_map)
     checked_text(title, "title")
-    check_underlay(underlay)
+    checked_choice(underlay, "underlay", UNDERLAYS)
     depths = Depths.of(depth, fraction, layering)
     of = None if overlay is None else Overlay._of(overlay, len(maps))
     shown_by = _opacity(opacity)
@@ -199,7 +196,9 @@ class _Side:
         is_map = overlay is not None and not isinstance(opacity, float)
         self.opacity = self._sampled(Overlay._of(opacity, count)) if is_map else None
         own = self._own(parcels)
-        self.parcels = None if own is None else self._parcels(own, table)
+        if own is not None and not isinstance(own, Parcels):
+            own = parcels_of(self.flat_map, own, table=table, depths=self._depths_of(own))
+        self.parcels: Parcels | None = own
 
     def _own(self, values: Any) -> Any:
         """Return this side's of values that are given for each; else all of them."""
@@ -207,7 +206,7 @@ class _Side:
         return values[self._number] if is_each else values
 
     def _depths_of(self, values: object) -> Depths:
-        is_volume = not (isinstance(values, Parcels) or self._sampler.is_overlay(values))
+        is_volume = not self._sampler.is_overlay(values)
         self.has_volume |= is_volume
         return self._depths if is_volume else ON_SURFACE
 
@@ -215,12 +214,6 @@ class _Side:
         values = self._own(overlay.values)
         how: dict[str, Any] = {"interpolation": interpolation, "period": overlay.period}
         return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
-
-    def _parcels(self, parcels: object, table: object) -> Parcels:
-        depths = self._depths_of(parcels)
-        if isinstance(parcels, Parcels):
-            return parcels
-        return parcels_of(self.flat_map, parcels, table=table, depths=depths)
 
     def shares(self, full: float | None) -> NDArray[np.float64]:
         """Return how opaque the overlay is at each pixel."""
@@ -260,18 +253,8 @@ def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
     return image, strength
 
 
-def check_underlay(underlay: str) -> None:
-    """Refuse what the folds are not shown by."""
-    checked_choice(underlay, "underlay", UNDERLAYS)
-
-
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:
-    """Return the grey picture of the folds: gyri light, sulci dark.
-
-    `flat_map`: a flat map; one without curvature (of the method "grossmann2002") has an even grey. `raster`: its
-    pixels. `underlay`, {"curvature", "sulcal depth", "none"}: what they are told by. Returns: uint8 (H, W, 4), opacity
-    0 outside the map.
-    """
+    """Return the grey picture of the folds, RGBA: gyri light, sulci dark; an even grey where they are not known."""
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":

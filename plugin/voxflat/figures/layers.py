@@ -11,10 +11,7 @@ from matplotlib.figure import Figure
 
 from voxflat.io.formats.svg import AXES, EXTENT
 
-__all__ = ["LAYERS", "MAP", "name_layers"]
-
-MAP = "map"
-"""What the axes of a flat map are labelled, in mm of the map."""
+MAP = "map"  # what the axes of a flat map are labelled, in mm of the map
 
 LAYERS = ("curvature", "data", "parcels", "names", "marks")
 """Layers of a flat map, from below, by the gid of the artists that they hold."""
@@ -35,8 +32,6 @@ def name_layers(path: Path, drawn: Figure) -> None:
     """Sort what an SVG file of matplotlib draws into layers, where artists have their names as gid.
 
     The root tells where the map lies, so that regions that are drawn into the file find their way back.
-
-    `path`: the file; a figure without such artists stays as it is. `drawn`: what it shows.
     """
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):

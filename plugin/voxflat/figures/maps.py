@@ -11,7 +11,6 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
 from voxflat.arguments import checked_kind
 from voxflat.errors import InputError
@@ -19,8 +18,6 @@ from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top,
 from voxflat.judging.measure import Comparison
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
-
-__all__ = ["heat_map", "heat_maps", "scatter", "spectrum"]
 
 _USED, _POSITIVE, _NEGATIVE = "#c1440e", "#8a9ba8", "#ffffff"
 _OUTLINE = "#606060"
@@ -90,7 +87,8 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     checked_kind(flat_map, "flat map", "heat_map", "a FlatMap")
     image = flat_map.heat_map(pixel_size)
     figure, axes = _map_axes(image)
-    shown = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **_placed(image))
+    place: dict[str, Any] = {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
+    shown = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **place)
     _add_colour_bar(axes, shown, ERROR_LABEL, extend="max")
     return figure
 
@@ -192,18 +190,9 @@ def _map_axes(image: FlatImage) -> tuple[Figure, Axes]:
     axes.set(xlim=(left - margin, right + margin), ylim=(bottom - margin, upper + margin), autoscale_on=False)
     step = image.pixel_size  # a pixel more on each side, where the outline closes
     around = (left - step, right + step, bottom - step, upper + step)
-    inside = np.pad(_inside(image), 1).astype(float)
+    inside = np.pad(np.isfinite(image.data), 1).astype(float)
     axes.contour(inside, [0.5], colors=_OUTLINE, linewidths=0.6, extent=around, origin="upper")
     return figure, axes
-
-
-def _placed(image: FlatImage) -> dict[str, Any]:
-    """Return the arguments by which `imshow` puts an image where it lies, pixel by pixel."""
-    return {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
-
-
-def _inside(image: FlatImage) -> NDArray[np.bool_]:
-    return np.asarray(image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data))
 
 
 def _add_colour_bar(axes: Axes, shown: Any, label: str, **options: Any) -> None:

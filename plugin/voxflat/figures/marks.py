@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["Direction", "cut_names", "directions", "round_length", "side"]
-
 _MIDDLE = 0.35  # of the radius of a disk of the map's area
 _TELLING = 0.3  # R² from which a direction lies in the plane
 _APART = np.cos(np.radians(30))
@@ -19,32 +17,19 @@ _SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the body on the map.
+    """A direction of the body on the map."""
 
-    Parameters
-    ----------
-    letter : {"R", "A", "S"}
-        Right, anterior, superior.
-    u, v : float
-        Where it points, a unit vector.
-    share : float
-        R² of the linear fit: how much of the coordinate's variance the plane explains.
-    """
-
-    letter: str
-    u: float
+    letter: str  # R, A or S: right, anterior, superior
+    u: float  # (u, v) is a unit vector
     v: float
-    share: float
+    share: float  # R² of the linear fit: how much of the coordinate's variance the plane explains
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:
-    """Find the two directions of the body that lie best in the plane, at the middle of the map.
+    """Find the two directions of the body that lie best in the plane, at the middle of a map whose space is known.
 
     To the points around the middle each of their coordinates is fitted linearly in (u, v); its gradient points where it
     grows most.
-
-    `flat_map`: a flat map. Returns: two at most, those of the greatest R²; none where the space of the points is
-    unknown.
     """
     is_known = flat_map.space.name != "unknown" or flat_map.metadata.get("structure") in _SIDES
     if not is_known:
@@ -80,11 +65,7 @@ def side(flat_map: FlatMap) -> str | None:
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
-    """Find where the names of cuts belong: between the lips, where they are farthest apart.
-
-    `flat_map`: a flat map; ``metadata["cut_names"]`` has a name, or None, for each of ``metadata["cuts"]``. Returns:
-    places in mm.
-    """
+    """Find where the names of cuts belong, (u, v) in mm: between the lips, where they are farthest apart."""
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []
     rows: dict[object, list[int]] = {}

@@ -13,17 +13,15 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from voxflat.arguments import Progress, checked_switch, is_number, is_whole, log, shown
+from voxflat.arguments import Progress, checked_choice, checked_switch, is_number, is_whole, log, shown
 from voxflat.errors import InputError
-from voxflat.figures.flat_maps import check_underlay, folds, maps_of
+from voxflat.figures.flat_maps import UNDERLAYS, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.paper import Page, Panel
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.raster import FlatImage, FlatStack
-
-__all__ = ["Movie", "movie"]
 
 _WIDTH = 120.0  # mm of paper that the pictures stand for: fonts of 6.5 points are 24 of 1,280 pixels
 _SIZES = (320, 3840)
@@ -175,14 +173,12 @@ def movie(
     of = Overlay._of(overlay, len(maps))
     if of.channel is not None or of.strength is not None or of.period is not None:
         raise InputError("channel, strength and period are for figures: a movie shows the values of all frames")
-    check_underlay(underlay)
+    checked_choice(underlay, "underlay", UNDERLAYS)
     checked_switch(change, "change")
     if not (is_number(rate) and 0.1 <= rate <= 120):
         raise InputError(f"the rate is {shown(rate)}; give 0.1 to 120 frames a second")
     if not (is_whole(size) and _SIZES[0] <= size <= _SIZES[1]):
-        raise InputError(
-            f"the size is {shown(size)}; give the width of the pictures, {_SIZES[0]} to {_SIZES[1]} pixels"
-        )
+        raise InputError(f"the size is {shown(size)}; give the pictures' width, {_SIZES[0]} to {_SIZES[1]} pixels")
     if not (is_number(opacity) and 0 <= opacity <= 1):
         raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
@@ -216,9 +212,7 @@ def _check_series(stack: FlatStack) -> None:
     if stack[0].is_colour:
         raise InputError("colours are no series: give values")
     if stack.timing is None and not any(stack.names):
-        log.info(
-            "%s does not say how far its frames are apart, so they are numbered; the time step says it", stack.name
-        )
+        log.info("%s does not say how far apart its frames are: they are numbered; the time step says it", stack.name)
 
 
 def _look(stacks: Sequence[FlatStack]) -> FlatImage:

@@ -13,8 +13,6 @@ from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-__all__ = ["PlacedName", "place_names", "text_size"]
-
 _SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
 _READABLE = 6.0
 _LINE = 1.25  # height of a line, in sizes of the font
@@ -24,40 +22,23 @@ _MARGIN = 0.3  # around a name, mm
 
 @dataclass(frozen=True)
 class PlacedName:
-    """A name and its place.
+    """A name in the middle of its box, which lies in the region, so that no two boxes meet; in pixels."""
 
-    Parameters
-    ----------
-    label : int
-        The region's.
-    text : str
-        The name, in lines.
-    row, column : float
-        The middle of its box, pixels.
-    height, width : int
-        The box, pixels: it lies in the region, so no two boxes meet.
-    size : float
-        Of the font, points.
-    is_upright : bool
-        Whether it is read from below, turned by 90°.
-    """
-
-    label: int
-    text: str
+    label: int  # the region's
+    text: str  # in lines
     row: float
     column: float
     height: int
     width: int
-    size: float
-    is_upright: bool = False
+    size: float  # of the font, points
+    is_upright: bool = False  # read from below, turned by 90°
 
 
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
     """Find a place for each name whose box lies in its region, as far from the region's border as can be.
 
-    `labels` int64 (H, W): the label of each pixel. `names`: label: name. `pixel`: side of a pixel on paper, mm.
-    Returns: `placed`, in the largest size, in one line or several, level or upright, in which they fit; `left_out`,
-    names that fit in no size.
+    Each has the largest size, in one line or several, level or upright, in which it fits; names that fit in none are
+    left out. A pixel's side is in mm of paper.
     """
     placed, left_out = [], []
     for label, name in names.items():
@@ -73,10 +54,7 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
 
 
 def text_size(text: str, size: float) -> tuple[float, float]:
-    """Return width and height of a text on paper, mm.
-
-    `text`: in lines. `size`: of the font, points.
-    """
+    """Return width and height of a text on paper, mm; the font's size is in points."""
     lines = text.split("\n")
     return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)
 

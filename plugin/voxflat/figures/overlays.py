@@ -16,8 +16,6 @@ from voxflat.io.provenance import described
 from voxflat.maps.colours import WINDOW, label_colours, passing
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["Limits", "Overlay", "OverlayColours", "painted"]
-
 Limits: TypeAlias = Sequence[float | str]
 
 
@@ -124,12 +122,7 @@ def painted(
     by: NDArray[Any] | None = None,
     opacity: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Return values as colours, transparent where they do not pass the thresholds.
-
-    `data` float (...): values; NaN is transparent. `colour_map`: of matplotlib. `limits`: the ends of the colours.
-    `above`, `below`: as in `Overlay`. `by` float (...): what has to pass the thresholds; by default `data`. `opacity`:
-    from 0 to 1. Returns: uint8 (..., 4). Raises InputError if there is no such colour map.
-    """
+    """Return values as RGBA, transparent where they are NaN, or they, or `by` instead, do not pass the thresholds."""
     if not isinstance(colour_map, str) or colour_map not in colormaps:
         raise InputError(f"matplotlib has no colour map {shown(colour_map)}")
     low, high = limits
@@ -142,45 +135,19 @@ def painted(
 
 @dataclass(frozen=True)
 class OverlayColours:
-    """How an overlay's values become colours.
+    """How an overlay's values become colours."""
 
-    Parameters
-    ----------
-    colour_map : str or None
-        Of matplotlib; None for labels and for what has colours already.
-    limits : tuple of 2 floats
-        The ends of the colours.
-    above, below : float or None
-        Thresholds, as in `Overlay`.
-    opacity : float
-        From 0 to 1.
-    is_cyclic : bool
-        Whether values are phases, and what is beyond an end comes in again at the other.
-    is_by_strength : bool
-        Whether other values than the overlay's have to pass the thresholds.
-    """
-
-    colour_map: str | None
-    limits: tuple[float, float]
-    above: float | None = None
+    colour_map: str | None  # of matplotlib; None for labels and for what has colours already
+    limits: tuple[float, float]  # the ends of the colours
+    above: float | None = None  # thresholds, as in `Overlay`
     below: float | None = None
     opacity: float = 1.0
-    is_cyclic: bool = False
-    is_by_strength: bool = False
+    is_cyclic: bool = False  # of phases: what is beyond an end comes in again at the other
+    is_by_strength: bool = False  # other values than the overlay's have to pass the thresholds
 
     @classmethod
-    def of(
-        cls,
-        image: FlatImage,
-        strength: FlatImage | None,
-        overlay: Overlay,
-        opacity: float = 1.0,
-    ) -> OverlayColours:
-        """Choose what is not given, by what an image shows.
-
-        `image`: the overlay on the map. `strength`: what has to pass the thresholds, on the map. `overlay`: how it is
-        to be shown. `opacity`: from 0 to 1. Raises InputError if something does not fit the image.
-        """
+    def of(cls, image: FlatImage, strength: FlatImage | None, overlay: Overlay, opacity: float = 1.0) -> OverlayColours:
+        """Choose what is not given, by what an image, and its strength, show on the map."""
         above, below = overlay.thresholds
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
@@ -203,20 +170,14 @@ class OverlayColours:
         told["is_by_strength"] = strength is not None
         if period is not None:
             if limits is not None:
-                raise InputError(
-                    "limits are for values; phases have all colours from 0 to their period: leave them out"
-                )
+                raise InputError("limits are for values; phases have all colours from 0 to the period: leave them out")
             return cls(_cyclic(colour_map), (0.0, period), is_cyclic=True, **told)
         low, high = _limits(values, limits)
         chosen = colour_map if colour_map is not None else "RdBu_r" if low < 0 < high else "viridis"
         return cls(chosen, (low, high), **told)
 
     def paint(self, data: NDArray[Any], by: NDArray[Any] | None = None) -> NDArray[np.uint8]:
-        """Return pixels.
-
-        `data` (H, W), or (H, W, 4) of uint8 for colours: what the overlay shows. `by` (H, W): its strength, which has
-        to pass the thresholds. Returns: uint8 (H, W, 4).
-        """
+        """Return pixels, RGBA, of values (H, W) or colours; their strength (`by`) has to pass the thresholds."""
         if self.colour_map is not None:
             shown = data % self.limits[1] if self.is_cyclic else data
             thresholds: dict[str, Any] = {"above": self.above, "below": self.below, "by": by}

@@ -23,13 +23,8 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import Raster
 
-__all__ = ["DARK", "LIGHT", "STRIP", "WHEEL_STRIP", "Page", "Panel"]
-
-DARK, LIGHT = 0.47, 0.75
-"""Greys of sulci and gyri."""
-
-STRIP, WHEEL_STRIP = 9.0, 18.0
-"""Height of the strip below a map, and of one that has a wheel, mm."""
+DARK, LIGHT = 0.47, 0.75  # greys of sulci and gyri
+STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, and of one that has a wheel, mm
 
 _INCH = 25.4  # mm
 _MOST_PIXELS, _LEAST_DPI = 1700, 300
@@ -126,12 +121,10 @@ class Page:
         pixels: int | None = None,
         axes: Axes | None = None,
     ) -> Page:
-        """Lay maps on a page, side by side.
+        """Lay maps on a page, side by side; widths and the height of the strip below in mm.
 
-        `maps`: the maps shown. `width`: of the page, mm; axes that are given have their own. `title`: above the maps.
-        `strip`: height of the strip below the maps, mm. `head`: leave room above the maps, whether there is a title or
-        not. `pixels`: width of the page in pixels; by default as many as print needs. `axes`: fill these instead of a
-        figure. Raises InputError if the page is too narrow or too wide.
+        Axes that are given have their own width. `head` leaves room above the maps without a title; `pixels` is the
+        width of the page, by default as many as print needs.
         """
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:

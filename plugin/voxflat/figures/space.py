@@ -31,8 +31,6 @@ from voxflat.surfaces.manifold import are_triangles
 if TYPE_CHECKING:  # drawing alone brings it in
     import pyvista
 
-__all__ = ["atlas_3d", "drawn_from_both_sides", "load_pyvista", "patch_3d"]
-
 _CLOSED = 0.05  # of what the normals would sum up to on a plane
 _SAME_PLACE = 1e-3  # mm
 _SURROUNDINGS = "#d8d8d4"
@@ -132,9 +130,6 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     )
 
 
-# ------------------------------------------------------------------------------------------ drawing
-
-
 def _both(size: object) -> tuple[int, int]:
     """Return width and height, pixels."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
@@ -149,12 +144,10 @@ def drawn_from_both_sides(
     names: Sequence[tuple[NDArray[np.float64], str]],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Draw meshes of a map's surface from outside and, beside that, from the other side.
+    """Draw meshes, with options of `Plotter.add_mesh`, from outside a map's surface and, beside that, the other side.
 
-    `flat_map`: what is looked at. `meshes`, sequence of (pyvista.PolyData, dict): with the options of
-    `Plotter.add_mesh`. `names`, sequence of (point, str): written where they are seen; in brackets, on the side where
-    they lie, if they are hidden from both. The first mesh is what may hide them. `size`: width and height in pixels.
-    Returns: uint8 (height, width, 3).
+    Names are written at their points where they are seen; in brackets, on the side where they lie, if the first mesh
+    hides them from both.
     """
     pyvista = load_pyvista()
     width, height = size

@@ -19,8 +19,6 @@ from voxflat.figures.space import drawn_from_both_sides, load_pyvista
 from voxflat.maps.lines import outline, rim
 from voxflat.maps.worst_places import WorstPlaces
 
-__all__ = ["worst_places", "worst_places_3d"]
-
 _LABEL = "area on the map / on the surface"
 _OUTLINE, _CUT, _BORDER = "black", "#1a7f37", "#606060"
 _APART = 0.03  # of a number from its place, as a share of the map's height

@@ -59,13 +59,11 @@ _START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.apart import s
 
 
 def apart(function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None) -> Any:
-    """Call a function that reads a file by a package in C++, in the child process.
+    """Call a function of a module's top level that reads a file by a package in C++, in the child process.
 
-    `function`: of a module's top level. It returns an array, None, a number, text, or lists and dictionaries of them.
-    `package`: what it imports. `path`: the file, its first argument. `*arguments`: its others. `size`: bytes that are
-    to be read, if they do not all lie in that file. Returns: what it returns; tuples as lists. Raises InputError: it
-    raised that, the package is not there, or the child ended: by the file, or by its limits; OSError, RuntimeError: it
-    raised the former, or anything else.
+    It returns an array, None, a number, text, or lists (tuples become such) and dictionaries of them. `size`: bytes
+    that are read, if they do not all lie in that file. That a child ends is an `InputError`; its other errors are
+    `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:

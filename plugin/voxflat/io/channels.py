@@ -24,8 +24,6 @@ from voxflat.io.grid import Affine, check_affine, in_millimetres
 from voxflat.io.readers import check_length
 from voxflat.io.reading import check_room, note
 
-__all__ = ["Channels", "Timing", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
-
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # of frames that are read at once where a file holds them point by point
 _LARGEST_LABEL = 2**31 - 1
@@ -34,18 +32,10 @@ _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 @dataclass(frozen=True)
 class Timing:
-    """When the frames of a series were.
+    """When the frames of a series were, s."""
 
-    Parameters
-    ----------
-    step : float
-        From each frame to the next, s.
-    start : float
-        When the first one was, s.
-    """
-
-    step: float
-    start: float = 0.0
+    step: float  # from each frame to the next
+    start: float = 0.0  # when the first one was
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
@@ -59,21 +49,11 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """One or more arrays of one shape, read when they are asked for.
+    """One or more arrays of one shape, read when they are asked for."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        A name for each channel; empty where the file has none.
-    read : callable
-        Takes the number of a channel, from 0, and returns its array.
-    timing : Timing or None
-        When they were, where they are the frames of a series and that is known.
-    """
-
-    names: tuple[str, ...]
-    read: Callable[[int], NDArray[Any]]
-    timing: Timing | None = None
+    names: tuple[str, ...]  # of each channel; empty where the file has none
+    read: Callable[[int], NDArray[Any]]  # takes the number of a channel, from 0
+    timing: Timing | None = None  # where they are the frames of a series and that is known
 
     def __len__(self) -> int:
         """Return the number of channels."""
@@ -89,11 +69,7 @@ class Channels:
         return textwrap.shorten(", ".join(name or str(n) for n, name in enumerate(self.names)), 300, placeholder=" ...")
 
     def find(self, channel: int | str | None) -> int:
-        """Find a channel.
-
-        `channel`: its number, from 0, or negative from the end; its name; or None for the only one. Raises InputError
-        if there is none such, or there are several and none is chosen.
-        """
+        """Find a channel: by its number, from 0 or negative from the end, by its name, or None for the only one."""
         count = len(self)
         if channel is None:
             if count > 1:
@@ -115,17 +91,11 @@ class Channels:
         return int(channel) % count
 
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
-        """Return the same channels, each changed when it is read.
-
-        `change`: takes and returns the array of a channel.
-        """
+        """Return the same channels, each changed when it is read."""
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     def of_file(self, path: Path | None) -> Channels:
-        """Return the same channels, of which errors name the file, as they come long after it was opened.
-
-        `path`: the file, if they are of one.
-        """
+        """Return the same channels, of which errors name the file, as they come long after it was opened."""
         if path is None:
             return self
 
@@ -137,20 +107,15 @@ class Channels:
 
     @classmethod
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
-        """Take the last axis of an array as channels; one of shape (N,) is a single one.
-
-        `values` (N,) or (N, K): values at points. `names`, sequence of str: one a channel.
-        """
+        """Take the last axis of values at points, (N,) or (N, K), as channels."""
         columns = values[:, None] if values.ndim == 1 else values
         return cls(tuple(names or [""] * columns.shape[1]), lambda n: columns[:, n])
 
 
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
-    """Take a series of volumes (I, J, K, T) as channels.
+    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, as channels, with the affine to RAS+ mm.
 
-    `obj`: ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``. Returns: `channels`, arrays of shape (I, J, K); `affine`, float64
-    (4, 4), voxel index to RAS+ mm. None instead of both if it is no series: a single volume, colours, or nothing that
-    nibabel reads. Raises InputError if the file is cut short, sheared, or not in mm.
+    None if it is no series: a single volume, colours, or nothing that nibabel reads.
     """
     image, path = opened(obj)
     if image is None or is_cifti(image):
@@ -177,10 +142,8 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
     """Take values at the points of a surface that lie in a file of volumes: (N, 1, 1), (N, 1, 1, T), or CIFTI.
 
-    `obj`: ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``; of CIFTI ``.dscalar.nii``, ``.dtseries.nii``, ``.dlabel.nii``.
-    `points`: how many the surface has. `structure`: what the surface is, as GIFTI says it, such as "CortexLeft": which
-    part of a CIFTI file is meant. Returns: arrays of shape (N,); of CIFTI, NaN where it has no value, of labels 0. None
-    if it holds volumes. Raises InputError if the file is cut short, has no such part, or another number of values.
+    The structure, as GIFTI says it, tells which part of a CIFTI file is meant; what that lacks is NaN, of labels 0.
+    None if it holds volumes.
     """
     image, path = opened(obj)
     if image is None:

@@ -24,13 +24,10 @@ from voxflat.io.files import REMEDY, check_regular, naming, require
 from voxflat.io.grid import Affine, check_axes
 from voxflat.io.reading import check_room, note
 
-__all__ = ["PLACE_BYTES", "Chunked", "chunked_of", "is_chunked", "is_zarr_path", "voxels_at"]
-
 PLACE_BYTES = 360
 """How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
 
-_CHANNEL_BYTES = 1000
-"""How much memory a channel takes before any of its voxels is read, bytes."""
+_CHANNEL_BYTES = 1000  # how much memory a channel takes before any of its voxels is read, bytes
 
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
@@ -69,27 +66,13 @@ class _Grid:
 
 @dataclass(frozen=True, eq=False)
 class Chunked:
-    """Three axes of an array in chunks, as a volume: indexed as (i, j, k).
+    """Three axes of an array in chunks, as a volume: indexed as (i, j, k)."""
 
-    Parameters
-    ----------
-    array : object
-        With ``shape``, ``dtype``, ``chunks`` and slices.
-    axes : tuple of 3 ints
-        The array's axes that are i, j and k.
-    fixed : tuple of (int, int)
-        The other axes, and the index taken of each.
-    made_of : callable, optional
-        What makes the values of those that are read, one by one.
-    path : Path, optional
-        The file, which errors name, as they come where it is read.
-    """
-
-    array: Any
-    axes: tuple[int, int, int] = (0, 1, 2)
-    fixed: tuple[tuple[int, int], ...] = ()
-    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None
-    path: Path | None = None
+    array: Any  # with shape, dtype, chunks and slices
+    axes: tuple[int, int, int] = (0, 1, 2)  # the array's axes that are i, j and k
+    fixed: tuple[tuple[int, int], ...] = ()  # the other axes, and the index taken of each
+    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # makes the values of those that are read
+    path: Path | None = None  # the file, which errors name, as they come where it is read
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -113,11 +96,7 @@ class Chunked:
         return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
-        """Read a box of voxels.
-
-        `spans`: first and behind the last index along i, j and k. Raises InputError if it cannot be read: a chunk is
-        damaged, or what a dask array is computed from fails.
-        """
+        """Read a box of voxels, from the first to behind the last index along i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
@@ -168,10 +147,9 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return the values of voxels; of an array in chunks, by reading each chunk that holds one of them once.
+    """Return the values of voxels, `low` (P, 3) plus each of `offsets` (K, 3) but within the volume, shape (P, K).
 
-    `data`, ndarray or Chunked, shape (I, J, K): voxels. `low` int (P, 3): indices of voxels. `offsets` int (K, 3): what
-    is added to each; indices beyond the last voxel mean that. Returns: (P, K).
+    Of an array in chunks each chunk that holds one of them is read once.
     """
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
@@ -205,11 +183,9 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Take an array in chunks, or a path of OME-Zarr, as channels of volumes.
+    """Take an array in chunks, or a path of OME-Zarr, as channels of `Chunked`, with affine and file where known.
 
-    `obj`: a dask or zarr array, (I, J, K) or (I, J, K, C); a path of a zarr directory; or anything else. Returns:
-    `channels`, of `Chunked`; `affine`, (4, 4), or None, voxel index to RAS+ mm, where it is known; `path`, the file.
-    None instead of all three if it is none of these. Raises InputError if it has another shape or type, or no place.
+    None if it is none of these.
     """
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
@@ -287,9 +263,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
                     f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
                 )
     if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(
-            f"its axes are scaled by {scale.tolist()} and shifted by {shift.tolist()}: give finite numbers"
-        )
+        raise InputError(f"its axes are scaled by {scale.tolist()}, shifted by {shift.tolist()}: give finite numbers")
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1

@@ -36,8 +36,7 @@ REMEDY = "is the file complete, and what its ending says?"
 SAVED_ENDINGS = (".npz", ".voxflat")
 """Of files that hold all of a map or an atlas: one format, NumPy's archive; the second is no other program's."""
 
-AGAIN = "copy it again"
-"""What to do with a file that was cut short."""
+AGAIN = "copy it again"  # what to do with a file that was cut short
 
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems
@@ -322,12 +321,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced.
-
-    `path`: the directory to make. Yields: a new empty directory beside it. It takes its place when the block ends, and
-    is deleted when the block raises. Raises InputError: something of that name is there already; OSError: nothing can
-    be written there.
-    """
+    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced."""
     path = checked_path(path)
     check_new(path)
     temporary = temporary_beside(path)
@@ -343,9 +337,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
 def check_new(path: Path) -> None:
     """Refuse a directory that is there already: its files are not ours to delete."""
     if path.exists() or path.is_symlink():
-        raise InputError(
-            f"{path} is there already, and directories are not replaced: delete it, or choose another name"
-        )
+        raise InputError(f"{path} is there already, and directories are not replaced: delete it or choose another name")
 
 
 def _probe(path: Path) -> None:

@@ -20,15 +20,11 @@ _LONGEST = 2**31 - 1  # voxels along an axis: their indices are kept in 32 bits
 FARTHEST = _core.FARTHEST
 """mm from the origin: brains in nm have room, and the Earth in m; squares and volumes stay finite."""
 
-SMALLEST = _core.SMALLEST
-"""mm that a voxel has at least, and the longest side of a surface's box."""
+SMALLEST = _core.SMALLEST  # mm that a voxel has at least, and the longest side of a surface's box
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine.
-
-    `affine` (4, 4): voxel index to RAS+ mm.
-    """
+    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
     # the cube root of 1 is 1 everywhere, that of 0.125 is not 0.5 everywhere
@@ -36,12 +32,7 @@ def voxel_size(affine: ArrayLike) -> float:
 
 
 def check_affine(affine: ArrayLike) -> Affine:
-    """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
-
-    `affine` (4, 4): voxel index to RAS+ mm. Returns: (4, 4), float64, the affine. Raises InputError: it has another
-    shape, values that are not finite or beyond 1e11 mm, a voxel size of 0 or below 1e-9 mm, or axes that are not
-    orthogonal (the cosine between two of them exceeds 1e-3).
-    """
+    """Return an affine, voxel index to RAS+ mm, that maps a grid of boxes: finite, and not sheared."""
     try:
         matrix = numbers_of(affine, "affine")
     except InputError as error:
@@ -119,9 +110,7 @@ def millimetres(unit: str) -> float:
     """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
     if found is None:
-        raise InputError(
-            f"its lengths are in {unit!r}, which is no known unit: save it in mm, or give array and affine"
-        )
+        raise InputError(f"its lengths are in {unit!r}, which is no known unit: save it in mm or give array and affine")
     return _MILLIMETRES[found]
 
 

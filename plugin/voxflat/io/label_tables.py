@@ -30,15 +30,7 @@ _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 @dataclass(frozen=True, eq=False)
 class LabelTable:
-    """What labels are called and how they are coloured.
-
-    Parameters
-    ----------
-    names : dict
-        Label: name.
-    colours : dict
-        Label: red, green, blue from 0 to 255.
-    """
+    """What labels are called, and their colours: red, green, blue from 0 to 255."""
 
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, Colour] = field(default_factory=dict)
@@ -49,11 +41,9 @@ class LabelTable:
 
 
 def read_table(path: str | os.PathLike[str]) -> LabelTable:
-    """Read a lookup table.
+    """Read a lookup table: lines of label, name, red, green, blue, as in FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
 
-    `path`: lines of label, name, red, green, blue, as in FreeSurferColorLUT.txt; or ``.tsv`` with the columns
-    ``index``, ``name`` and perhaps ``color`` (``#rrggbb``), as BIDS has them beside a dseg. Raises InputError if it is
-    neither; FileNotFoundError, PermissionError if it cannot be opened.
+    That has the columns ``index``, ``name`` and perhaps ``color`` (``#rrggbb``).
     """
     path = checked_path(path)
     with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
@@ -65,11 +55,9 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
-    """Read the names and colours that a file of labels, or an image of nibabel, holds itself.
+    """Read the names and colours that a file of labels, or an image of nibabel, holds itself; None if there are none.
 
-    `labels`: ``.annot``, ``.label.gii`` or ``.dlabel.nii``, GiftiImage or Cifti2Image. `channel`: the map that is
-    meant, where they differ between maps (CIFTI). Returns: None if there are none. Raises InputError if it is damaged;
-    FileNotFoundError, PermissionError if it cannot be opened.
+    The channel counts where they differ between maps (CIFTI).
     """
     if is_gifti(labels):
         return _of_gifti(labels)

@@ -6,6 +6,7 @@ GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PL
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,18 +19,20 @@ from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
-from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, stl, vtk
+from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, vtk
 from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
-from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "write_mesh"]
-
-
 _WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ, formats.OFF, formats.GLB)
+
+LEFT, RIGHT = "CortexLeft", "CortexRight"
+_NAMES = {
+    r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.|_left[_.]": LEFT,  # FreeSurfer, BIDS, HCP, nilearn
+    r"^rh\.|[._]rh[._]|(^|_)hemi-R[_.]|\.R\.|_right[_.]": RIGHT,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +123,6 @@ class Mesh:
                     raise InputError(f"{kind} data {name!r} has {own} values; the surface has {count} {kind}s")
 
 
-# ------------------------------------------------------------------------------------------ reading
-
-
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a surface of triangles from a file.
 
@@ -170,10 +170,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
 
 
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch.
-
-    Raises InputError: the file is damaged; FileNotFoundError, PermissionError: the file cannot be opened.
-    """
+    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch."""
     path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
@@ -201,35 +198,27 @@ def parsed(path: Path, data: bytes) -> Mesh:
     return replace(mesh, structure=mesh.structure or named_structure(path), remarks=remarks)
 
 
-_Parts: TypeAlias = dict[str, Any]
-"""What a reader found: the keyword arguments of `Mesh`."""
+def named_structure(path: str | os.PathLike[str]) -> str | None:
+    """Tell a side of the cortex by a name that says one: ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii``."""
+    found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
+    return found[0] if len(found) == 1 else None
 
 
-def _read_gifti(path: Path, data: bytes) -> _Parts:
-    points, faces, structure, space, remarks = gifti.surface(gifti.load(data))
-    return {"points": points, "faces": faces, "structure": structure, "space": space, "remarks": remarks}
-
-
-def _read_freesurfer(path: Path, data: bytes) -> _Parts:
-    points, faces, space, remarks = freesurfer.read_geometry(path, data)
-    return {"points": points, "faces": faces, "space": space, "remarks": remarks}
+_Parts: TypeAlias = dict[str, Any]  # what a reader found: the keyword arguments of `Mesh`
 
 
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
-    formats.GIFTI: _read_gifti,
-    formats.FREESURFER: _read_freesurfer,
+    formats.GIFTI: lambda _, data: gifti.surface(gifti.load(data)),
+    formats.FREESURFER: freesurfer.read_geometry,
     formats.VTK: vtk.read_vtk,
     formats.VTP: vtk.read_vtp,
     formats.PLY: ply.read_ply,
-    formats.STL: stl.read_stl,
+    formats.STL: polygons.read_stl,
     formats.OBJ: obj.read_obj,
     formats.OFF: polygons.read_off,
     formats.ASC: polygons.read_asc,
     formats.GLB: polygons.read_glb,
 }
-
-
-# ------------------------------------------------------------------------------------------ writing
 
 
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:
@@ -271,26 +260,21 @@ _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
 
 def check_mesh_name(path: Path) -> _Write:
     """Refuse a name of no format that a surface can be written in; return what writes it."""
-    with naming(path, "can this format hold it?"):
-        return _writer(path)
-
-
-def _writer(path: Path) -> _Write:
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
-    if ".patch." in name:
-        raise InputError("is the name of a patch: use write_patch")
-    if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
-        return _write_freesurfer
-    return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
+    with naming(path, "can this format hold it?"):
+        if ".patch." in name:
+            raise InputError("is the name of a patch: use write_patch")
+        if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
+            return _write_freesurfer
+        return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
-    """Carry points to where FreeSurfer's own surfaces lie.
+    """Carry points to where FreeSurfer's own surfaces lie, mm; return the volume of this tkRAS, too.
 
-    `points` float64 (N, 3): mm, in `space`; those of an unknown one are left as they are. `space`: where it is scanner
-    RAS and its volume is not known, a conformed one in its middle is taken. Returns: `points`, float64 (N, 3), tkRAS,
-    mm; `volume`, the volume of this tkRAS.
+    Where a space is scanner RAS and its volume is not known, a conformed one in its middle is taken. Points of an
+    unknown space are left as they are.
     """
     if space.name != "scanner":
         return points, space.volume

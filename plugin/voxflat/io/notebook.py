@@ -11,10 +11,7 @@ _DPI = 150  # of pictures, of 85 mm of paper
 
 
 def page(value: object, text: str = "", figure: Any = None, about: str = "") -> str:
-    """Return HTML of a value: what `repr` says, a picture, and text that is aligned in columns.
-
-    `figure`: of matplotlib, or None. `about`: what the picture shows, for those who do not see it.
-    """
+    """Return HTML of a value: what `repr` says, a picture with what it shows, and text that is aligned in columns."""
     parts = [f"<p><code>{html.escape(repr(value))}</code></p>"]
     if figure is not None:
         drawn = io.BytesIO()

@@ -40,10 +40,7 @@ def mesh_of_object(given: object) -> Mesh | None:
 
 
 def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
-    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none.
-
-    `points`: the number of vertices of the surface. `structure`: "CortexLeft" or "CortexRight", if that is known.
-    """
+    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none."""
     if isinstance(given, np.ndarray | list | tuple):
         return None
     with naming(type(given).__name__, "give the values of this surface"):
@@ -72,9 +69,6 @@ def is_gifti(given: object) -> bool:
     return hasattr(given, "darrays") and hasattr(given, "agg_data")
 
 
-# --------------------------------------------------------------------------------------- surfaces
-
-
 def _has(*names: str) -> Callable[[object], bool]:
     return lambda given: all(hasattr(given, name) for name in names)
 
@@ -82,11 +76,6 @@ def _has(*names: str) -> Callable[[object], bool]:
 def _has_parts(given: object) -> bool:
     parts = getattr(given, "parts", None)
     return isinstance(parts, Mapping) and all(hasattr(part, "coordinates") for part in parts.values())
-
-
-def _of_gifti(image: Any) -> Mesh:
-    points, faces, structure, space, remarks = gifti.surface(image)
-    return Mesh(points, faces, structure=structure, space=space, remarks=remarks)
 
 
 def _of_nilearn(mesh: Any) -> Mesh:
@@ -121,10 +110,6 @@ def _of_meshio(mesh: Any) -> Mesh:
     return Mesh(points, corners[places], remarks=remarks)
 
 
-def _of_trimesh(mesh: Any) -> Mesh:
-    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-
-
 def _of_polydata(mesh: Any) -> Mesh:
     faces, remarks = polydata_triangles(mesh)
     return Mesh(polydata_points(mesh), faces, remarks=remarks)
@@ -139,13 +124,10 @@ _MESHES: tuple[_Reader, ...] = (
     (_has("coordinates", "faces", "n_vertices"), _of_nilearn),  # InMemoryMesh, FileMesh
     (lambda given: _has_parts(getattr(given, "mesh", None)), _of_surface_image),
     (_has_parts, _of_parts),  # PolyMesh
-    (lambda given: is_gifti(given) and gifti._has_triangles(given), _of_gifti),
+    (lambda given: is_gifti(given) and gifti._has_triangles(given), lambda image: Mesh(**gifti.surface(image))),
     (_has("points", "cells", "cells_dict"), _of_meshio),
-    (_has("vertices", "faces", "face_normals"), _of_trimesh),
+    (_has("vertices", "faces", "face_normals"), lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))),
 )
-
-
-# ----------------------------------------------------------------------------------------- values
 
 
 def _value_parts(given: object) -> Mapping[str, Any] | None:

@@ -18,11 +18,9 @@ from voxflat.io import formats, patches, readers
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
 from voxflat.io.files import REMEDY, check_regular, contents, naming
 from voxflat.io.formats import freesurfer, gifti
-from voxflat.io.meshes import READERS, parsed
+from voxflat.io.meshes import LEFT, READERS, RIGHT, named_structure, parsed
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS
-
-__all__ = ["holds_volume", "read_channels", "read_overlay", "read_region"]
 
 
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
@@ -70,11 +68,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 
 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
-    """Read values at the points of a surface map by map.
-
-    `path`, `points`, `structure`: as in `read_overlay`. Returns: arrays of shape (points,). Those of NIfTI and CIFTI
-    files are read when they are asked for. Raises InputError, FileNotFoundError, PermissionError: as `read_overlay`.
-    """
+    """Read values at the points of a surface map by map: as `read_overlay`, those of NIfTI and CIFTI when asked for."""
     path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
@@ -92,10 +86,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending.
-
-    Raises PermissionError: the file cannot be opened.
-    """
+    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending."""
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False
@@ -172,6 +163,22 @@ def read_region(
             _fitting(mesh.points[:, 0], points)
             return _mask(np.unique(mesh.faces), points)
         return region_of(_channels(path, points, structure), points)
+
+
+def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
+    """Refuse a file of values of the other side of the cortex; what GIFTI says of itself counts more than its name."""
+    if structure not in (LEFT, RIGHT):
+        return
+    path = checked_path(path)
+    own = named_structure(path)
+    if formats.by_name(path) == formats.GIFTI:
+        with naming(path, REMEDY):
+            own = gifti.first_metadata(contents(path)).get("AnatomicalStructurePrimary") or own
+    if own in (LEFT, RIGHT) and own != structure:
+        raise InputError(
+            f"{path}: is of {own}, the surface of {structure}: give the file of this side, or, if it is meant, its "
+            "values as an array"
+        )
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:

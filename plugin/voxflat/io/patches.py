@@ -26,11 +26,8 @@ from voxflat.unique_rows import distinct
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
 _REMEDY = "is it complete, and of this format?"
 
-FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")
-"""How the names of patches end that are flat."""
-
-PATCH_ENDING = ".patch.3d"
-"""How the names of patches end that lie in space; so do those of some flat ones."""
+FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # how the names of patches end that are flat
+PATCH_ENDING = ".patch.3d"  # how the names of patches end that lie in space; so do those of some flat ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +123,7 @@ def parse_patch(path: Path, data: bytes) -> Patch:
 
 
 def is_patch(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a FreeSurfer patch.
-
-    Raises InputError if it cannot be a name.
-    """
+    """Say whether a file is a FreeSurfer patch."""
     path = checked_path(path)
     if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
         return False

@@ -15,11 +15,12 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import wraps
 from itertools import count
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, ClassVar, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
@@ -28,19 +29,6 @@ from voxflat.arguments import checked_path, checked_switch, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
-
-__all__ = [
-    "Record",
-    "as_text",
-    "check_beside",
-    "check_not_read",
-    "described",
-    "portable",
-    "resolved",
-    "saving",
-    "sidecar_of",
-    "telling",
-]
 
 Record = dict[str, Any]
 """``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; of maps ``figures``."""
@@ -60,53 +48,43 @@ class _Told(Protocol):
 _Made = TypeVar("_Made", bound=_Told)
 
 
-def telling(
-    **told_as: Callable[[Any], Any],
-) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
-    """Let the result of a function say what made it.
+def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
+    """Let the result of a function say what made it, by its ``_with_provenance``.
 
-    `**told_as`: what a parameter of this name is told as, where that is not the value which was given. Returns: a
-    decorator: the record is handed to the result's ``_with_provenance``, whose result is returned. A function's
-    ``memory_limit``, if it has one, holds for reading files, too.
+    A parameter may be told as something else than the value that was given. A function's ``memory_limit``, if it has
+    one, holds for reading files, too.
     """
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
-        return _telling(function, told_as)
+        signature = inspect.signature(function)
+
+        @wraps(function)
+        def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            given = bound.arguments
+            with reading(given.get("memory_limit")) as files:
+                made = function(*args, **kwargs)
+            if any(made is value for value in given.values()):  # nothing was made of it
+                return made
+            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
+            told |= {name: tell(told[name]) for name, tell in told_as.items()}
+            record = {
+                "voxflat": __version__,
+                "function": function.__name__,
+                "parameters": described(told),
+                "files": dict(sorted(files.items())),
+            }
+            found: _Made = made._with_provenance(record)
+            return found
+
+        return wrapped
 
     return decorate
 
 
-def _telling(function: Callable[_Given, _Made], told_as: dict[str, Callable[[Any], Any]]) -> Callable[_Given, _Made]:
-    signature = inspect.signature(function)
-
-    @wraps(function)
-    def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
-        bound = signature.bind(*args, **kwargs)
-        bound.apply_defaults()
-        given = bound.arguments
-        with reading(given.get("memory_limit")) as files:
-            made = function(*args, **kwargs)
-        if any(made is value for value in given.values()):  # nothing was made of it
-            return made
-        told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
-        told |= {name: tell(told[name]) for name, tell in told_as.items()}
-        record = {
-            "voxflat": __version__,
-            "function": function.__name__,
-            "parameters": described(told),
-            "files": dict(sorted(files.items())),
-        }
-        found: _Made = made._with_provenance(record)
-        return found
-
-    return wrapped
-
-
 def resolved(record: Record, used: dict[str, Any]) -> Record:
-    """Return a record that says what was used for parameters that were not given.
-
-    `record`: a record. `used`: by their names; others are passed over.
-    """
+    """Return a record that says what was used, by their names, for parameters that were not given."""
     parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
     method = parameters.get("method")
     for told in (parameters, method) if isinstance(method, dict) else (parameters,):
@@ -116,12 +94,24 @@ def resolved(record: Record, used: dict[str, Any]) -> Record:
     return {**record, "parameters": parameters}
 
 
-def described(value: object) -> Any:
-    """Return what JSON can hold of a parameter.
+_Own = TypeVar("_Own", bound="Recorded")
 
-    `value`: numbers, text, paths, lists and short arrays stay what they are. Of a result its record is told, of longer
-    arrays the SHA-256 of their values, of others the type.
-    """
+
+class Recorded:
+    """What has a record of what made it, in a field ``provenance``."""
+
+    _used: ClassVar[tuple[str, ...]] = ()
+    """Fields that say what was used for parameters that were not given."""
+
+    def _with_provenance(self: _Own, record: Record) -> _Own:
+        """Return the same with a record of what made it."""
+        of: Any = self
+        made: _Own = replace(of, provenance=resolved(record, {name: getattr(self, name) for name in self._used}))
+        return made
+
+
+def described(value: object) -> Any:
+    """Return what JSON can hold of a parameter: of results their record, of long arrays the SHA-256, else the type."""
     if value is None or isinstance(value, str | bool | np.bool_):
         return bool(value) if isinstance(value, np.bool_) else value
     if isinstance(value, Integral):
@@ -155,14 +145,13 @@ def _digest(array: np.ndarray[Any, Any]) -> Any:
     return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
-KEEP_PATHS = "VOXFLAT_KEEP_PATHS"
-"""The variable of the environment that, set to 1, keeps paths in files."""
+KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # the variable of the environment that, set to 1, keeps paths in files
 
 
 def portable(content: Any) -> Any:
     """Return what is written into a file: file names instead of paths, which would tell names of people and projects.
 
-    `content`: what JSON can hold. Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
+    Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
     """
     if os.environ.get(KEEP_PATHS) == "1":
         return content
@@ -218,11 +207,7 @@ def _files(record: object) -> Iterator[tuple[str, str]]:
 
 
 def check_not_read(path: Path, record: Record) -> None:
-    """Refuse to write over a file that a result was made of.
-
-    `path`: where it is to be written. `record`: the result's. Raises InputError if it is one of its files, by this name
-    or another.
-    """
+    """Refuse to write over a file that a result was made of, by this name or another."""
     if not path.exists():
         return
     for name, digest in _files(record):
@@ -232,11 +217,7 @@ def check_not_read(path: Path, record: Record) -> None:
 
 
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
-    """Refuse to replace what lies beside a result, unless voxflat wrote it.
-
-    `path`: the result's file. `beside`: what is written with it, whose name nobody gave. `overwrite`: replace it
-    nevertheless. Raises InputError if it is there already, and does not say that it is ours.
-    """
+    """Refuse to replace what lies beside a result, by a name that nobody gave, unless voxflat wrote it."""
     if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
     is_ours = False
@@ -260,12 +241,10 @@ def sidecar_of(path: str | os.PathLike[str]) -> Path:
 def saving(
     path: str | os.PathLike[str], record: Record, *, sidecar: bool = False, overwrite: bool = False
 ) -> Iterator[Path]:
-    """Write a result, but not over a file that it was made of, and its record beside it where that is asked for.
+    """Write a result in the block, but not over a file that it was made of, and its record beside it where asked for.
 
-    `path`: the result's file, which the block writes. `record`: its record. `sidecar`: write the record to
-    ``<path>.json``, too, for formats that hold none. `overwrite`: replace a file of that name that voxflat did not
-    write. Yields: the result's file. Raises InputError if either file is one that was read, or the one beside is there
-    already and not of voxflat; OSError if the record cannot be written.
+    That goes to ``<path>.json``, for formats that hold none, and replaces a file that is not ours only with
+    `overwrite`.
     """
     path = checked_path(path)
     checked_switch(overwrite, "overwrite")

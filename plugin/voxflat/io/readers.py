@@ -27,8 +27,7 @@ from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
 
-Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
-"""Voxels, and the affine if there is one."""
+Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine if there is one
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -44,9 +43,6 @@ def as_array(obj: object) -> NDArray[Any]:
     `numpy.asarray` drops the view's hold on the image, and ends in freed memory; `memoryview` keeps it.
     """
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
-
-
-# ------------------------------------------------------------------------------------------- reading
 
 
 def read(path: Path) -> Read:
@@ -105,10 +101,6 @@ def _need_of(file: IO[bytes], size: int) -> int:
     return need
 
 
-def _read_npy(path: Path) -> Read:
-    return read_array(path), None
-
-
 def _read_npz(path: Path) -> Read:
     if not zipfile.is_zipfile(path):
         raise InputError("is no complete .npz archive: write it again with numpy.savez")
@@ -122,14 +114,12 @@ def _read_npz(path: Path) -> Read:
     return voxels, affine[0] if affine else None
 
 
-def _read_mgh(path: Path) -> Read:
-    return _read_by_nibabel(path)
-
-
-def _read_by_nibabel(path: Path) -> Read:
+def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
+    """Read a file, whose voxels may lie in another one."""
     image = nibabel_image(path, mmap=False)
     _check_proxy(image)
-    check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
+    stored = image.dataobj
+    check_length(voxels or path, stored.offset + int(np.prod(image.shape, dtype=object)) * stored.dtype.itemsize)
     return from_nibabel(image)
 
 
@@ -138,12 +128,9 @@ def _read_pair(path: Path) -> Read:
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
         raise InputError(f"{voxels.name} is not beside it: an image of this format is two files, .hdr and .img")
-    image = nibabel_image(path, mmap=False)
-    _check_proxy(image)
-    stored = image.dataobj
-    check_length(voxels, stored.offset + int(np.prod(image.shape, dtype=object)) * stored.dtype.itemsize)
+    found = _read_by_nibabel(path, voxels)
     note(voxels)
-    return from_nibabel(image)
+    return found
 
 
 def _read_nifti(path: Path) -> Read:
@@ -222,14 +209,8 @@ _NIFTI1_FIELDS = {
     "srow": ("(3,4)f4", 280),
     "magic": ("S4", 344),
 }
-_NIFTI1 = np.dtype(
-    {
-        "names": list(_NIFTI1_FIELDS),
-        "formats": [form for form, _ in _NIFTI1_FIELDS.values()],
-        "offsets": [offset for _, offset in _NIFTI1_FIELDS.values()],
-        "itemsize": 348,
-    }
-)
+_FORMATS, _OFFSETS = zip(*_NIFTI1_FIELDS.values(), strict=True)
+_NIFTI1 = np.dtype({"names": [*_NIFTI1_FIELDS], "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": 348})
 _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 
 
@@ -485,9 +466,9 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".nhdr": _read_nrrd,
     ".mha": _read_metaimage,
     ".mhd": _read_metaimage,
-    ".mgh": _read_mgh,
-    ".mgz": _read_mgh,
-    ".npy": _read_npy,
+    ".mgh": _read_by_nibabel,
+    ".mgz": _read_by_nibabel,
+    ".npy": lambda path: (read_array(path), None),
     ".npz": _read_npz,
     ".hdr": _read_pair,
     ".img": _read_pair,

@@ -13,8 +13,6 @@ from pathlib import Path
 
 from voxflat.arguments import check_memory, checked_limit, free_memory
 
-__all__ = ["allowed_memory", "check_room", "note", "reading"]
-
 _BLOCK = 1 << 20
 
 
@@ -29,10 +27,9 @@ _now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
 
 @contextmanager
 def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
-    """Note which files are read, and hold readers to a memory limit.
+    """Note which files are read, their SHA-256 by the path as given, and hold readers to a memory limit, bytes.
 
-    `memory_limit`: bytes that what is read may take; by default as many as the call around may, or what is free.
-    Yields: the SHA-256 of each file that is read until the block ends, by its path as it was given.
+    By default that of the call around, or what is free.
     """
     around = _now.get()
     checked_limit(memory_limit)
@@ -48,10 +45,7 @@ def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
 
 
 def note(path: str | os.PathLike[str]) -> None:
-    """Note that a file is read, if anybody wants to know.
-
-    `path`: a file that is there.
-    """
+    """Note that a file is read, if anybody wants to know."""
     now = _now.get()
     if now is not None:
         now.files[os.fspath(path)] = hash_of(path)
@@ -80,9 +74,6 @@ def allowed_memory() -> int:
 
 
 def check_room(need: int, remedy: str = "crop or downsample it, or give it more memory") -> None:
-    """Refuse to read what needs more memory than there is.
-
-    `need`: bytes, by the file's header. `remedy`: what to do, for the error. Raises InputError if they are not there.
-    """
+    """Refuse to read what needs more memory, by the file's header, than there is."""
     now = _now.get()
     check_memory(need, None if now is None else now.limit, remedy)

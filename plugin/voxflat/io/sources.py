@@ -22,8 +22,6 @@ from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
-__all__ = ["as_mesh", "as_volume", "taken"]
-
 
 def taken(source: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Mesh | Volume:
     """Take a mesh as a `Mesh`, and all else as a `Volume`, of which spacing or affine may be told (`as_volume`)."""
@@ -94,13 +92,6 @@ def _of_pair(pair: tuple[Any, Any]) -> Mesh:
     return Mesh(points, faces)
 
 
-def _of_image(read: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], Volume]:
-    def of(image: Any) -> Volume:
-        return Volume._placed(*read(image))
-
-    return of
-
-
 def _of_array(given: object) -> Volume:
     array = as_array(given)
     if array.dtype == object and is_values(given):
@@ -126,10 +117,13 @@ _MESHES: _Kinds[Mesh] = (
 _VOLUMES: _Kinds[Volume] = (
     (lambda given: isinstance(given, Volume), lambda volume: volume),
     (_is_path, volume_of_file),
-    (lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"), _of_image(from_nibabel)),
+    (
+        lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"),
+        lambda image: Volume._placed(*from_nibabel(image)),
+    ),
     (
         lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),
-        _of_image(from_itk),
+        lambda image: Volume._placed(*from_itk(image)),
     ),
     (lambda given: isinstance(given, np.ma.MaskedArray), _of_masked),
     (lambda _: True, _of_array),

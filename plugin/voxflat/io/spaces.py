@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import array_of, checked_text, numbers_of, shown
 from voxflat.errors import InputError
 
-__all__ = ["UNKNOWN", "Space", "VolumeGeometry"]
-
 _CONFORMED = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # the columns are left, inferior, anterior
 _ROUNDING = 1e-3  # of direction cosines
 
@@ -61,15 +59,11 @@ class VolumeGeometry:
     def __post_init__(self) -> None:
         shape, sizes = numbers_of(self.shape, "numbers of voxels"), numbers_of(self.voxel_size, "voxel sizes")
         if shape.shape != (3,) or sizes.shape != (3,) or not np.isfinite([shape, sizes]).all():
-            raise InputError(
-                f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm: give 3 of both"
-            )
+            raise InputError(f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm: give 3 each")
         checked_text(self.filename, "name of the volume's file")
         cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
         if cosines.shape != (3, 3) or c_ras.shape != (3,):
-            raise InputError(
-                f"its volume's axes are of shape {cosines.shape}, its centre {c_ras.shape}: (3, 3) and (3,)"
-            )
+            raise InputError(f"its volume's axes have shape {cosines.shape}, its centre {c_ras.shape}: (3, 3), (3,)")
         if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
             raise InputError(f"its volume's axes are {cosines.T.tolist()}: they must be orthonormal")
         if not np.isfinite(c_ras).all():
@@ -299,8 +293,7 @@ class Space:
         return f"<Space: {self}>"
 
 
-UNKNOWN = Space()
-"""Nothing says where the points lie: they are taken as scanner RAS."""
+UNKNOWN = Space()  # nothing says where the points lie: they are taken as scanner RAS
 
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:

@@ -14,38 +14,21 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
-__all__ = ["TABLE_ENDINGS", "PointTable", "read_points"]
-
-TABLE_ENDINGS = (".csv", ".tsv", ".txt")
-"""Endings of files of points: between commas, tabs, or blanks."""
+TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of files of points: between commas, tabs, or blanks
 
 _MISSING = ("", "n/a", "na", "nan")
 
 
 @dataclass(frozen=True, eq=False)
 class PointTable:
-    """Points and what else a table says of them.
+    """Points and what else a table says of them."""
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (P, 3)
-        x, y, z in mm; NaN where one is missing.
-    header : list of str
-        The columns' names; empty if the file has none.
-    rows : list of list of str
-        All cells, as they were read.
-    """
-
-    points: NDArray[np.float64]
-    header: list[str]
-    rows: list[list[str]]
+    points: NDArray[np.float64]  # (P, 3), mm; NaN where one is missing
+    header: list[str]  # empty if the file has none
+    rows: list[list[str]]  # all cells, as they were read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
-        """Write the table with further columns, all of it or nothing.
-
-        `path`: ``.csv``, ``.tsv`` or ``.txt``; a missing number is ``n/a``. `more`: numbers for each point by the
-        columns' names.
-        """
+        """Write the table with further columns, all of it or nothing; a missing number is ``n/a``."""
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
         columns = [
@@ -60,12 +43,7 @@ class PointTable:
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:
-    """Read points from a table.
-
-    `path`: ``.csv``, ``.tsv`` or ``.txt``. With a header the columns x, y and z are taken, else the first three; a
-    missing number is empty, ``n/a`` or ``nan``. Raises InputError if it is no such table; FileNotFoundError,
-    PermissionError if it cannot be opened.
-    """
+    """Read points from a table: its columns x, y and z if it has a header, else the first three."""
     path = checked_path(path)
     with naming(path, "give columns x, y and z in mm"):
         ending = path.suffix.lower()

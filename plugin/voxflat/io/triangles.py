@@ -18,14 +18,11 @@ _MOST_CORNERS = 1000  # of a polygon, that is cut into triangles here
 def triangulated(
     points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Cut polygons into triangles, without new points.
+    """Cut polygons into triangles, without new points; return places in `corners`, (T, 3), and what was cut.
 
-    Quadrilaterals are cut along the shorter diagonal that lies inside, other polygons ear by ear, the one with the
-    shortest diagonal first.
-
-    `points` (N, 3): finite or not. `corners` int64 (C,): the polygons' corners, one polygon after the other. `counts`
-    int64 (F,): how many corners each has. Returns: `triangles`, int64 (T, 3), places in `corners`, polygon by polygon,
-    which they run around as the polygon does; `remarks`, what was cut.
+    The corners of the polygons, of which each has one of `counts`, follow one another, and triangles run around as the
+    polygon does. Quadrilaterals are cut along the shorter diagonal that lies inside, other polygons ear by ear, the one
+    with the shortest diagonal first.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +20,15 @@ from voxflat.errors import InputError
 from voxflat.io.chunks import Chunked, is_chunked
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
 from voxflat.io.grid import Affine, check_affine, volume_shape
-from voxflat.io.provenance import Record, as_text
+from voxflat.io.provenance import Record, Recorded, as_text
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
-
-__all__ = ["VOLUME_ENDINGS", "Volume", "read_volume", "write_volume"]
 
 VOLUME_ENDINGS = tuple(READERS)
 """How the names of files end that hold volumes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Volume:
+class Volume(Recorded):
     """Voxels and where they lie. Making one checks it; a bad array or affine is an `InputError`.
 
     Parameters
@@ -58,10 +56,6 @@ class Volume:
     path: Path | None = None
     is_placed: bool = True
     provenance: Record | None = None
-
-    def _with_provenance(self, record: Record) -> Volume:
-        """Return the same volume with a record of what made it."""
-        return replace(self, provenance=record)
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -183,9 +177,6 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
     shape = volume_shape(data.shape, data.dtype)
     data = data if data.shape == shape else data.reshape(shape)
     return data.astype(data.dtype.newbyteorder("="), copy=False)
-
-
-# ------------------------------------------------------------------------------------------- writing
 
 
 def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,17 +20,18 @@ from voxflat.arguments import (
     checked_threads,
     free_memory,
     is_whole,
+    log,
     shown,
 )
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
-from voxflat.io.provenance import Record, telling
-from voxflat.judging.geometry import Geometry, geometry_of
-from voxflat.maps.matching import Matched, loaded, match
+from voxflat.io.provenance import Record, Recorded, telling
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.surface import surface as _surface
+from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["Comparison", "JudgedMap", "compare", "measure"]
-
+_SAME = 1e-3  # lengths of edges that agree so far, with their usual length: files hold float32
 _MOST_SOURCES = 2**31  # more than any surface has points: all of them
 
 _USUAL_SOURCES = 300
@@ -75,7 +76,7 @@ class JudgedMap:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Recorded):
     """Several flat maps of one surface, judged from the same sources.
 
     Parameters
@@ -102,10 +103,6 @@ class Comparison:
     def __getitem__(self, name: str) -> Distortion:
         """Return what a map does to the surface."""
         return self.maps[name].distortion
-
-    def _with_provenance(self, record: Record) -> Comparison:
-        """Return the same with a record of what made it."""
-        return replace(self, provenance=record)
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of each map by its name, ready for JSON: undefined ones are None.
@@ -263,11 +260,13 @@ def compare(
     groups = _grouped(list(matched.values()))
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
+    # others are computed twice
+    kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [one.uv[order] for one, order in group]
-        found = first.core.judge(places, chosen, reference, _kept(memory_limit), seed, threads, progress)
+        found = first.core.judge(places, chosen, reference, kept, seed, threads, progress)
         for (one, order), measured in zip(group, found, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
@@ -316,11 +315,6 @@ def _usual_sources(points: list[int], reference: str) -> int:
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
-def _kept(limit: int | None) -> int:
-    """Return how many bytes of rows may be kept; others are computed twice."""
-    return int(max(_core.KEPT_BYTES, (free_memory() if limit is None else limit) // _KEPT_SHARE))
-
-
 def _topology(name: str, one: Matched) -> dict[str, int]:
     """Return what the surface is like as the map cuts it; it is a manifold, or would have been refused."""
     found = one.core.topology()
@@ -334,3 +328,71 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
         "loops": len(found["loops"]),
         "handles": found["handles"],
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A surface where maps say that it lies."""
+
+    surface: Manifold  # the given one, its vertices moved to where the maps have them
+    known: NDArray[np.bool_] | None = None  # vertices of the whole that the maps have; None: of the given geometry
+    said_by: str = ""  # the name of the map that says so
+
+    def check(self, name: str, matched: Matched) -> None:
+        """Refuse a map with vertices of which it is not known where they lie."""
+        if self.known is None:
+            return
+        unknown = matched.vertices[~self.known[matched.vertices]]
+        if len(unknown):
+            raise InputError(
+                f"{_called(self.said_by)} was made on another geometry than the given surface's, and {_called(name)} "
+                f"has {len(np.unique(unknown))} vertices more, whose places there are not known: give the surface that "
+                "it was made on (with its pial surface), or judge all on the given one (on_surface)"
+            )
+
+
+def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
+    """Return the surface on which maps are judged: the given one, unless ours were made on another geometry."""
+    ours = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and not flat.is_voxels}
+    places = {name: vertices_of(whole, flat) for name, flat in ours.items()}
+    moved = [name for name, flat in ours.items() if not _agree(flat, flat.points, whole.points[places[name]])]
+    if not moved or whole.is_voxels:
+        return Geometry(whole)
+    first = moved[0]
+    points, known = whole.points.copy(), np.zeros(whole.count, dtype=np.bool_)
+    for name in [first, *(name for name in ours if name != first)]:
+        flat, at = ours[name], places[name]
+        if name != first:
+            both = known[whole.vertices[at]]
+            expected = np.where(both[:, None], points[at], flat.points)
+            if name not in moved or not _agree(flat, flat.points, expected):
+                raise InputError(
+                    f"{_called(first)} was made on {_made_on(ours[first])}, {_called(name)} on {_made_on(flat)}, which "
+                    "is another geometry: measure them one by one, or judge both on the given surface (on_surface)"
+                )
+        points[at] = flat.points
+        known[whole.vertices[at]] = True
+    log.warning(
+        "%s was made on another geometry than the given surface's (%s): all figures are of that one; on_surface judges "
+        "on the given one",
+        _called(first),
+        _made_on(ours[first]),
+    )
+    return Geometry(whole._with_core(whole.core.moved(points)), known, first)
+
+
+def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Tell whether a map's triangles have the same edges in both places, wherever these lie."""
+    lengths = [
+        np.linalg.norm(points[flat.faces] - points[np.roll(flat.faces, 1, axis=1)], axis=2) for points in (one, other)
+    ]
+    return bool(np.abs(lengths[0] - lengths[1]).max() <= _SAME * np.median(lengths[0]))
+
+
+def _made_on(flat: FlatMap) -> str:
+    of = flat.metadata.get("input")
+    return f"{flat.metadata.get('measured_on', 'another surface')}" + (f", {of}" if of else "")
+
+
+def _called(name: str) -> str:
+    return name or "the map"

@@ -12,21 +12,16 @@ from numpy.typing import NDArray
 from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
-__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colour", "label_colours", "levels", "passing"]
-
-WINDOW = (1, 99)
-"""Percentiles that are shown as the ends of a colour map: black and white."""
+WINDOW = (1, 99)  # percentiles that are shown as the ends of a colour map: black and white
 
 _GOLDEN_RATIO = 0.6180339887498949  # its multiples spread over the circle of hues as evenly as can be
 _UNLABELLED = (208, 208, 208)
 
 
 def are_labels(data: NDArray[Any]) -> bool:
-    """Tell labels from intensities that happen to be whole numbers.
+    """Tell labels from intensities that happen to be whole numbers, in pixels of any kind, NaN outside the map.
 
     Labels form areas: most pixels have the value of those some way off. Intensities, such as a T1 image's, do not.
-
-    `data` (H, W), or (H, W, 4) for colours: pixels of any kind, NaN outside the map.
     """
     if data.ndim == 3 or not all_whole(data):
         return False
@@ -41,31 +36,23 @@ def are_labels(data: NDArray[Any]) -> bool:
 def coloured(
     data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None, *, labels: bool
 ) -> NDArray[np.uint8]:
-    """Return an image's pixels as colours.
+    """Return an image's pixels, scalars, labels or colours, as RGBA, opacity 0 outside the map.
 
-    `data` (H, W), or (H, W, 4) of uint8 for colours: scalars or labels, NaN outside the map, or colours. `colour_map`:
-    a colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each. `limits`,
-    sequence of 2 floats: the values at the ends of the colour map; by default the 1st and 99th percentile. `labels`:
-    whether they are labels. Returns: uint8 (H, W, 4), opacity 0 outside the map. Raises InputError if there is no such
-    colour map.
+    By default as in a PNG: grey from the 1st to the 99th percentile, and for labels a colour each.
     """
     if data.ndim == 3:
         return data
     if colour_map is None and limits is None and labels:
         return label_colours(data)
-    level, inside = levels(data, limits)[0], np.isfinite(data)
-    pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
-    pixels[inside] = _mapped(level[inside], colour_map)
-    return pixels
-
-
-def _mapped(level: NDArray[np.float64], colour_map: str | None) -> NDArray[np.uint8]:
     from matplotlib import colormaps
 
+    level, inside = levels(data, limits)[0], np.isfinite(data)
+    pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
     try:
-        return np.asarray(colormaps[colour_map or "gray"](level, bytes=True))
+        pixels[inside] = colormaps[colour_map or "gray"](level[inside], bytes=True)
     except (KeyError, TypeError, ValueError):  # the latter of what is no name
         raise InputError(f"matplotlib has no colour map {shown(colour_map)}") from None
+    return pixels
 
 
 def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[np.float64], tuple[float, float]]:
@@ -82,11 +69,9 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
 
 
 def passing(data: NDArray[Any], above: float | None = None, below: float | None = None) -> NDArray[np.bool_]:
-    """Tell which values pass thresholds.
+    """Tell which values are greater than one threshold and less than the other; NaN passes none.
 
-    `data`: values; NaN passes none. `above`, `below`: greater and less than what values are. With both: where `below`
-    is less than `above`, what is beyond either, as of a statistic with two sides; else what is between them. Returns:
-    ndarray of bool, of the same shape.
+    Where `below` is less than `above`, that is what is beyond either, as of a statistic with two sides.
     """
     with np.errstate(invalid="ignore"):
         higher = data > above if above is not None else np.isfinite(data)

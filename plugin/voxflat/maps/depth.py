@@ -13,26 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import checked_choice, is_number, shown
 from voxflat.errors import InputError
 
-__all__ = ["LAYERINGS", "ON_SURFACE", "Depths", "equivolume", "vertex_areas"]
-
 LAYERINGS = ("equivolume", "equidistant")
 """What a fraction of cortical depth is a fraction of: the volume of the cortex there, or its thickness."""
 
 
 @dataclass(frozen=True)
 class Depths:
-    """Where to sample, one or several.
+    """Where to sample, one or several."""
 
-    Parameters
-    ----------
-    values : tuple of float
-        mm outside the surface, or fractions from 0, the white surface, to 1, the pial one.
-    layering : str or None
-        Of fractions one of `LAYERINGS`; None of mm.
-    """
-
-    values: tuple[float, ...]
-    layering: str | None = None
+    values: tuple[float, ...]  # mm outside the surface, or fractions from 0, the white surface, to 1, the pial one
+    layering: str | None = None  # of fractions one of `LAYERINGS`
 
     @classmethod
     def of(
@@ -41,10 +31,7 @@ class Depths:
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
     ) -> Depths:
-        """Check what was given for `FlatMap.image`.
-
-        `depth`, `fraction`, `layering`: as there. Raises InputError if both are given, or one does not fit.
-        """
+        """Check what was given for `FlatMap.image`."""
         checked_choice(layering, "layering", LAYERINGS)
         if fraction is None:
             return cls(_numbers(depth, "depth"))
@@ -71,8 +58,7 @@ class Depths:
         return tuple(f"{self.layering} {value:g}" for value in self.values)
 
 
-ON_SURFACE = Depths((0.0,))
-"""The surface itself."""
+ON_SURFACE = Depths((0.0,))  # the surface itself
 
 
 def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
@@ -91,24 +77,18 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
 
 
 def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return the area around each vertex: a third of its triangles'.
-
-    `points` (N, 3): mm. `faces` int (F, 3): triangles. Returns: (N,), mm².
-    """
+    """Return the area around each vertex, mm²: a third of its triangles'."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.asarray(np.bincount(faces.ravel(), np.repeat(areas, 3), len(points)), dtype=np.float64)
 
 
 def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[np.float64]:
-    """Return how far from the inner to the outer surface a fraction of the volume between them lies.
+    """Return how far from the inner to the outer surface a fraction of the volume between them lies, as a fraction.
 
     After Waehnert et al. 2014, *Anatomically motivated modeling of cortical laminae*, equation 10, with areas that grow
-    linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀), here in the form
-    α (A₁ + A₀) / (√(α A₁² + (1 − α) A₀²) + A₀), which is the same and holds for equal areas, too.
-
-    `fraction`: α, of the volume, from 0 inside to 1 outside. `inner`, `outer`: A₀ and A₁, areas of corresponding
-    pieces, in any unit. Returns: ρ, a fraction of the way; α itself where both areas are 0.
+    linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀), here in the form α (A₁ + A₀)
+    / (√(α A₁² + (1 − α) A₀²) + A₀), which is the same and holds for equal areas, too; α where both are 0.
     """
     inner, outer = np.asarray(inner, dtype=np.float64), np.asarray(outer, dtype=np.float64)
     below = np.sqrt(fraction * outer**2 + (1 - fraction) * inner**2) + inner

@@ -29,8 +29,6 @@ from voxflat.maps.regions import Regions
 from voxflat.maps.sampling import majority
 from voxflat.maps.textures.pictures import decoded, header
 
-__all__ = ["regions_of"]
-
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
 _BESIDE = 1.5  # pixels beyond the map in which a label image is continued
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import os
 from dataclasses import dataclass, field, replace
@@ -17,14 +18,13 @@ from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    SAVED_ENDINGS,
-)
+from voxflat.io.files import SAVED_ENDINGS, require
+from voxflat.io.formats import gifti
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
 from voxflat.io.spaces import Space
-from voxflat.maps.conversions import Convertible
 from voxflat.maps.drawn_regions import regions_of
 from voxflat.maps.map_files import mesh_of_vertices, read_map, write_map
 from voxflat.maps.plane import FlatTriangles, Planar
@@ -35,13 +35,11 @@ from voxflat.maps.textures.pictures import as_picture, check_cover, check_values
 from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.manifold import patch_of
 
-__all__ = ["FlatMap", "load"]
-
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMap(Planar, Convertible):
+class FlatMap(Planar):
     """A flattened surface.
 
     Parameters
@@ -457,6 +455,122 @@ class FlatMap(Planar, Convertible):
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
+
+    # ------------------------------------------------------------------- as objects of other packages
+
+    def to_nilearn(self) -> Any:
+        """Convert the map of a mesh to nilearn's ``InMemoryMesh``, for ``plot_surf`` and ``view_surf``.
+
+        It has the vertices of the mesh that was flattened, in their order, so that data on that mesh can be plotted on
+        it. Vertices that the map leaves out lie at the origin and belong to no triangle.
+
+        Returns
+        -------
+        nilearn.surface.InMemoryMesh
+            Coordinates (u, v, 0), mm.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.to_nilearn().n_vertices
+        441
+        """
+        mesh = self._flat_mesh()
+        return require("nilearn.surface", "demo").InMemoryMesh(mesh.points, mesh.faces)
+
+    def to_gifti(self) -> Any:
+        """Convert the map to nibabel's ``GiftiImage``, a flat surface as ``save("map.surf.gii")`` writes it.
+
+        Returns
+        -------
+        nibabel.gifti.GiftiImage
+            With the vertices of the mesh that was flattened.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.to_gifti().agg_data("pointset").shape
+        (441, 3)
+        """
+        mesh = self._flat_mesh()
+        return gifti.load(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
+
+    def to_trimesh(self) -> Any:
+        """Convert the map to ``trimesh.Trimesh``, in the plane.
+
+        Returns
+        -------
+        trimesh.Trimesh
+            With the vertices of the mesh that was flattened, (u, v, 0) in mm.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> len(flat_map.to_trimesh().vertices)
+        441
+        """
+        mesh = self._flat_mesh()
+        return require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
+
+    def to_pyvista(self) -> Any:
+        """Convert the map to ``pyvista.PolyData``, in the plane, with its distortion as point data.
+
+        Returns
+        -------
+        pyvista.PolyData
+            With a point for each row of the map, as ``mesh.voxflat()`` returns it.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.to_pyvista().n_points
+        441
+        """
+        require("pyvista")
+        return _drawing("_pyvista.flat").to_polydata(self)
+
+    def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
+        """Draw the map, as `voxflat.figures.flat_map` and the command ``voxflat figure`` do.
+
+        Parameters
+        ----------
+        overlay : Overlay, path, ndarray, image object or Volume, optional
+            Data over the folds.
+        ax : matplotlib.axes.Axes, optional
+            Draw into these axes; by default into a new figure.
+        **options
+            As in `voxflat.figures.flat_map`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes or matplotlib.figure.Figure
+            `ax`, or the new figure.
+
+        Raises
+        ------
+        InputError
+            As `voxflat.figures.flat_map`.
+
+        Examples
+        --------
+        >>> import matplotlib.pyplot as plt
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> figure, ax = plt.subplots()
+        >>> flat_map.plot(flat_map.points[:, 2], ax=ax) is ax
+        True
+        """
+        figure = _drawing("figures").flat_map(self, overlay, ax=ax, **options)
+        return figure if ax is None else ax
+
+    def _repr_html_(self) -> str:
+        """Return the picture and the figures of the map, for Jupyter."""
+        figure = _drawing("figures").flat_map(self)
+        return page(self, self.distortion.table(), figure, "The flat map, coloured by its folds")
+
+
+def _drawing(module: str) -> Any:
+    """Import a module that draws, which stands above maps and needs packages that not everybody has."""
+    return importlib.import_module(f"voxflat.{module}")
 
 
 def _holds(dtype: np.dtype[Any], number: float) -> bool:

@@ -22,8 +22,6 @@ from voxflat.io.provenance import Record, as_text, portable
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
-__all__ = ["IMAGE_ENDINGS", "STACK_ENDINGS", "Image", "Stack", "write_image", "write_stack"]
-
 _TIFF_DESCRIPTION, _TIFF_PAGE_NAME, _TIFF_CENTIMETRE = 270, 285, 3
 _TIFF_LIMIT = 1 << 32  # bytes
 _GZIP_LEVEL = 1  # as nibabel's: noise becomes hardly smaller by more
@@ -39,12 +37,7 @@ def write_image(
     labels: bool,
     record: Record | None = None,
 ) -> None:
-    """Write a flat image to a file, all of it or nothing; see `FlatImage.save`.
-
-    `path`: its ending says how. `data`, `affine`, `name`: as in `FlatImage`. `labels`: whether the values are labels.
-    `record`: what made it; ``.npy`` has no place for it. Raises InputError if the ending is another, or the values do
-    not fit; OSError if the file cannot be written.
-    """
+    """Write a flat image to a file, all of it or nothing; see `FlatImage.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
@@ -106,65 +99,40 @@ _WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool
     ".nii.gz": _write_nifti,
     ".npy": _write_npy,
 }
-IMAGE_ENDINGS = tuple(_WRITERS)
-"""Endings of the files that `FlatImage.save` writes."""
+IMAGE_ENDINGS = tuple(_WRITERS)  # endings of the files that `FlatImage.save` writes
 
 
-# ------------------------------------------------------------------------------------------------ stacks
+_Values = Iterator[NDArray[np.float32]]
 
 
-class Stack(Protocol):
-    """Images on the same pixels, one after the other, as `FlatStack`."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of each image."""
-
-    @property
-    def layers(self) -> tuple[str, ...]:
-        """Of the depths of each channel, where there are several."""
-
-    @property
-    def timing(self) -> Timing | None:
-        """Of the frames of a series."""
-
-    @property
-    def name(self) -> str:
-        """What they show."""
-
-    def __len__(self) -> int:
-        """Return the number of images."""
-
-    def __getitem__(self, channel: int) -> Image:
-        """Return an image."""
-
-
-class Image(Protocol):
+class _Image(Protocol):
     """As `FlatImage`."""
 
     @property
-    def data(self) -> NDArray[Any]:
-        """Pixels."""
+    def data(self) -> NDArray[Any]: ...
+    @property
+    def affine(self) -> NDArray[np.float64]: ...
+
+
+class _Stack(Protocol):
+    """As `FlatStack`."""
 
     @property
-    def affine(self) -> NDArray[np.float64]:
-        """From row and column to mm."""
-
+    def names(self) -> tuple[str, ...]: ...
     @property
-    def name(self) -> str:
-        """What it shows."""
+    def layers(self) -> tuple[str, ...]: ...
+    @property
+    def timing(self) -> Timing | None: ...
+    @property
+    def name(self) -> str: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, channel: int) -> _Image: ...
 
 
 def write_stack(
-    path: str | os.PathLike[str], stack: Stack, record: Record | None = None, progress: Progress | None = None
+    path: str | os.PathLike[str], stack: _Stack, record: Record | None = None, progress: Progress | None = None
 ) -> None:
-    """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`.
-
-    `path`: its ending says how. `stack`: images of values; one at a time is in memory. `record`: what made them;
-    ``.npy`` has no place for it. `progress`: as of `FlatStack.save`. Raises InputError if the ending is another, the
-    values do not fit, or it is too large for the format; Cancelled if `progress` returned False; OSError if the file
-    cannot be written.
-    """
+    """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
@@ -183,9 +151,7 @@ def write_stack(
         write(temporary, stack, first, _shown(values, len(stack), path.name, progress), record or {})
 
 
-def _shown(
-    images: Iterator[NDArray[np.float32]], count: int, name: str, progress: Progress | None
-) -> Iterator[NDArray[np.float32]]:
+def _shown(images: _Values, count: int, name: str, progress: Progress | None) -> _Values:
     """Show progress after each image."""
     for done, image in enumerate(images, 1):
         yield image
@@ -193,20 +159,18 @@ def _shown(
             raise Cancelled(f"cancelled while writing {name}")
 
 
-def _frames_and_channels(stack: Stack) -> tuple[int, int]:
+def _frames_and_channels(stack: _Stack) -> tuple[int, int]:
     """Return how many frames a stack has, 1 where it is no series, and how many images each."""
     channels = max(1, len(stack.layers)) if stack.timing is not None else len(stack)
     return len(stack) // channels, channels
 
 
-def _channel_names(stack: Stack) -> tuple[str, ...]:
+def _channel_names(stack: _Stack) -> tuple[str, ...]:
     """Return the names of the images of a frame."""
     return tuple(stack.layers or ("",)) if stack.timing is not None else stack.names
 
 
-def _write_tiff_pages(
-    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     from PIL import Image as Pillow
     from PIL import TiffImagePlugin
 
@@ -224,7 +188,7 @@ def _write_tiff_pages(
             file.newFrame()
 
 
-def _ome(stack: Stack, first: Image, record: Record) -> str:
+def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     """Return the description of an OME-TIFF: what Bio-Formats, Fiji and tifffile know the axes and their units by."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
@@ -248,9 +212,7 @@ def _ome(stack: Stack, first: Image, record: Record) -> str:
     return text.decode("ascii")
 
 
-def _write_nifti_series(
-    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
@@ -279,9 +241,7 @@ def _write_nifti_series(
             file.write(pixels.tobytes(order="F"))
 
 
-def _write_npy_series(
-    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
-) -> None:
+def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     depths = len(stack.layers)
     shape = (len(stack) // depths, depths) if 0 < depths < len(stack) else (len(stack),)
     described = {"descr": "<f4", "fortran_order": False, "shape": (*shape, *first.data.shape)}
@@ -291,7 +251,7 @@ def _write_npy_series(
             file.write(pixels.tobytes())
 
 
-def _write_zarr(path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record) -> None:
+def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
     """Write OME-Zarr 0.4, which readers of any age know: axes t or c (t and c), y = −v, x = u."""
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only one before
@@ -337,7 +297,7 @@ def _write_zarr(path: Path, stack: Stack, first: Image, values: Iterator[NDArray
         array[np.unravel_index(n, lengths)] = pixels
 
 
-_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image, Iterator[NDArray[np.float32]], Record], None]] = {
+_STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None]] = {
     ".tif": _write_tiff_pages,
     ".tiff": _write_tiff_pages,
     ".nii": _write_nifti_series,
@@ -345,11 +305,7 @@ _STACK_WRITERS: dict[str, Callable[[Path, Stack, Image, Iterator[NDArray[np.floa
     ".zarr": _write_zarr,
     ".npy": _write_npy_series,
 }
-STACK_ENDINGS = tuple(_STACK_WRITERS)
-"""Endings of what `FlatStack.save` writes."""
-
-
-# ----------------------------------------------------------------------------------------------- helpers
+STACK_ENDINGS = tuple(_STACK_WRITERS)  # endings of what `FlatStack.save` writes
 
 
 def _description(affine: NDArray[np.float64], name: str, record: Record) -> dict[str, str]:

@@ -7,52 +7,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["borders", "chains", "ellipse", "outline", "region_corners", "rim"]
-
 _STEPS = 60  # of smoothing
 _NEAREST = 0.1  # to a vertex, as a part of the edge that the line crosses
 _AROUND = 256  # corners of the polygon that stands for an ellipse
 
 
 def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.float64]]:
-    """Return the outline of a map: the edges that only one triangle has, as lines.
-
-    `uv` float64 (N, 2): places, mm. `faces` int (F, 3): triangles. Returns: list of ndarray of float64, shape (k, 2), a
-    closed line's first and last place are the same.
-    """
+    """Return the outline of a map as lines of `rim`, mm."""
     return [uv[line] for line in rim(faces, len(uv))]
 
 
 def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
-    """Return the edges that only one triangle has, as lines.
-
-    `faces` int (F, 3): triangles. `count`: how many points there are. Returns: list of ndarray of int64, shape (k,),
-    points; a closed line's first and last one are the same.
-    """
+    """Return the edges that only one triangle has, as lines of points; a closed line's first is its last, too."""
     edges, _, counts = _edges(faces, count)
     return chains(edges[counts == 1])
 
 
 def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the ellipse that a parallelogram encloses, as a polygon.
-
-    `corners` (4, D): of the parallelogram, in order. Returns: (256, D).
-    """
+    """Return the ellipse that a parallelogram (4, D) encloses, as a polygon."""
     a, b, middle = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2, corners.mean(axis=0)
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)[:, None]
     return np.asarray(middle + np.cos(turn) * a + np.sin(turn) * b)
 
 
 def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]) -> list[NDArray[np.float64]]:
-    """Return the borders between labels, by marching triangles, smoothed.
+    """Return the borders between labels of points as lines, mm, by marching triangles, smoothed.
 
     A border crosses the edges whose ends have different labels, at first midway. It is smoothed by moving each crossing
     along its own edge towards the middle of its neighbours, and never to an end: so each vertex stays on its side, and
     a border lies within half an edge of where the labels change. Where three labels meet it goes through the triangle's
     centre, straight from its edges' middles.
-
-    `uv` float64 (N, 2): places, mm. `faces` int (F, 3): triangles. `labels` int64 (N,): a label a point. Returns: list
-    of ndarray of float64, shape (k, 2), lines, mm.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
     places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
@@ -67,10 +51,9 @@ def region_corners(
     corners: NDArray[Any],
     weights: NDArray[np.floating[Any]],
 ) -> NDArray[np.int64]:
-    """Tell on which corner's side of the borders places in triangles lie.
+    """Tell on which corner's side of the `borders` places in triangles lie: a point that has the label of the place.
 
-    `uv`, `faces`, `labels`: as in `borders`. `corners` int (M, 3): the points of each place's triangle. `weights` float
-    (M, 3): barycentric coordinates in it. Returns: int64 (M,), a point of the map that has the label of the place.
+    Each place has the points of its triangle, (M, 3), and its barycentric coordinates there.
     """
     corners = corners.astype(np.int64)
     own = labels[corners]
@@ -98,11 +81,7 @@ def region_corners(
 
 
 def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Join links to lines that end where not two of them meet.
-
-    `links` int (L, 2): pairs of numbers. Returns: list of ndarray of int64, each line's numbers, in order; a closed
-    line's first is its last, too. All links are in one line each.
-    """
+    """Join links, pairs of numbers, to lines that end where not two meet; a closed line's first is its last, too."""
     points, first, ends = np.unique(links, return_index=True, return_inverse=True)
     order = np.argsort(ends, axis=None, kind="stable")
     begin = np.searchsorted(ends.ravel()[order], np.arange(len(points) + 1)).tolist()  # of each point among the ways

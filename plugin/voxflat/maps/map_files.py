@@ -33,8 +33,6 @@ from voxflat.io.spaces import Space
 from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
 
-__all__ = ["mesh_of_vertices", "read_map", "write_map"]
-
 _FORMAT = 5
 
 
@@ -73,12 +71,9 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
 def mesh_of_vertices(
     places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
 ) -> Mesh:
-    """Return a flat map as a mesh with the vertex numbers of the mesh that was flattened.
+    """Return a flat map as a mesh with the vertex numbers of the flattened one; those that it has not lie at 0.
 
-    `places` float64 (N, 3): in the plane. `ids` int64 (N,): the vertex that each is; where a cut doubles one, that side
-    is kept which keeps more triangles. `faces` int (F, 3): triangles of places. `count`: how many vertices the mesh
-    has; those that the map has not lie at 0. `structure`: as of `Mesh`. Returns: how many triangles are left out is
-    logged.
+    Where a cut doubles a vertex, that side is kept which keeps more triangles; how many are left out is logged.
     """
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)

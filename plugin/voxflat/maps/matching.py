@@ -22,32 +22,17 @@ from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-__all__ = ["Matched", "loaded", "match", "vertices_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A surface as a map cuts it, and the map.
+    """A surface as a map cuts it, and the map."""
 
-    Parameters
-    ----------
-    core : _core.Surface
-        The triangles over which the map is defined.
-    vertices : ndarray of int64, shape (N,)
-        The vertex of the whole surface that each of its vertices is; the sides of a cut share one.
-    uv : ndarray of float64, shape (N, 2)
-        Their places in the map.
-    """
-
-    core: _core.Surface
-    vertices: NDArray[np.int64]
-    uv: NDArray[np.float64]
+    core: _core.Surface  # the triangles over which the map is defined
+    vertices: NDArray[np.int64]  # (N,), of the whole surface, that each vertex is; the sides of a cut share one
+    uv: NDArray[np.float64]  # (N, 2)
 
     def correspondence(self, other: Matched) -> NDArray[np.int64] | None:
-        """Find for each vertex the other's, if both have the same triangles and the same cuts.
-
-        `other`: another map of the same whole surface. Returns: int64 (N,), or None.
-        """
+        """Find for each vertex the other map's, if both have the same triangles and the same cuts."""
         corners, ids = _sorted_corners(self)
         others, other_ids = _sorted_corners(other)
         if not np.array_equal(ids, other_ids):
@@ -68,25 +53,18 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def loaded(flat: object) -> object:
-    """Load a map of voxflat, if that is what a path names; everything else is returned as it is.
-
-    `flat`: a map, as in `match`.
-    """
+    """Load a map of voxflat, if that is what a path names; everything else is returned as it is."""
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
 
 def match(whole: Manifold, flat: object) -> Matched:
-    """Match a map to its surface.
-
-    `flat`, path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3):
-    the map, as in `voxflat.measure`. Raises InputError if the map does not belong to the surface, or is not flat.
-    """
+    """Match a map, as in `voxflat.measure`, to its surface."""
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         return _of_patch(whole, flat)
     if isinstance(flat, FlatMap):
-        return _of_map(whole, flat)
+        return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # in the plane
     if isinstance(flat, tuple) and len(flat) == 3:
@@ -96,7 +74,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(
-                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2), or a file"
+                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2) or a file"
             )
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
@@ -144,10 +122,6 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
     return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
 
 
-def _of_map(whole: Manifold, flat: FlatMap) -> Matched:
-    return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
-
-
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
     """Take places whose vertices are told, so that a cut may have doubled some."""
     places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
@@ -180,11 +154,7 @@ def _cut_as_it_is(
 
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
-    """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest.
-
-    `flat`: a map of it. Returns: int64 (N,), a vertex of the surface for each point of the map. Raises InputError if
-    the surface does not have one.
-    """
+    """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest."""
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
@@ -213,9 +183,7 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
     """Refuse triangles of vertices that the surface does not have, and tell of those that it joins otherwise."""
     if len(faces) == 0:
-        raise InputError(
-            "no triangle of the surface has a place for all its corners in the map: is it of this surface?"
-        )
+        raise InputError("no triangle of the surface has a place for all corners in the map: is it of this surface?")
     is_there = np.zeros(whole.count, dtype=np.bool_)
     is_there[whole.vertices] = True
     strange = faces[~is_there[faces]]

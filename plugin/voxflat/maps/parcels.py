@@ -18,28 +18,16 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
 from voxflat.maps.raster import Raster
 
-__all__ = ["Parcels", "parcels_of"]
-
 _NONE = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Parcels:
-    """Labels of a map's points.
-
-    Parameters
-    ----------
-    flat_map : FlatMap
-        The map.
-    labels : ndarray of int64, shape (N,)
-        A label a point; −1 where there is no parcel.
-    table : LabelTable
-        Names and colours; what it lacks is the label's number, and a colour as in PNGs of labels.
-    """
+    """Labels of a map's points."""
 
     flat_map: FlatMap
-    labels: NDArray[np.int64]
-    table: LabelTable
+    labels: NDArray[np.int64]  # (N,); −1 where there is no parcel
+    table: LabelTable  # what it lacks is the label's number, and a colour as in PNGs of labels
 
     @cached_property
     def names(self) -> dict[int, str]:
@@ -62,10 +50,7 @@ class Parcels:
         return self.flat_map.faces[~self.flat_map.torn]
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
-        """Return the label of each pixel, parted by the same lines as `borders`.
-
-        `raster`: pixels of the map. Returns: int64 (H, W), −1 where there is no parcel, and outside the map.
-        """
+        """Return the label of each pixel, parted by the same lines as `borders`; −1 for none, and outside the map."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
@@ -74,10 +59,7 @@ class Parcels:
         return found
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return the colours of labels: RGBA, opacity 0 where there is no parcel.
-
-        `labels` int64 (...): labels, as from `raster`. Returns: uint8 (..., 4).
-        """
+        """Return the colours of labels: RGBA, opacity 0 where there is no parcel."""
         known, which = np.unique(labels, return_inverse=True)
         rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]

@@ -16,15 +16,36 @@ from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.depth import Depths
-from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-__all__ = ["LIMIT", "FlatTriangles", "Planar"]
+LIMIT = 5.0  # how far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick
 
 
-LIMIT = 5.0
-"""How far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick."""
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places in the plane, looked up on the surface.
+
+    Parameters
+    ----------
+    face_ids : ndarray of int64, shape (...)
+        The triangle that lies there, a row of `faces`; −1 for none.
+    weights : ndarray of float64, shape (..., 3)
+        Barycentric coordinates there, by the triangle's corners; NaN for none.
+    points : ndarray of float64, shape (..., 3)
+        The place on the surface, RAS+ mm in its `space`; NaN for none.
+    piece_ids : ndarray of int64, shape (...)
+        The piece of an atlas; 0 on a map, which has one; −1 for none.
+    """
+
+    face_ids: NDArray[np.int64]
+    weights: NDArray[np.float64]
+    points: NDArray[np.float64]
+    piece_ids: NDArray[np.int64]
+
+    def __repr__(self) -> str:
+        found = int(np.count_nonzero(self.face_ids >= 0))
+        return f"<Places: {found} of {self.face_ids.size} on a triangle>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +97,9 @@ class Planar(ABC):
         return {}
 
     @cached_property
-    def _finder(self) -> TriangleFinder:
-        return TriangleFinder(self._triangles.uv[self._triangles.faces])
+    def _finder(self) -> _core.TriangleFinder:
+        of = self._triangles
+        return _core.TriangleFinder(np.ascontiguousarray(of.uv[of.faces], dtype=np.float64))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
         """Return the pixels, with the inverse look-up to the surface.
@@ -159,8 +181,19 @@ class Planar(ABC):
         >>> places.face_ids[1]  # outside the map
         np.int64(-1)
         """
-        of = self._triangles
-        return self._finder.look_up(places, of.on_surface.points, of.faces, torn=of.torn, piece_ids=of.piece_ids)
+        wanted = numbers_of(places, "places")
+        if wanted.ndim == 0 or wanted.shape[-1] != 2:
+            raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
+        of, rows, shape = self._triangles, wanted.reshape(-1, 2), wanted.shape[:-1]
+        triangles, weights = self._finder.find(np.ascontiguousarray(rows))
+        if (at := (triangles >= 0) & of.torn[triangles]).any():
+            apart = np.linalg.norm(of.uv[of.faces[triangles[at]]] - rows[at, None], axis=2)
+            weights[at] = np.eye(3)[apart.argmin(axis=1)]
+        found = np.einsum("pc,pcx->px", weights, of.on_surface.points[of.faces[triangles]])  # NaN where there is none
+        pieces = np.where(triangles < 0, -1, 0 if of.piece_ids is None else of.piece_ids[triangles])
+        return Places(
+            triangles.reshape(shape), weights.reshape(*shape, 3), found.reshape(*shape, 3), pieces.reshape(shape)
+        )
 
     @cached_property
     def _nearest_finder(self) -> _core.NearestFinder:

@@ -14,7 +14,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
@@ -27,23 +27,12 @@ class Raster:
     """The pixels of a flat map and the inverse look-up: pixel → surface voxel → RAS+ mm.
 
     Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
-
-    Parameters
-    ----------
-    corners : ndarray of uint32, shape (H, W, 3)
-        The points (numbers into the map's rows) whose triangle covers the pixel's centre; 2³² − 1 outside the map.
-    weights : ndarray of float32, shape (H, W, 3)
-        Barycentric coordinates of the pixel's centre in that triangle; NaN outside the map.
-    origin : tuple of 2 floats
-        (u, v) of the centre of pixel (0, 0), mm.
-    pixel_size : float
-        Side of a pixel, mm.
     """
 
-    corners: NDArray[np.uint32]
-    weights: NDArray[np.float32]
-    origin: tuple[float, float]
-    pixel_size: float
+    corners: NDArray[np.uint32]  # (H, W, 3), the map's points whose triangle covers the pixel's centre; 2³² − 1 outside
+    weights: NDArray[np.float32]  # (H, W, 3), barycentric coordinates in it; NaN outside the map
+    origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
+    pixel_size: float  # mm
 
     def __repr__(self) -> str:
         height, width = self.shape
@@ -67,11 +56,7 @@ class Raster:
         return np.where(self.inside, nearest, -1)
 
     def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Carry values of the map's points to the pixels, linearly within each triangle.
-
-        `values` (N,) or (N, C): one value, or one row, a point. Returns: float64 (H, W) or (H, W, C), NaN outside the
-        map.
-        """
+        """Carry values of the points, (N,) or (N, C), to the pixels, linearly within triangles; NaN outside the map."""
         values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
@@ -82,7 +67,7 @@ class Raster:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatImage:
+class FlatImage(Recorded):
     """An image on the flat map.
 
     Parameters
@@ -118,13 +103,11 @@ class FlatImage:
     labels: bool | None = None
     provenance: Record = field(default_factory=dict)
 
+    _used = ("pixel_size",)
+
     def __repr__(self) -> str:
         height, width = self.data.shape[:2]
         return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
-
-    def _with_provenance(self, record: Record) -> FlatImage:
-        """Return the same image with a record of what made it."""
-        return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
 
     @property
     def is_colour(self) -> bool:
@@ -212,7 +195,7 @@ class FlatImage:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatStack(Sequence[FlatImage]):
+class FlatStack(Sequence[FlatImage], Recorded):
     """Images on the same pixels of a flat map, one a channel or frame: each is sampled when it is asked for.
 
     Parameters
@@ -245,9 +228,7 @@ class FlatStack(Sequence[FlatImage]):
     provenance: Record = field(default_factory=dict)
     layers: tuple[str, ...] = ()
 
-    def _with_provenance(self, record: Record) -> FlatStack:
-        """Return the same images with a record of what made them."""
-        return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
+    _used = ("pixel_size",)
 
     def __len__(self) -> int:
         """Return the number of images."""
@@ -435,9 +416,7 @@ def series_showing(
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
     """Return how overlays that follow each other come to the pixels: what `show` does, with weights found once.
 
-    `raster`: the pixels. `ids` int64 (N,): of each of the raster's points the vertex, whose value it has.
-    `interpolation`, {"linear", "nearest", "majority"}: as in `show`. Returns: takes values at the vertices; the same as
-    `show`, within the rounding of sums.
+    `ids` are of each of the raster's points the vertex, whose value it has. The same, within the rounding of sums.
     """
     held: dict[str, Mixing] = {}
 
@@ -466,11 +445,6 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
-    """Draw a flat map's faces.
-
-    `uv` (N, 2): places in the plane, mm. `faces` uint32 (F, 3): triangles of points. `torn` bool (F,): triangles
-    without a surface in between: their pixels show the nearest corner. `pixel_size`: side of a pixel, mm. Raises
-    InputError if the pixel size is not positive, or so small that the image would be too large.
-    """
+    """Draw a flat map's faces; pixels of torn ones, without a surface in between, show the nearest corner."""
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))

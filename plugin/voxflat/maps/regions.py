@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -19,23 +19,19 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.reading import check_room, reading
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
 from voxflat.maps.plane import FlatTriangles, Planar
-from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
-
-__all__ = ["REGION_ENDINGS", "Regions"]
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
 REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
 """Endings of the files that `Regions.save` writes."""
-
-_EACH = 250  # bytes of memory for each voxel of the cortex
 
 
 class _Places(Protocol):
@@ -46,7 +42,7 @@ class _Places(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Regions:
+class Regions(Recorded):
     """Regions on a map: what `FlatMap.regions` returns.
 
     Parameters
@@ -93,10 +89,6 @@ class Regions:
     @property
     def _surface(self) -> Sampler:
         return self.of._triangles.on_surface
-
-    def _with_provenance(self, record: Record) -> Regions:
-        """Return the same regions with a record of what made them."""
-        return replace(self, provenance=resolved(record, {}))
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return which region lies at places of the map.
@@ -162,15 +154,13 @@ class Regions:
         <FlatImage: regions, 43 x 43 pixels of 1 mm>
         """
         raster = self.of.raster(pixel_size)
-        data = np.where(raster.inside, self.at(_centres(raster)), np.nan)
+        rows, columns = np.indices(raster.shape)
+        u, v = raster.origin
+        centres = np.stack([u + columns * raster.pixel_size, v - rows * raster.pixel_size], axis=-1)
+        data = np.where(raster.inside, self.at(centres), np.nan)
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance)
 
-    def volume(
-        self,
-        like: object,
-        *,
-        depth: tuple[float, float] | None = None,
-    ) -> Volume:
+    def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Carry the regions through the cortex into the voxels of a volume.
 
         A voxel whose centre lies in the column of a triangle gets the region at its place in that column. Columns lead
@@ -298,13 +288,6 @@ class Regions:
             rows[self._surface.ids[::-1]] = np.arange(len(self._flat.uv))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
             write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
-
-
-def _centres(raster: Raster) -> NDArray[np.float64]:
-    """Return (u, v) of each pixel's centre, shape (H, W, 2)."""
-    rows, columns = np.indices(raster.shape)
-    u, v = raster.origin
-    return np.stack([u + columns * raster.pixel_size, v - rows * raster.pixel_size], axis=-1)
 
 
 def _columns(

@@ -21,29 +21,22 @@ from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.grid import voxel_size
 from voxflat.io.objects import values_of_object
-from voxflat.io.overlays import holds_volume, read_channels
+from voxflat.io.overlays import holds_volume, read_channels, refuse_other_side
 from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
-from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
 from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
-__all__ = ["Sampler", "check_origin", "usual_spacing"]
-
 _LONGEST_STEP = 100.0  # s; a longer one is doubted: TR in ms where the header says s
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
 
 
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
-    """Return the typical distance of neighbouring points, mm.
-
-    `metadata`: of a map or an atlas. `uv` (N, 2): places in the plane, mm. `faces` int (F, 3): triangles of them.
-    Returns: of voxels the geometric mean of the three spacings, of a mesh the median edge in the plane.
-    """
+    """Return the usual distance of neighbours, mm: of voxels the spacing, of a mesh the median edge in the plane."""
     if metadata["kind"] == "voxels":
         return voxel_size(metadata["affine"])
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
@@ -51,11 +44,7 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
 
 
 def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
-    """Check what a file says a map's surface was made of.
-
-    `metadata`: as of `Sampler`. `ids` int64 (N, 3) or (N,): voxel indices, or vertex numbers in the mesh. Raises
-    InputError if it says nothing that can be, or the ids do not fit.
-    """
+    """Check what a file says a map's surface was made of, as in the metadata of `Sampler`."""
     if not isinstance(metadata.get("provenance", {}), dict):
         raise InputError(f"its provenance is {metadata['provenance']!r:.80}: {AGAIN}")
     kind = metadata.get("kind")
@@ -83,31 +72,14 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """The points whose numbers a raster's corners are, on the surface.
+    """The points whose numbers a raster's corners are, on the surface."""
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (N, 3)
-        RAS+ mm in `space`.
-    normals : ndarray of float64, shape (N, 3)
-        Unit vectors that point outside; NaN for a sheet, which has no outside.
-    ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices, or vertex numbers in the mesh.
-    metadata : dict
-        What the surface was made of: its ``kind``, and of voxels ``affine`` and ``shape``, of a mesh ``vertices``; and
-        the ``space`` of the points.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of the points.
-    white_points, pial_points : ndarray of float64, shape (N, 3), or None
-        The points on the white and on the pial surface, where both are known.
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    ids: NDArray[np.int64]
-    metadata: dict[str, Any]
+    points: NDArray[np.float64]  # (N, 3), RAS+ mm in `space`
+    normals: NDArray[np.float64]  # unit vectors that point outside; NaN for a sheet, which has no outside
+    ids: NDArray[np.int64]  # voxel indices (N, 3), or vertex numbers in the mesh (N,)
+    metadata: dict[str, Any]  # ``kind``, of voxels ``affine`` and ``shape``, of a mesh ``vertices``; ``space``
     faces: NDArray[Any]
-    white_points: NDArray[np.float64] | None = None
+    white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and the pial surface, where both are known
     pial_points: NDArray[np.float64] | None = None
 
     @property
@@ -134,10 +106,7 @@ class Sampler:
         return (i, j, k)
 
     def need_volume(self, what: str) -> None:
-        """Refuse what only the map of a volume has.
-
-        `what`: what the map of a mesh lacks. Raises InputError if the surface was made of a mesh.
-        """
+        """Refuse what only the map of a volume has."""
         if not self.is_voxels:
             raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
 
@@ -355,12 +324,7 @@ class Sampler:
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
     def at(self, depths: Depths) -> list[NDArray[np.float64]]:
-        """Return the points at depths.
-
-        `depths`: in mm, or as fractions of the cortex. Returns: list of ndarray of float64, shape (N, 3), RAS+ mm in
-        the space of the points, one array a depth. Raises InputError if the surface has no outside, or no pial surface
-        is known.
-        """
+        """Return the points at depths, (N, 3) each, RAS+ mm in the space of the points."""
         if depths.layering is None:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
         if self.white_points is None or self.pial_points is None:
@@ -386,11 +350,7 @@ class Sampler:
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with its place; without one of its own it lies where the flattened volume lies.
-
-        `volume`: whatever `as_volume` takes. Raises InputError if it has neither a place nor the flattened volume's
-        shape.
-        """
+        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 

@@ -16,19 +16,7 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-__all__ = [
-    "INTERPOLATIONS",
-    "Mixing",
-    "majority",
-    "phases",
-    "sample",
-    "sample_layers",
-    "sample_mean",
-    "series_sampling",
-]
-
-INTERPOLATIONS = ("linear", "nearest", "majority")
-"""How values between voxels, or between vertices, are found."""
+INTERPOLATIONS = ("linear", "nearest", "majority")  # how values between voxels, or between vertices, are found
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # places whose weights are there at a time
@@ -36,14 +24,11 @@ _CANCELLED = 1e-6  # length of a mean of unit vectors that is none
 
 
 def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at places in the world.
+    """Sample a volume at places (..., 3), RAS+ mm; NaN, of colours alpha 0, outside the volume.
 
-    `volume`: scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8. `points` (..., 3): RAS+ mm; NaN rows
-    give NaN. `interpolation`, {"linear", "nearest", "majority"}: "majority" is of labels: that which has the greatest
-    weight among the eight voxels around, weighted as "linear" does. By default "nearest" for bool and integer volumes,
-    which may be labels, and "linear" for floating-point volumes and colours. Returns: (...), float64; or (..., 4),
-    uint8 for colours, NaN, or alpha 0, where a point lies outside the volume. Raises InputError if `interpolation` is
-    unknown, or does not fit.
+    "majority" is of labels: that which has the greatest weight among the eight voxels around, weighted as "linear"
+    does. By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point ones
+    and colours.
     """
     data = volume.data
     colour = data.ndim == 4
@@ -128,11 +113,7 @@ def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDAr
 
 
 def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return the label that has the greatest weight in each row.
-
-    `values` (P, K): labels: whole numbers. `weights` (P, K): the weight of each. Returns: float64 (P,), of equal
-    weights the least label. Raises InputError if values are no whole numbers.
-    """
+    """Return the label, a whole number, that has the greatest weight in each row; of equal weights the least label."""
     _check_labels(values)
     found = values[:, 0].astype(np.float64)
     mixed = np.flatnonzero((values != values[:, :1]).any(axis=1))  # elsewhere all agree
@@ -157,11 +138,7 @@ def _check_labels(values: NDArray[Any]) -> None:
 def sample_layers(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample a volume at several depths.
-
-    `volume`, `interpolation`: as in `sample`. `places`, sequence of ndarray, shape (..., 3): RAS+ mm, one array a
-    depth. Returns: as of `sample`; the first axis is the depth. Raises InputError: as `sample`.
-    """
+    """Sample a volume at several depths, as `sample`; the first axis is the depth."""
     if isinstance(volume.data, Chunked):  # all at once, so that each chunk is read once
         together = np.stack(places)
         check_room(PLACE_BYTES * together[..., 0].size)
@@ -174,8 +151,7 @@ def sample_mean(
 ) -> NDArray[Any]:
     """Sample a volume at several depths, and return the mean; of labels that which has most weight over all depths.
 
-    `volume`, `places`, `interpolation`: as in `sample_layers`. Returns: as of `sample`; NaN, or alpha 0, where a point
-    lies outside the volume at one of the depths. Raises InputError: as `sample`, and if labels are to be averaged.
+    NaN, or alpha 0, where a point lies outside the volume at one of the depths.
     """
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
@@ -202,26 +178,13 @@ def sample_mean(
     return mean
 
 
-# -------------------------------------------------------------------------------------------- series
-
-
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """Values at many places, each a sum of a few weighted values elsewhere: found once, applied to every frame.
+    """Values at many places, each a sum of a few weighted values elsewhere: found once, applied to every frame."""
 
-    Parameters
-    ----------
-    inside : ndarray of bool
-        Places that have a value.
-    used : ndarray of int64, shape (U,)
-        Numbers of the values that are needed.
-    matrix : scipy.sparse.csr_array, shape (P, U)
-        Their weights for each of the P places inside. A weight of 0 stays: of NaN it makes NaN, as everywhere else.
-    """
-
-    inside: NDArray[np.bool_]
-    used: NDArray[np.int64]
-    matrix: Any
+    inside: NDArray[np.bool_]  # places that have a value
+    used: NDArray[np.int64]  # (U,), numbers of the values that are needed
+    matrix: Any  # sparse (P, U), weights; one of 0 stays: of NaN it makes NaN, as everywhere else
 
     @classmethod
     def of(
@@ -231,11 +194,10 @@ class Mixing:
         count: int,
         block: Callable[[slice], tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]]]],
     ) -> Mixing:
-        """Take the numbers and weights of each place, block by block.
+        """Take the numbers and weights of each of the places inside, block by block.
 
-        `inside`, ndarray of bool: places that have a value, P in all. `total`: how many values there are. `count`: of
-        how many each place is made at most. `block`: takes a slice of the P places and returns the numbers and the
-        weights of their values, shape (p, count).
+        `total` values there are, at most `count` for each place; `block` returns both of a slice of the places, (p,
+        count).
         """
         places = int(np.count_nonzero(inside))
         check_room(36 * places * count + 9 * total)
@@ -268,9 +230,8 @@ def series_sampling(
 ) -> Callable[[Volume], NDArray[Any]]:
     """Return how volumes are sampled that follow each other: weights are found once for all that share a grid.
 
-    `places`, `interpolation`: as in `sample_layers`. `average`: return the mean of the depths, as `sample_mean`,
-    instead of each. Returns: takes a volume and returns what `sample_mean` or `sample_layers` does: bit for bit by
-    nearest voxels, else within the rounding of sums. Colours, chunks and majorities are sampled by these themselves.
+    They are sampled as `sample_mean` (`average`) or `sample_layers` does: bit for bit by nearest voxels, else within
+    the rounding of sums. Colours, chunks and majorities are sampled by these themselves.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}
 
@@ -296,9 +257,8 @@ def phases(
 ) -> Callable[[Any], NDArray[np.float64]]:
     """Return how phases are sampled: between two that are nearly a period apart lies no middle, but the seam.
 
-    `sampled`: how values are. `period`: of the phases. `interpolation`, {"linear", "nearest"}: how. Returns: takes
-    phases, in memory or in chunks, which are read twice, and returns those at the places, from 0 to the period: of
-    their directions' mean, NaN where they cancel each other.
+    Of phases, in memory or in chunks, which are read twice, that is the direction of their directions' mean, from 0 to
+    the period; NaN where they cancel each other.
     """
 
     def turned(values: Any, part: np.ufunc) -> Any:

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import (
-    checked_path,
-    is_whole,
-)
+from voxflat.arguments import checked_path, is_whole
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.provenance import Record, as_text, saving
+from voxflat.io.provenance import Record, Recorded, as_text, saving
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["WORST_ENDINGS", "RelievingCut", "WorstPlace", "WorstPlaces", "area_changes"]
-
-WORST_ENDINGS = (".json", ".tsv")
-"""Endings of the files that `WorstPlaces.save` writes."""
+WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
 _MOST = 10.0  # of |log2| of a triangle's areas that is counted: one that has none on the map would be all there is
 
@@ -149,7 +143,7 @@ class WorstPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class WorstPlaces:
+class WorstPlaces(Recorded):
     """The worst places of a map, the worst first.
 
     Parameters
@@ -190,10 +184,6 @@ class WorstPlaces:
             f"<WorstPlaces: {len(self.places)} of {self.found} where areas change beyond {self.beyond:g} times, "
             f"{100 * self.share:.2f} % of the surface>"
         )
-
-    def _with_provenance(self, record: Record) -> WorstPlaces:
-        """Return the same with a record of what made it."""
-        return replace(self, provenance=record)
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
@@ -390,11 +380,9 @@ _NO_PLACE = WorstPlace(
 
 
 def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return of each triangle its area, and how the map changes it, at the scale that keeps the area of the whole.
+    """Return of each triangle its area, mm², and log2 of its change, at the scale that keeps the area of the whole.
 
-    `flat_map`: a map whose triangles are the surface's. Returns: `areas`, float64 (F,), on the surface, mm²; `logs`,
-    float64 (F,), log2 of the factor by which the map changes them: NaN where there is none on the surface, −10 where
-    there is none on the map.
+    The latter is NaN where there is no area on the surface, −10 where there is none on the map.
     """
     assert flat_map.distortion.triangles is not None
     a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))

@@ -10,15 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import (
-    Progress,
-    checked_kind,
-    checked_switch,
-    checked_threads,
-    is_whole,
-    optional_number,
-    shown,
-)
+from voxflat.arguments import Progress, checked_kind, checked_switch, checked_threads, is_whole, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
@@ -29,8 +21,6 @@ from voxflat.surfaces.cuts import close_holes
 from voxflat.surfaces.cutting import sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
-
-__all__ = ["worst_places"]
 
 _ON = 3.0  # times as deep as a place at the border is, its cut leads
 
@@ -105,7 +95,7 @@ def worst_places(
     ]
     held = [float((areas[group] * np.abs(logs[group])).sum()) for _, group in groups]
     order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
-    named = None if parcels is None else _parcels(flat_map, parcels, table)
+    named = parcels if parcels is None or isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
     places = [
         _place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, start=1)
     ]
@@ -116,10 +106,6 @@ def worst_places(
         places = [replace(place, cut=ways.relieving(place)) for place in places]
     share = float(sum(areas[group].sum() for _, group in groups)) / whole if whole > 0 else np.nan
     return WorstPlaces(flat_map, factor, tuple(places), len(groups), share, error)
-
-
-def _parcels(flat_map: FlatMap, parcels: object, table: object) -> Parcels:
-    return parcels if isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
 
 
 def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[NDArray[np.int64]]:

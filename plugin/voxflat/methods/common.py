@@ -18,14 +18,14 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.method import How
 from voxflat.surfaces.cutting import Cutout
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.standard.frame import STANDARD_FRAME, in_standard_frame
-
-__all__ = ["MUCH", "error_of_distances", "map_over_triangles", "told"]
+from voxflat.surfaces.standard.sphere import Sphere, in_triangles
+from voxflat.surfaces.standard.template import standard_template
 
 MUCH = 0.01
 """By which part of themselves distances may be off. Links usually are by 0.1 %."""
 
 _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
+_FEWEST = 3  # corresponding points that settle a turn
 _FEW = 40  # exact reference sources, where links do not serve: a minute at 80,000 vertices
 
 
@@ -125,11 +125,31 @@ def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.
     """Turn a map into the standard frame if it was cut by a template, and mirror it if that is wanted."""
     found: dict[str, Any] = {"frame": None, "mirrored": how.mirror}
     if cut.is_standard and cut.sphere is not None:
-        turned = in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
-        uv = turned.uv
-        if turned.anchors:
-            found |= {"frame": STANDARD_FRAME, "frame_points": turned.anchors, "frame_residual": turned.residual}
+        uv, points, residual = _in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
+        if points:
+            found |= {"frame": "standard", "frame_points": points, "frame_residual": residual}
     return uv * [-1.0, 1.0] if how.mirror else uv, found
+
+
+def _in_standard_frame(
+    uv: NDArray[np.float64], part: Manifold, faces: NDArray[Any], sphere: Sphere
+) -> tuple[NDArray[np.float64], int, float]:
+    """Turn and move a map rigidly onto the flat map of fsaverage5, by points that correspond on the sphere.
+
+    The points lie evenly on the template's map, so that each counts the same. The turn is the one of the least sum of
+    squares (Schönemann 1966); nothing is scaled, nothing mirrored. Their mean comes to lie where it is on the
+    template's. Return, too, how many they are (0: too few), and how far off they lie, root mean square, mm.
+    """
+    anchors = standard_template(sphere.space, sphere.side).anchors
+    assert anchors is not None
+    corners, weights, is_inside = in_triangles(sphere.places[part.vertices], faces, anchors.sphere)
+    count = int(is_inside.sum())
+    if count < _FEWEST:
+        return uv, 0, np.nan
+    places = np.einsum("ij,ijk->ik", weights, uv[corners])[is_inside]
+    turned, _ = _core.turn_onto(np.concatenate([uv, places]), places, anchors.flat[is_inside])
+    apart = np.linalg.norm(turned[len(uv) :] - anchors.flat[is_inside], axis=1)
+    return np.ascontiguousarray(turned[: len(uv)]), count, float(np.sqrt((apart**2).mean()))
 
 
 def told(

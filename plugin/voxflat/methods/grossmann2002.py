@@ -21,8 +21,6 @@ from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
 
-__all__ = ["Grossmann2002"]
-
 _TORN_WARNING = 0.05  # share of a map
 
 

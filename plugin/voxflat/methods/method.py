@@ -26,10 +26,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.cutting import Cutout, Where, cut_open
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["How", "Method", "OverTriangles", "Rows"]
-
-Rows = bool | str | os.PathLike[str]
-"""Whether the distances are kept in memory, or the directory of a store on disk."""
+Rows = bool | str | os.PathLike[str]  # whether the distances are kept in memory, or the directory of a store on disk
 
 
 @dataclass(frozen=True)
@@ -43,21 +40,13 @@ class How:
     memory_limit: int | None = None
     progress: Progress | None = None
 
-    @classmethod
-    def of(
-        cls,
-        mirror: bool,
-        rows: Rows,
-        seed: int,
-        threads: int | None,
-        memory_limit: int | None,
-        progress: Progress | None,
-    ) -> How:
+    def __post_init__(self) -> None:
         """Check how to flatten."""
-        if not isinstance(rows, str | os.PathLike):
-            rows = checked_switch(rows, "rows")
-        mirror = checked_switch(mirror, "mirror")
-        return cls(mirror, rows, checked_seed(seed), checked_threads(threads), memory_limit, progress)
+        if not isinstance(self.rows, str | os.PathLike):
+            object.__setattr__(self, "rows", checked_switch(self.rows, "rows"))
+        object.__setattr__(self, "mirror", checked_switch(self.mirror, "mirror"))
+        object.__setattr__(self, "seed", checked_seed(self.seed))
+        checked_threads(self.threads)
 
     @property
     def keep_rows(self) -> bool:
@@ -67,7 +56,7 @@ class How:
     @property
     def store(self) -> str | os.PathLike[str] | None:
         """The directory of the store that they go to."""
-        return None if isinstance(self.rows, bool | np.bool_) else self.rows
+        return None if isinstance(self.rows, bool) else self.rows
 
     @property
     def workers(self) -> int:

@@ -16,8 +16,6 @@ from voxflat.methods.method import How, OverTriangles
 from voxflat.surfaces.cutting import Cutout, Where, cut_open
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["Saucan2006"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Saucan2006(OverTriangles):

@@ -17,8 +17,6 @@ from voxflat.methods.common import map_over_triangles
 from voxflat.methods.method import How, OverTriangles, checked_count
 from voxflat.surfaces.cutting import Cutout
 
-__all__ = ["Schwartz1989"]
-
 _SAME_STRESS = 1.01  # starts that end in the same map differ by a smaller factor,
 _NO_STRESS = 1e-9  # or by less than this: distances are right to 0.003 %
 

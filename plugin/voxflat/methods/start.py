@@ -14,15 +14,9 @@ from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import numbered
 
-__all__ = ["cut_as", "places_of"]
-
 
 def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
-    """Cut out what a map covers, along its own cuts.
-
-    `whole`: the surface that the map is of. `threads`, `progress`: as in `voxflat.flatten`. Raises InputError if the
-    map has triangles that the surface does not have.
-    """
+    """Cut out what a map covers, along its own cuts."""
     kept = whole._has_triangles(start.vertices[start.core.faces])
     if kept is None:
         raise InputError("the start has triangles that the surface does not have: give a map of this surface")
@@ -35,8 +29,7 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     """Find where a map puts the vertices of what is flattened.
 
-    `cut`: what is flattened. It may be cut where the map is not: the lips then share their places. Returns: float64 (N,
-    2). Raises InputError if the map lacks triangles, or is cut where the surface is not.
+    That may be cut where the map is not: the lips then share their places.
     """
     vertices = cut.part.vertices
     found, is_there = _at_corners(vertices, cut.faces, start)

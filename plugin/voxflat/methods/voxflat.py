@@ -24,10 +24,7 @@ from voxflat.methods.start import cut_as, places_of
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["SCALES", "Voxflat"]
-
-SCALES = ("distances", "areas")
-"""What a map's mm may be right for."""
+SCALES = ("distances", "areas")  # what a map's mm may be right for
 
 _WITHIN = 0.99
 """The power of a bound on areas that descent aims at: holes that were closed belong to what it counts as the whole."""
@@ -131,23 +128,17 @@ class Voxflat(OverTriangles):
         store = None
         if how.store is not None:
             store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=solver, progress=how.progress)
-        result = part.core.voxflat(
-            chosen,
-            how.seed,
-            solver,
-            weighting,
-            self.scale,
-            how.keep_rows,
-            how.threads,
-            how.progress,
-            None if store is None else store.key,
-            places,
-            max_area=None if max_area is None else max_area**_WITHIN,
-        )
+        wanted = (chosen, how.seed, solver, weighting, self.scale, how.keep_rows, how.threads, how.progress)
+        bound, key = None if max_area is None else max_area**_WITHIN, None if store is None else store.key
+        result = part.core.voxflat(*wanted, key, places, max_area=bound)
         if store is not None:
             store.tell(result["found"])
-        told: dict[str, Any] = {"geodesic": solver, "distance_error": error, "weighting": weighting}
-        told["scale"] = self.scale
+        told: dict[str, Any] = {
+            "geodesic": solver,
+            "distance_error": error,
+            "weighting": weighting,
+            "scale": self.scale,
+        }
         if self.start is not None:
             told["start"] = True
         rows = result["rows"]

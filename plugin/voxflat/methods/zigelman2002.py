@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import checked_choice
 from voxflat.distances.sources import SAMPLINGS, source_choice
@@ -14,9 +15,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import map_over_triangles
 from voxflat.methods.method import How, OverTriangles
 from voxflat.surfaces.cutting import Cutout
-from voxflat.surfaces.pixels import pixels_of
-
-__all__ = ["Zigelman2002"]
+from voxflat.surfaces.manifold import Manifold
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,3 +84,22 @@ class Zigelman2002(OverTriangles):
         placed = {"placed_by": "re-insertion" if grid is None else "bilinear functions between a grid's pixels"}
         rows, sampling = result["rows"], choice.rule
         return map_over_triangles(self.name, cut, how, result, need, rows, placed, sampling=sampling)
+
+
+def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
+    """Find the pixels, row and column, that the vertices of a range image are, and the distances of these, mm."""
+    grid = part.metadata.get("range_image")
+    if grid is None:
+        raise InputError(
+            "sampling is 'grid', but the surface is no range image; make one by voxflat.range_image, or give "
+            "sampling='decimation'"
+        )
+    ids = part.ids
+    unique, counts = np.unique(ids, return_counts=True)
+    if len(unique) < len(ids):
+        row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
+        raise InputError(
+            f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides, and a grid knows "
+            "one; give sampling='decimation'"
+        )
+    return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])

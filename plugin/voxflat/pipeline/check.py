@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -17,11 +18,9 @@ from voxflat.io.volumes import Volume
 from voxflat.pipeline.surface import Surface
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.cutting import Where
-from voxflat.surfaces.findings import Check, check_surface, extended
+from voxflat.surfaces.findings import Check, check_surface
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.manifold import size_and_space
-
-__all__ = ["check"]
 
 
 def check(
@@ -83,7 +82,7 @@ def check(
             try:
                 whole = _surface(mesh, **voxels, spacing=spacing, affine=affine, **making)
             except InputError as error:
-                return extended(found, advice=(*mesh.remarks, str(error)))
+                return replace(found, advice=(*mesh.remarks, str(error)))
             return _of_part(whole, part, found, where, making)
         volume = as_volume(source, spacing=spacing, affine=affine)
         check_scalar(volume)
@@ -92,7 +91,7 @@ def check(
             try:
                 foreground(volume.data)
             except InputError as error:
-                return extended(found, advice=(str(error),))
+                return replace(found, advice=(str(error),))
         making |= {**voxels, "memory_limit": memory_limit}
         return _of_part(_surface(volume, **making, repair="none"), part, found, where, making, volume)
 
@@ -114,7 +113,7 @@ def _of_part(
         wanted = chosen(whole)
     except InputError as error:
         found = check_surface(whole, found, where, making["threads"], making["progress"])
-        return extended(found, can_flatten=False, advice=(*whole.remarks, str(error)))
+        return replace(found, can_flatten=False, advice=(*whole.remarks, str(error)))
     repaired = None if volume is None else lambda: chosen(_surface(volume, **making))
     return check_surface(wanted, found, where, making["threads"], making["progress"], repaired)
 

@@ -24,8 +24,6 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.tracing import template_of
 
-__all__ = ["Cut", "CutSurface"]
-
 
 @dataclass(frozen=True, eq=False)
 class Cut:
@@ -65,11 +63,7 @@ _ASIDE = 1 / 3  # of the way from the middle of a surface to its end: what lies 
 
 
 def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
-    """Say on which sides of a surface a cut lies, so that one finds it.
-
-    `points` (k, 3): along the cut, RAS+ mm. `whole` (N, 3): the surface's points. Returns: such as "posterior,
-    inferior", at most two, the clearest first; "middle" where it is on none.
-    """
+    """Say on which sides of a surface a cut lies, such as "posterior, inferior", the clearest first; else "middle"."""
     low, high = whole.min(axis=0), whole.max(axis=0)
     aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
     order = np.argsort(-np.abs(aside), kind="stable")[:2]
@@ -172,7 +166,7 @@ class CutSurface(Generic[_Surface]):
         """
         if self.cutout is None:
             raise InputError("nothing says how this surface was cut; give the one that Surface.cut returns")
-        return flattened(self.cutout, method, Where(), How.of(mirror, rows, seed, threads, memory_limit, progress))
+        return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
         return (

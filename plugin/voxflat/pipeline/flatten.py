@@ -12,8 +12,6 @@ from voxflat.methods.method import Rows
 from voxflat.pipeline import surface as making
 from voxflat.pipeline.cut_surface import CutSurface
 
-__all__ = ["flatten"]
-
 
 def flatten(
     surface: object,

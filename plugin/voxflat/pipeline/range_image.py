@@ -16,8 +16,6 @@ from voxflat.io.grid import FARTHEST, SMALLEST
 from voxflat.io.provenance import telling
 from voxflat.pipeline.surface import Surface
 
-__all__ = ["range_image"]
-
 _JUMP = 8.0  # pixels: a slope of 83 degrees
 
 
@@ -76,7 +74,7 @@ def range_image(
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
         raise InputError(
-            f"every triangle spans more than {limit:g} mm of depth; give a greater jump, or check the units"
+            f"every triangle spans more than {limit:g} mm of depth; give a greater jump or check the units"
         )
     remarks = []
     if cut:

@@ -5,17 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import (
-    Progress,
-    checked_seed,
-    checked_threads,
-    give_back_memory,
-    log,
-    shown,
-)
+from voxflat.arguments import Progress, checked_seed, checked_threads, give_back_memory, log, shown
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.making import patches
 from voxflat.distances.geodesic import geodesic as _geodesic
@@ -39,8 +33,6 @@ from voxflat.surfaces.of_mesh import of_mesh
 from voxflat.surfaces.of_volume import of_volume
 from voxflat.surfaces.parts import disk, dropped, kept, polygon
 from voxflat.surfaces.standard.registration import Registration, register
-
-__all__ = ["Surface", "surface"]
 
 _REPAIRS = ("none", "voxels", "cuts")
 
@@ -66,16 +58,7 @@ class Surface(Manifold):
 
     @classmethod
     def _of(cls, made: Manifold) -> Surface:
-        """Return what the core made as a surface.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import voxflat
-        >>> whole = voxflat.surface(np.ones((3, 3, 3), dtype=bool))
-        >>> type(voxflat.Surface._of(whole)).__name__
-        'Surface'
-        """
+        """Return what the core made as a surface."""
         return cls(**{one.name: getattr(made, one.name) for one in fields(Manifold)})
 
     # ------------------------------------------------------------------------------------------ parts
@@ -353,7 +336,7 @@ class Surface(Manifold):
         >>> flat_map.distortion.raw.relative_error < 0.01
         True
         """
-        how = How.of(mirror, rows, seed, threads, memory_limit, progress)
+        how = How(mirror, rows, seed, threads, memory_limit, progress)
         return flattened(self, method, Where(cuts, sphere, relax, adapt), how)
 
     @telling()
@@ -489,19 +472,9 @@ class Surface(Manifold):
         >>> round(float(rows[0][35]), 3)
         7.071
         """
-        return _geodesic(
-            self,
-            sources,
-            geodesic=geodesic,
-            sampling=sampling,
-            link_lengths=link_lengths,
-            store=store,
-            dask=dask,
-            seed=seed,
-            threads=threads,
-            memory_limit=memory_limit,
-            progress=progress,
-        )
+        what: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "link_lengths": link_lengths, "seed": seed}
+        limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+        return _geodesic(self, sources, **what, store=store, dask=dask, **limits)
 
     @telling()
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:

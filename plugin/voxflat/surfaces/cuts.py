@@ -29,11 +29,7 @@ _BEARABLE = 0.15  # and up to which a disk is left as it was given
 
 
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
-    """Take what is given as cuts as paths, each of neighbours, and what a file of cuts leaves out.
-
-    `whole`: the surface that is to be cut. `cuts`: as in `voxflat.flatten`. Returns: `paths`, by what the vertices are
-    in the input; `left_out`, ndarray of int64, or None, vertices in the same way.
-    """
+    """Take what is given as cuts as paths of neighbours, and what a file of cuts leaves out, by ids of the input."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):
@@ -133,11 +129,7 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
 
 
 def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
-    """Cut along paths.
-
-    `part`: what is cut. `paths`: neighbouring vertices, by what they are in the input. Returns: `paths`, as lists of
-    numbers; `length`, of all of them, mm.
-    """
+    """Cut along paths of neighbours, by ids of the input; return these as lists, and their length, mm, too."""
     found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
     if found:
@@ -149,10 +141,7 @@ def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[A
 
 
 def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
-    """Refuse what says not how far to relax.
-
-    `relax`: as in `voxflat.flatten`. `adapt`: as there.
-    """
+    """Refuse what says not how far to relax."""
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
             raise InputError(
@@ -165,11 +154,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
 
 
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
-    """Close small holes, so that distances lead across them; the map's faces stay those of the input.
-
-    `part`: what is measured. `progress`: as in `voxflat.flatten`. Returns: `faces`, ndarray of uint32, those of the
-    input, which come first.
-    """
+    """Close small holes, so that distances lead across them; the map's faces, which come first, stay the input's."""
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
@@ -197,13 +182,11 @@ def opened(
     is_given: bool = False,
     adapt: float | None = None,
 ) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
-    """Cut open what is no disk, and further where that relieves the map.
+    """Cut open what is no disk, and further where that relieves the map; tell ``ids``, ``length``, ``reason`` of cuts.
 
-    `part`: in one piece. `relax`, `threads`, `progress`: as in `voxflat.flatten`. `given`: length of the cuts that were
-    given, mm, which count. `is_fixed`: whether what is no disk is left as it is. `is_cut`: whether someone has said
-    where it is cut: then it is relaxed on demand only. `is_given`: whether this is the surface that was handed over: if
-    it is a disk, it is relaxed on demand or in need only. `adapt`: how far from the cuts that it has further ones may
-    lie, mm: then they are made. Returns: `cuts`, ``ids``, ``length`` (mm), ``reason``.
+    `given` is the length of the cuts that were given, mm, which count. What is fixed is left as it is if it is no disk.
+    What someone has cut is relaxed on demand only; a disk that was handed over, on demand or in need only. `adapt`: how
+    far from the cuts that it has further ones may lie, mm: then they are made.
     """
     topology = part.core.topology()["components"][0]
     cuts: list[dict[str, Any]] = []

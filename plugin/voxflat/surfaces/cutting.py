@@ -20,8 +20,6 @@ from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
 
-__all__ = ["Cutout", "Where", "cut_open", "cut_out_as", "opened_to_disk", "sketch_error"]
-
 _COVERED = 0.5  # share of what a template leaves out that must be left out for a region to stand in its place
 _NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
 
@@ -72,11 +70,7 @@ class Where:
 def cut_open(
     part: Manifold, where: Where, threads: int | None = None, progress: Progress | None = None, *, to_disk: bool = True
 ) -> Cutout:
-    """Cut a surface, or a part of one, open.
-
-    `part`: what is to be flattened. `where`: where it is cut. `threads`, `progress`: as in `voxflat.flatten`.
-    `to_disk`: close small holes and open the rest to a disk; otherwise only what was asked for is cut.
-    """
+    """Cut a surface, or a part of one, open; without `to_disk` only as was asked for, and small holes stay."""
     cuts, relax, adapt = where.cuts, where.relax, where.adapt
     whole = part if part.whole is None else part.whole
     check_relax(relax, adapt)
@@ -105,7 +99,7 @@ def cut_open(
         **_chosen_part(uncut),
         "cuts": cut_paths,
         "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
-        "cuts_by": _cuts_by(choice, paths),
+        "cuts_by": choice.template.name if choice.template else AUTOMATIC if paths is None else "given",
         "sphere": None if choice.sphere is None else choice.sphere._described(),
         "automatic_cuts": [],
         "surface_points": len(whole),
@@ -137,11 +131,7 @@ def _chosen_part(part: Manifold) -> dict[str, Any]:
 
 
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
-    """Take a part of a surface whose triangles and cuts are known.
-
-    `part`: some of its triangles. `cuts`, sequence of ndarray of int64: paths of vertices of the part. `by`: what said
-    where to cut. Returns: as `cut_open` returns it with ``to_disk=False``.
-    """
+    """Take a part of a surface whose cuts, paths of its vertices, are known: as `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
     named = [part.ids[path] for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
@@ -164,34 +154,17 @@ def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]
 
 
 def opened_to_disk(
-    cut: Cutout,
-    relax: float | bool | None,
-    threads: int | None,
-    progress: Progress | None,
-    adapt: float | None = None,
+    cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None, adapt: float | None = None
 ) -> Cutout:
-    """Close small holes, and cut the rest open to a disk.
-
-    `cut`: as `cut_open` leaves it with ``to_disk=False``. `relax`, `threads`, `progress`, `adapt`: as in
-    `voxflat.flatten`.
-    """
+    """Close small holes, and cut the rest open to a disk."""
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
     automatic: list[dict[str, Any]] = []
     is_fixed = cut.given_length is not None and not cut.metadata["cuts"] and not cut.is_standard
     if relax or not is_fixed:
         given = cut.given_length or 0.0
-        part, automatic, told = opened(
-            part,
-            relax,
-            given,
-            threads,
-            progress,
-            is_fixed=is_fixed,
-            is_cut=cut.is_cut,
-            is_given=cut.is_whole,
-            adapt=adapt,
-        )
+        known = {"is_fixed": is_fixed, "is_cut": cut.is_cut, "is_given": cut.is_whole}
+        part, automatic, told = opened(part, relax, given, threads, progress, **known, adapt=adapt)
         faces = part.faces[: len(faces)]
         remarks += told
     metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
@@ -205,14 +178,10 @@ def opened_to_disk(
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
     """Return by how much a sketch of a disk's map gets distances wrong: what relaxation cuts are judged by.
 
-    `part`: a disk. `threads`, `progress`: as in `voxflat.flatten`. Returns: mean relative error, at the best scale; NaN
-    where the disk is too small for a sketch.
+    That is the mean relative error, at the best scale; NaN where the disk is too small for a sketch.
     """
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)
-
-
-# --------------------------------------------------------------------------------------------- templates
 
 
 def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Manifold, list[str]]:
@@ -258,12 +227,6 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
             f"{len(after['loops'])} borders: its lines do not fit; give cuts='automatic'"
         )
     return opened_part, cuts, remarks
-
-
-def _cuts_by(choice: Choice, paths: list[Any] | None) -> str:
-    if choice.template is not None:
-        return choice.template.name
-    return AUTOMATIC if paths is None else "given"
 
 
 def _told_of_standard(cut: Cutout, error: float) -> str:

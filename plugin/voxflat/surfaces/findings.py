@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,6 @@ from voxflat.io.spaces import Space
 from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.choice import AUTOMATIC
-
-__all__ = ["Check", "check_surface", "extended"]
 
 _SHOWN = 5  # handles, holes and loops that a table names one by one
 
@@ -186,11 +184,6 @@ def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
     return ", ".join(str(item) for item in items[:most]) + more
 
 
-def extended(found: Check, **values: Any) -> Check:
-    """Return the same check with more findings."""
-    return Check(**{**found.__dict__, **values})
-
-
 def check_surface(
     part: Manifold,
     found: Check,
@@ -199,14 +192,13 @@ def check_surface(
     progress: Progress | None = None,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
-    """Say whether a surface, or a part of one, can be flattened.
+    """Say whether a surface, or a part of one, can be flattened, beside what is known already.
 
-    `found`: what is known already. `where`: where it is to be cut. `threads`, `progress`: as in `voxflat.flatten`.
-    `repaired`: makes the same part of the surface after repair, for a surface with handles.
+    `repaired` makes the same part of the surface after repair, for a surface with handles.
     """
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()
-    found = extended(
+    found = replace(
         found,
         foreground=whole.metadata.get("foreground"),
         surface_points=len(whole),
@@ -217,12 +209,13 @@ def check_surface(
     try:
         cut = cut_open(part, where, threads, progress, to_disk=False)
     except InputError as error:
-        return extended(found, advice=(*part.remarks, str(error)))
+        return replace(found, advice=(*part.remarks, str(error)))
     shape = cut.part.core.topology()
     advice = list(cut.remarks)
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
-        advice.append(_cutting_changes(handles))
+        total = sum(handle["length"] for handle in handles)
+        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel")
     try:
         to_open = cut
         if shape["handles"] and repaired is not None:
@@ -242,7 +235,7 @@ def check_surface(
             f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
             f"with automatic cuts {100 * automatic:.1f} %"
         )
-    return extended(
+    return replace(
         found,
         used=len(cut.part),
         euler_characteristic=shape["euler"],
@@ -284,8 +277,3 @@ def _thin(part: Manifold, threads: int | None, progress: Progress | None) -> dic
     if worst is not None:
         found |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}
     return found
-
-
-def _cutting_changes(handles: Sequence[dict[str, Any]]) -> str:
-    total = sum(handle["length"] for handle in handles)
-    return f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel"

@@ -22,37 +22,19 @@ _BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of caviti
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """A volume and which of its voxels are foreground.
-
-    Parameters
-    ----------
-    volume : Volume
-        What was given.
-    mask : ndarray of bool, shape (I, J, K)
-        Its foreground.
-    metadata : dict
-        What was given, and how the foreground was chosen.
-    """
+    """A volume and which of its voxels are foreground."""
 
     volume: Volume
     mask: NDArray[np.bool_]
-    metadata: dict[str, Any]
+    metadata: dict[str, Any]  # what was given, and how the foreground was chosen
 
 
 @dataclass(frozen=True, eq=False)
 class PackedMask:
-    """The foreground of a volume, a bit a voxel: what a surface keeps of it.
-
-    Parameters
-    ----------
-    bits : ndarray of uint8
-        As `numpy.packbits` makes them.
-    metadata : dict
-        As in `Foreground`.
-    """
+    """The foreground of a volume, a bit a voxel (`numpy.packbits`): what a surface keeps of it."""
 
     bits: NDArray[np.uint8]
-    metadata: dict[str, Any]
+    metadata: dict[str, Any]  # as in `Foreground`
 
     def mask(self) -> NDArray[np.bool_]:
         """Return which voxels are foreground, shape (I, J, K)."""
@@ -63,11 +45,7 @@ class PackedMask:
 def foreground_of(
     volume: Volume, *, label: int | None = None, threshold: float | None = None, memory_limit: int | None = None
 ) -> Foreground:
-    """Choose the foreground of a volume: where every way from one begins.
-
-    A volume of more than one value a voxel, a foreground that is ambiguous or empty, or too little memory is an
-    `InputError`.
-    """
+    """Choose the foreground of a volume: where every way from one begins."""
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
@@ -101,7 +79,7 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
         raise InputError(
-            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}; they must agree"
+            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}: they must agree"
         )
     if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
         raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")
@@ -113,12 +91,9 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
-    """Select the foreground of a volume.
+    """Select where a volume equals a label or is greater than a threshold.
 
-    `data` (I, J, K): labels (bool or integer) or intensities (any real type). `label`: foreground is where `data`
-    equals this. `threshold`: foreground is where `data` is greater than this. Without label and threshold, `data` must
-    be a mask: bool, or integer with one label other than 0. Returns: bool (I, J, K). Raises InputError if the choice is
-    ambiguous or empty, or values are not finite; the message lists the labels that are there.
+    Without both it must be a mask: bool, or integer with one label other than 0.
     """
     if data.ndim != 3:
         raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
@@ -136,10 +111,7 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
 
 
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
-    """Labels other than 0 and how many voxels each has; None where the values are no labels.
-
-    `data`: any real type. Floating-point volumes hold labels if all values are whole and they are few.
-    """
+    """Labels other than 0 and how many voxels each has; None where the values, many or not whole, are no labels."""
     if data.dtype.kind == "f":
         sample = data.ravel()[:: max(1, data.size // 10_000)]
         if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):

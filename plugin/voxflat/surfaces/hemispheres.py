@@ -140,9 +140,7 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
         values = np.unique(data.ravel()[:: max(1, data.size // 100_000)])
         threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
         if len(values) > 2:
-            log.warning(
-                "white matter is taken where values are greater than %.4g; threshold= says otherwise", threshold
-            )
+            log.warning("white matter is taken where values are above %.4g; threshold= says otherwise", threshold)
     white = np.asarray(data > threshold)
     if not white.any():
         said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"

@@ -18,26 +18,18 @@ from numpy.typing import NDArray
 
 from voxflat.unique_rows import distinct
 
-__all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
-
 
 def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Find the triangles among some of the points.
-
-    `points` int64 (k,): numbers of points. `faces` int (F, 3): triangles of points. Returns: bool (F,), those whose
-    three corners are all among them.
-    """
+    """Find the triangles whose three corners are all among some points."""
     is_there = np.zeros(max(faces.max(initial=0), points.max(initial=0)) + 1, dtype=np.bool_)
     is_there[points] = True
     return np.asarray(is_there[faces].all(axis=1))
 
 
 def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
-    """Choose one of the points that share a vertex, so that few triangles are lost.
+    """Choose one of the points that share a vertex, by ascending vertex, so that few triangles are lost.
 
-    `ids` int64 (N,): the vertex of the mesh that each point is; the sides of a cut share one. `faces` int (F, 3):
-    triangles of points. Returns: int64 (V,), a point of each vertex, by ascending vertex: first those of one lip, then
-    others, one by one, while that keeps more triangles.
+    At first those of one lip, then others, one by one, while that keeps more triangles. `ids` are the points' vertices.
     """
     vertices, first, counts = np.unique(ids, return_index=True, return_counts=True)
     if counts.max(initial=1) == 1:
@@ -71,9 +63,8 @@ def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[n
 def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64]) -> NDArray[np.int64]:
     """Choose the points that a patch may list: the triangles of the mesh among them are triangles of these points.
 
-    `ids`, `faces`: as in `one_point_a_vertex`. `bridges` int64 (B, 3): vertices of the triangles of the mesh that are
-    none of these, though all their corners are vertices of these. Returns: int64 (k,), by ascending vertex, at most one
-    a vertex, each in a triangle of the others; all of them in one piece.
+    Bridges are triangles of the mesh, by vertices, that are none of these, though all their corners are vertices of
+    these. There is at most one point a vertex, each in a triangle of the others; all of them are in one piece.
     """
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)

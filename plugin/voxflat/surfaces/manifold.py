@@ -37,36 +37,18 @@ from voxflat.unique_rows import distinct, in_rows
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["Manifold", "Step", "are_triangles", "patch_of", "size_and_space"]
-
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One choice by which a part came about: what `Surface.keep`, `drop`, `disk` and `polygon` were given.
+    """One choice by which a part came about: what `Surface.keep`, `drop`, `disk` and `polygon` were given."""
 
-    Parameters
-    ----------
-    verb : {"keep", "drop", "disk", "polygon", "outlines"}
-        What was called; "outlines" is what a template leaves out.
-    mask : ndarray of bool, shape (I, J, K), or None
-        The voxels that may stay, of a region of a volume.
-    by_triangles : bool
-        Whether the region was given by triangles.
-    seed_point, seed_found : voxel indices or number of a vertex
-        The middle of a disk, and what stands for it on the surface.
-    radius : float
-        Of the disk, mm.
-    corners : list
-        Of a polygon.
-    """
-
-    verb: str
-    mask: NDArray[np.bool_] | None = None
-    by_triangles: bool = False
-    seed_point: Any = None
-    seed_found: Any = None
-    radius: float | None = None
-    corners: Any = None
+    verb: str  # what was called; "outlines" is what a template leaves out
+    mask: NDArray[np.bool_] | None = None  # the voxels that may stay, of a region of a volume
+    by_triangles: bool = False  # whether the region was given by triangles
+    seed_point: Any = None  # the middle of a disk: voxel indices or number of a vertex
+    seed_found: Any = None  # what stands for it on the surface
+    radius: float | None = None  # of the disk, mm
+    corners: Any = None  # of a polygon
 
 
 @dataclass(frozen=True, eq=False)
@@ -467,7 +449,7 @@ class Manifold:
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
             raise InputError(
-                f"cannot write {path}: a surface in space is no flat patch; end its name in {PATCH_ENDING}"
+                f"cannot write {path}: a surface in space is no flat patch: end its name in {PATCH_ENDING}"
             )
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
@@ -497,10 +479,8 @@ def patch_of(
 ) -> Patch:
     """Return points as a FreeSurfer patch whose triangles, by its readers' rule, are these; say what it cannot hold.
 
-    `points` float64 (N, 3): places, mm. `ids` int64 (N,): the vertex of the mesh that each is; the sides of a cut share
-    one. `faces` int (F, 3): triangles of the points. `bridges` int64 (B, 3): as `Surface.bridges` finds them. `count`:
-    how many vertices the mesh has. `merged` int64 (M, 2): as of a `Surface`: the former are listed where the latter
-    are. Raises InputError if it can hold no triangle.
+    `ids` are the vertices of a mesh of `count` that the points are, bridges as `Manifold._bridges` finds them; of
+    `merged` the former are listed where the latter are.
     """
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]

@@ -13,8 +13,6 @@ from voxflat.io.reading import check_room
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.partners import pial_of
 
-__all__ = ["of_mesh"]
-
 _A_TRIANGLE, _A_POINT = 200, 100
 """Bytes that they take until the surface is made: 160 to 190 a triangle, with half a point, were measured."""
 
@@ -22,12 +20,9 @@ _A_TRIANGLE, _A_POINT = 200, 100
 def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
     """Make a surface of a mesh.
 
-    What has one right answer is mended: triangles without area are dropped or flipped away, for which vertices that
-    lie at one place become one, of which each keeps its number; duplicates are dropped; where fans of triangles touch
-    at a vertex, each gets one of its own.
-
-    `mesh`: triangles, RAS+ mm. `pial`: as in `voxflat.surface`. `mend`: whether it is mended; if not, what needs it is
-    refused. Raises InputError if it is no manifold, or the pial surface does not correspond to it.
+    What has one right answer is mended: triangles without area are dropped or flipped away, for which vertices that lie
+    at one place become one, of which each keeps its number; duplicates are dropped; where fans of triangles touch at a
+    vertex, each gets one of its own.
     """
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()

@@ -16,8 +16,6 @@ from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = ["of_volume"]
-
 _MOST_REPAIRED = 0.01  # of the foreground's voxels, that are changed without being asked
 _SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
 
@@ -35,11 +33,7 @@ def of_volume(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Manifold:
-    """Make a surface of a volume's foreground.
-
-    `given`: the volume and which voxels are inside. `probability`, `sheet`, `repair`, `threads`, `progress`: as in
-    `voxflat.surface`. Raises InputError if the probability image does not fit, or the foreground has no surface.
-    """
+    """Make a surface of a volume's foreground; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
     check_room(_A_SURFEL * _surfels(mask))
@@ -134,10 +128,7 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 
 
 def _repaired(
-    mask: NDArray[np.bool_],
-    volume: Volume,
-    level: tuple[NDArray[np.float32], float] | None,
-    progress: Progress | None,
+    mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
     """Make the foreground's surface a sphere; with what was done."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
@@ -158,10 +149,7 @@ def _repaired(
 
 
 def _without_handles(
-    mask: NDArray[np.bool_],
-    volume: Volume,
-    level: tuple[NDArray[np.float32], float] | None,
-    progress: Progress | None,
+    mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
     """Close or open the handles of the largest component, and change nothing else, if that takes few voxels."""
     _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)

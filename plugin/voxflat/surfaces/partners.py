@@ -16,13 +16,10 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.formats.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
+from voxflat.io.overlays import refuse_other_side
 from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
-from voxflat.io.structures import refuse_other_side
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.medial_wall import is_medial_wall
-
-__all__ = ["check_region", "pial_of"]
 
 _OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
 _BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
@@ -87,12 +84,8 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 
 
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
-    """Check that a region's file is of this side of the brain, and that the points of a FreeSurfer label lie on it.
-
-    `region`: as of `Surface.keep` and `drop`, read without an error. Returns: what the user should know: that
-    they lie elsewhere. Raises InputError if it is of the other side.
-    """
-    if whole.is_voxels or is_medial_wall(region):
+    """Check that a region's file is of this side of the brain; remark if the points of a label lie elsewhere."""
+    if whole.is_voxels:
         return []
     refuse_other_side(region, whole.metadata.get("structure"))
     return _check_label(whole, Path(region)) if Path(region).name.lower().endswith(".label") else []

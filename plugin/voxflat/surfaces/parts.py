@@ -22,13 +22,13 @@ from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
-from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.partners import check_region
-from voxflat.surfaces.seed import found_seed, seed_voxel
-
-__all__ = ["disk", "dropped", "kept", "largest_piece", "piece_of", "polygon"]
+from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
 _STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
+_TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
+_SHARES = (0.01, 0.2)  # of a hemisphere's area that the wall may have; 7 % are usual
+_CLEAR = 10  # times as large as the next such place
 
 _Part = TypeVar("_Part", bound=Manifold)
 
@@ -157,7 +157,7 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
         raise InputError(f"{name}: there is no file {os.fspath(region)}")
     if whole.is_voxels:
         shape = tuple(whole.metadata["shape"])
-        if _is_vertex_list(region):
+        if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
             found = whole.find(array_of(region, name), name)
             mask = np.zeros(shape, dtype=np.bool_)
             mask[tuple(whole.ids[found].T)] = True
@@ -174,10 +174,6 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     chosen = chosen.copy()
     np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
     return np.asarray(chosen[whole.vertices]), None
-
-
-def _is_vertex_list(region: object) -> bool:
-    return isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2
 
 
 def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
@@ -209,3 +205,31 @@ def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[st
     voxel = part.ids[vertex].tolist()
     size = float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     return vertex, found_seed(wanted, voxel, distance, size)
+
+
+def is_medial_wall(region: object) -> bool:
+    """Say whether a region is given by this name."""
+    name = os.fspath(region) if isinstance(region, str | os.PathLike) else ""
+    return name in ("medial wall", "medial-wall")
+
+
+def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
+    """Find the medial wall, bool (N,): the one large place where cortex has no thickness."""
+    advice = "give its label as the region to drop, or leave it out"
+    if whole.thickness is None:
+        raise InputError(f"the medial wall is where white and pial surface touch: give pial, too; or {advice}")
+    touching = whole.thickness[whole.vertices] < _TOUCHING
+    corners = np.asarray(np.asarray(touching[whole.faces]).all(axis=1))
+    if not corners.any():
+        raise InputError(f"white and pial surface touch nowhere, so the medial wall is not found: {advice}")
+    places = whole.core.part_of_faces(corners)
+    areas = [place["area"] for place in places.topology()["components"]]
+    share = areas[0] / sum(piece["area"] for piece in whole.core.topology()["components"])
+    if not _SHARES[0] <= share <= _SHARES[1] or (len(areas) > 1 and areas[1] * _CLEAR > areas[0]):
+        raise InputError(
+            f"white and pial surface touch in {len(areas)} places, the largest {100 * share:.1f} % of the surface: "
+            f"that is not clearly the medial wall; {advice}"
+        )
+    wall = np.zeros(whole.count, dtype=np.bool_)
+    wall[places.largest_piece().ids] = True
+    return np.asarray(wall[whole.vertices])

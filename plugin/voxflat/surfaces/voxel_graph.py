@@ -10,36 +10,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, voxel_indices
+from voxflat.arguments import Progress, array_of, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.seed import found_seed, seed_voxel
 
-__all__ = ["LINK_LENGTHS", "VoxelGraph", "voxel_graph"]
+LINK_LENGTHS = "chain-code"  # how links are measured where nothing else is asked for: the paper's unbiased estimator
 
-LINK_LENGTHS = "chain-code"
-"""How links are measured where nothing else is asked for: the paper's unbiased estimator."""
+_FAR = 2.0  # voxels between a seed point and the surface that need no remark
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
-    """Surface voxels linked to those of their 26 neighbours that are surface voxels, too.
+    """Surface voxels linked to those of their 26 neighbours that are surface voxels, too."""
 
-    Parameters
-    ----------
-    core : _core.VoxelSurface
-        The part that is worked on.
-    whole : _core.VoxelSurface
-        What it was cut out of.
-    metadata : dict
-        Where it came from and how it was made.
-    remarks : tuple of str
-        What the user should know of it.
-    """
-
-    core: _core.VoxelSurface
-    whole: _core.VoxelSurface
+    core: _core.VoxelSurface  # the part that is worked on
+    whole: _core.VoxelSurface  # what it was cut out of
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -63,11 +49,7 @@ class VoxelGraph:
         return voxel_size(self.metadata["affine"])
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
-        """Find voxels of the part.
-
-        `ids` int (m, 3): voxel indices. `name`: what they are, for messages. Returns: uint32 (m,), their numbers.
-        Raises InputError if one of them is not on the surface, or not in the part.
-        """
+        """Find the numbers of voxels of the part."""
         voxels = voxel_indices(ids, name)
         on_surface = self.whole.find(voxels)  # names a voxel that is not on the surface at all
         try:
@@ -84,10 +66,7 @@ class VoxelGraph:
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of the volume that a surface was made of, and take the part that the surface is.
 
-    `of`: a surface of a volume, or a part of one by regions and disks. The voxels are those that were given, repaired
-    only where that was asked for. `link_lengths`, {"chain-code", "euclidean"}: as in `voxflat.methods.Grossmann2002`.
-    `progress`: as in `voxflat.flatten`. Raises InputError if the surface has no voxels, the part was chosen by a
-    polygon, or it is empty.
+    That is one by regions and disks. The voxels are those that were given, repaired only where that was asked for.
     """
     if of.foreground is None:
         raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")
@@ -123,3 +102,20 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         "points": len(part),
     }
     return VoxelGraph(part, whole, metadata, tuple(remarks))
+
+
+def seed_voxel(seed_point: object) -> list[int]:
+    """Return a seed point as voxel indices."""
+    place = array_of(seed_point, "indices of the seed point")
+    if place.shape != (3,) or place.dtype.kind not in "ui":
+        raise InputError(f"the seed point must be whole voxel indices, shape (3,), not {place.dtype} of {place.shape}")
+    return [int(index) for index in place]
+
+
+def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
+    """Return a remark if the surface voxel that stands for a seed point lies farther away, mm, than two voxels."""
+    if distance <= _FAR * voxel_size:
+        return []
+    return [
+        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; its nearest voxel {voxel} is taken"
+    ]

@@ -38,7 +38,7 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
     if not isinstance(path, str):
         return None
     from voxflat._napari.files import saved
-    from voxflat.atlases.saved import saved_kind
+    from voxflat.atlases.certified import saved_kind
 
     kind = saved_kind(path)
     if kind is None:

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.world import data_to_world, moved
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.errors import InputError
-from voxflat.io.meshes import read_mesh
+from voxflat.io.meshes import named_structure, read_mesh
 from voxflat.io.spaces import UNKNOWN, Space
-from voxflat.io.structures import named_structure
 
 __all__ = ["Geometry", "geometries_for", "surface_layers"]
 

@@ -14,9 +14,8 @@ from voxflat._napari.results.flat_layers import LayerData, limits
 from voxflat.errors import InputError
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import holds_mesh
-from voxflat.io.overlays import read_overlay, read_region
+from voxflat.io.overlays import read_overlay, read_region, refuse_other_side
 from voxflat.io.patches import patch_faces, read_patch
-from voxflat.io.structures import refuse_other_side
 from voxflat.maps.colours import label_colours
 
 __all__ = ["VALUES", "gifti_layers", "patch_layers", "value_layers"]

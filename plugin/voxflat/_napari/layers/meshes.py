@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh
+from voxflat.io.meshes import Mesh, named_structure
 from voxflat.io.spaces import UNKNOWN, Space
-from voxflat.io.structures import named_structure
 
 if TYPE_CHECKING:
     from napari.layers import Surface

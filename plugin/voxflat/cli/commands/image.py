@@ -10,8 +10,7 @@ import cloup
 import numpy as np
 
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.certified import load_atlas
-from voxflat.atlases.saved import saved_kind
+from voxflat.atlases.certified import load_atlas, saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import FILE

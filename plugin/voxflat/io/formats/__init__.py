@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from voxflat.io.formats import freesurfer, gifti
-from voxflat.io.formats.stl import is_binary_stl
+from voxflat.io.formats.polygons import is_binary_stl
 
 GIFTI, FREESURFER, VTK, VTP, PLY, STL, OBJ = "GIFTI", "FreeSurfer surface", "VTK", "VTP", "PLY", "STL", "OBJ"
 OFF, ASC, GLB = "OFF", "FreeSurfer ASCII surface", "GLB"

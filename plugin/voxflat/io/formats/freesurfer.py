@@ -26,8 +26,8 @@ _SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, which nibabel
 _REMEDY = "is it complete, and of this format?"
 
 
-def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], Space, tuple[str, ...]]:
-    """Return points, faces, space and remarks of a surface file; quadrangles are split as FreeSurfer does."""
+def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
+    """Read a surface file; quadrangles are split as FreeSurfer does."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
@@ -44,7 +44,8 @@ def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], 
         warnings.simplefilter("ignore")  # that there is no volume, or what else stands in its place
         coordinates, faces, footer = nibabel.freesurfer.read_geometry(path, read_metadata=True)
     is_scanner = not is_quad and data[need : need + 8] == _SCANNER_TAG
-    return coordinates, faces, Space("scanner") if is_scanner else _space(footer), remarks
+    space = Space("scanner") if is_scanner else _space(footer)
+    return {"points": coordinates, "faces": faces, "space": space, "remarks": remarks}
 
 
 def _space(footer: dict[str, Any]) -> Space:
@@ -161,10 +162,9 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
 
 
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read the points that a label file names, and where they lay on the surface that it was drawn on.
+    """Read the vertices that a label file names, and where they lay on the surface that it was drawn on, tkRAS, mm.
 
-    `path`: a ``.label`` file that `read_region` has read: its points are those of a surface. Returns: `vertices`, int64
-    (k,), numbers of points; `points`, float64 (k, 3), tkRAS, mm; some programs write 0.
+    Some programs write 0 for the latter.
     """
     path = checked_path(path)
     with naming(path, _REMEDY):
@@ -177,11 +177,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
 
 
 def write_annot(
-    path: Path,
-    labels: NDArray[np.int64],
-    keys: Sequence[int],
-    names: Sequence[str],
-    colours: NDArray[np.uint8],
+    path: Path, labels: NDArray[np.int64], keys: Sequence[int], names: Sequence[str], colours: NDArray[np.uint8]
 ) -> None:
     """Write labels of all points, 0 for none, with names and colours, by which the format tells labels apart."""
     table = np.zeros((len(keys) + 1, 5), dtype=np.int64)

@@ -134,15 +134,14 @@ class _Walk:
     def _check(self, text: str) -> None:
         """Compare the length of an array's data to its header."""
         nibabel = require("nibabel")
+        types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(
-                f"keeps data in another file, {self.array.get('ExternalFileName')!r}: write it as one file"
-            )
+            raise InputError(f"keeps data in another file, {self.array.get('ExternalFileName')!r}: write one file")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]
-        need = int(np.prod(dims, dtype=object)) * _item_size(self.array.get("DataType", ""))
+        need = int(np.prod(dims, dtype=object)) * types.dtype[self.array.get("DataType", "")].itemsize
         self.room -= need
         if min(dims, default=0) < 0 or self.room < 0:
             raise InputError(
@@ -156,11 +155,6 @@ class _Walk:
             relation = "ends after" if len(stored) < need else "goes on after"
             have = f"{len(stored)} of {need}" if len(stored) < need else f"{need}"
             raise InputError(f"array {self.arrays} {relation} {have} bytes: copy or download it again")
-
-
-def _item_size(name: str) -> int:
-    """Return the bytes of a value of a NIfTI type."""
-    return int(require("nibabel").nifti1.data_type_codes.dtype[name].itemsize)
 
 
 def load(data: bytes) -> Any:
@@ -178,11 +172,12 @@ def load(data: bytes) -> Any:
 # ---------------------------------------------------------------------------------------- surfaces
 
 
-def surface(image: Any) -> tuple[NDArray[Any], NDArray[Any], str | None, Space, tuple[str, ...]]:
-    """Return points, faces, structure, space and remarks of a surface."""
+def surface(image: Any) -> dict[str, Any]:
+    """Return parts of a `Mesh`."""
     points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "set of triangles")
     structure = points.meta.get("AnatomicalStructurePrimary") or image.meta.get("AnatomicalStructurePrimary")
-    return points.data, triangles.data, structure or None, _space(points), _remarks(points)
+    more = {"structure": structure or None, "space": _space(points), "remarks": _remarks(points)}
+    return {"points": points.data, "faces": triangles.data, **more}
 
 
 def _has_triangles(image: Any) -> bool:
@@ -336,11 +331,7 @@ def label_bytes(
     record: Record | None = None,
 ) -> bytes:
     """Write labels at points as Workbench expects them, 0 for none, with names and colours."""
-    nibabel = require("nibabel")
-    gifti = nibabel.gifti
-    meta = {} if structure is None else {"AnatomicalStructurePrimary": structure}
-    if record is not None:
-        meta["Provenance"] = as_text(record)
+    gifti = require("nibabel").gifti
     table = gifti.GiftiLabelTable()
     rows = [(0, "???", (0.0, 0.0, 0.0, 0.0))]
     shares = [(*(channel / 255 for channel in colour), 1.0) for colour in colours.tolist()]
@@ -352,8 +343,15 @@ def label_bytes(
     array = gifti.GiftiDataArray(
         data, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=gifti.GiftiMetaData({"Name": "regions"})
     )
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), labeltable=table, darrays=[array])
+    image = gifti.GiftiImage(meta=_metadata(structure, record), labeltable=table, darrays=[array])
     return bytes(image.to_bytes())
+
+
+def _metadata(structure: str | None, record: Record | None) -> Any:
+    """Return the metadata of a file of labels or values."""
+    told = {} if structure is None else {"AnatomicalStructurePrimary": structure}
+    more = {} if record is None else {"Provenance": as_text(record)}
+    return require("nibabel").gifti.GiftiMetaData({**told, **more})
 
 
 def value_bytes(
@@ -361,16 +359,13 @@ def value_bytes(
 ) -> bytes:
     """Write values at points as Workbench expects them, a map for each name; NaN where there is none."""
     gifti = require("nibabel").gifti
-    meta = {} if structure is None else {"AnatomicalStructurePrimary": structure}
-    if record is not None:
-        meta["Provenance"] = as_text(record)
     arrays = [
         gifti.GiftiDataArray(
             data.astype(np.float32), "NIFTI_INTENT_NONE", "NIFTI_TYPE_FLOAT32", meta=gifti.GiftiMetaData({"Name": name})
         )
         for name, data in values.items()
     ]
-    return bytes(gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=arrays).to_bytes())
+    return bytes(gifti.GiftiImage(meta=_metadata(structure, record), darrays=arrays).to_bytes())
 
 
 def _is_closed(faces: NDArray[np.int64]) -> bool:

@@ -28,11 +28,7 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
-    """Read the texture coordinates of each corner of an OBJ file's faces.
-
-    Returns: `faces`, (F, 3); `coordinates`, (F, 3, 2), NaN where there are none; `names`, of each of mtllib and usemtl
-    what follows it.
-    """
+    """Read faces, texture coordinates of their corners (F, 3, 2), NaN for none, and what follows mtllib and usemtl."""
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
     places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
@@ -44,9 +40,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     return faces, places[used], names
 
 
-def _tables(
-    data: bytes,
-) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
+def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
     """Return a file's lines, of each triangle's corners the numbers of point and texture coordinate, and remarks."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []

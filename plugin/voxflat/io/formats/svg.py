@@ -19,8 +19,6 @@ from voxflat.errors import InputError
 from voxflat.io.files import check_regular, naming, require
 from voxflat.io.reading import note
 
-__all__ = ["Outline", "read_outlines"]
-
 EXTENT, AXES = "data-voxflat-extent", "data-voxflat-axes"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
@@ -30,33 +28,19 @@ _MOST = 1024  # chords of a curve
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What encloses a region.
-
-    Parameters
-    ----------
-    name : str
-        The region's.
-    loops : tuple of ndarray, shape (k, 2) each
-        Closed polygons, (u, v) in mm.
-    is_even_odd : bool
-        Whether what two loops enclose is outside; else that is inside, unless they run opposite ways.
-    colour : tuple of 3 ints, or None
-        Red, green, blue.
-    """
+    """What encloses a region."""
 
     name: str
-    loops: tuple[NDArray[np.float64], ...]
-    is_even_odd: bool = False
-    colour: tuple[int, int, int] | None = None
+    loops: tuple[NDArray[np.float64], ...]  # closed polygons (k, 2), (u, v) in mm
+    is_even_odd: bool = False  # whether what two loops enclose is outside; else inside, unless they run opposite ways
+    colour: tuple[int, int, int] | None = None  # red, green, blue
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
-    """Read the paths of a layer.
+    """Read the paths of a layer, by its ``inkscape:label`` or the id of a group, the lowest first.
 
-    `path`: an SVG file with the attributes above. `layer`: the layer's name (``inkscape:label``), or the id of a group.
-    Returns: as they lie over each other, the lowest first. Each has the name of its path (``inkscape:label``), else of
-    the group around it within the layer, else its title, else its id. Raises InputError if it is no such SVG, has no
-    such layer, or this has no path; FileNotFoundError, PermissionError if the file cannot be opened.
+    Each has the name of its path (``inkscape:label``), else of the group around it within the layer, else its title,
+    else its id.
     """
     path = checked_path(path)
     with naming(path, "is it an SVG figure of voxflat.figures?"):

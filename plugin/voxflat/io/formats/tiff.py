@@ -33,9 +33,7 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
         ]
         if others or len(pages) > 1:
             found = ", ".join([*others, *(f"{shape[axis]} along {axis}" for axis in pages[1:])])
-            raise InputError(
-                f"holds more than one volume ({found}): save one channel and one time as a TIFF of its own"
-            )
+            raise InputError(f"holds more than one volume ({found}): save one channel and one time as its own TIFF")
         data = series.asarray()
         sizes = _ome_sizes(file.ome_metadata) or _imagej_sizes(file, "Z" in shape or bool(pages))
     depth = pages[0] if pages else ""

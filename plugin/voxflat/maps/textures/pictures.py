@@ -23,8 +23,6 @@ from voxflat.io.apart import apart
 from voxflat.io.files import REMEDY, check_regular, naming, retelling
 from voxflat.io.reading import check_room, note
 
-__all__ = ["as_picture", "check_cover", "check_values", "decoded", "header", "picture_values", "place", "values_at"]
-
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
 
@@ -35,11 +33,9 @@ _SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over i
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Lay a picture over a flat map, centred on its bounding box: a similarity of the plane.
+    """Return texture coordinates of a picture over a flat map, centred on its bounding box: a similarity of the plane.
 
-    `uv` (N, 2): places in the plane, mm. `shape`: the picture's height and width. `texel_size`: side of a texel, mm; by
-    default the picture just covers the bounding box. Returns: float64 (N, 2), texture coordinates. Raises InputError if
-    the texel size is no positive number.
+    The texel size is in mm; by default the picture just covers the bounding box.
     """
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
@@ -62,11 +58,7 @@ def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_
 
 
 def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: bool = False) -> NDArray[np.float64]:
-    """Look up a picture's values, linear between the centres of texels.
-
-    `picture` (H, W) or (H, W, C): row 0 is the top. `coordinates` (..., 2): texture coordinates. `repeat`: whether the
-    picture goes on beyond its borders; otherwise its border does. Returns: float64 (...) or (..., C).
-    """
+    """Look up a picture's values, linear between texels' centres; beyond its borders these go on, or it repeats."""
     height, width = picture.shape[:2]
     at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
@@ -82,25 +74,17 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
 
 
 def check_values(picture: object) -> NDArray[Any]:
-    """Take an array of any numbers as a picture.
-
-    `picture` (H, W) or (H, W, C): numbers. Raises InputError if it is none.
-    """
+    """Take an array of any numbers, (H, W) or (H, W, C), as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise InputError(
-            f"the picture has shape {array.shape} and type {array.dtype}; give (H, W) or (H, W, C) numbers"
-        )
+        raise InputError(f"the picture has shape {array.shape}, type {array.dtype}; give (H, W) or (H, W, C) numbers")
     return array
 
 
 def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
-    """Take a file, an array or an image of Pillow as colours.
+    """Take a file, an array or an image of Pillow as colours, (H, W, 3 or 4), and the file that it came from.
 
-    `picture`: grey or colours, with opacity or not. An array: (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of
-    floats from 0 to 1. Returns: `colours`, uint8 (H, W, 3) or (H, W, 4); `source`, the file that it came from. Raises
-    InputError if it is no picture, or its values are none of colours; FileNotFoundError, PermissionError if the file
-    cannot be opened.
+    An array is (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of floats from 0 to 1.
     """
     if isinstance(picture, str | os.PathLike):
         path = Path(picture)
@@ -113,10 +97,7 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
 
 @contextmanager
 def header(path: Path) -> Iterator[Any]:
-    """Open a picture for what its file says of it: of its pixels none is decoded.
-
-    Raises InputError, OSError if it is no picture, or cannot be opened.
-    """
+    """Open a picture for what its file says of it: of its pixels none is decoded."""
     from PIL import Image
 
     check_regular(path)
@@ -130,9 +111,7 @@ def header(path: Path) -> Iterator[Any]:
 def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
     """Decode a picture by Pillow, whose parts in C trust the file and print what they think of it: apart.
 
-    `image`: what `header` says of it. `colours`: whether it becomes colours; otherwise values are those of the file, a
-    palette's numbers among them. Returns: (H, W), (H, W, 3) or (H, W, 4). Raises InputError if it needs more memory
-    than there is, or has no such colours; RuntimeError if it cannot be decoded.
+    It becomes colours, or values are those of the file, a palette's numbers among them.
     """
     need = _PIXEL_BYTES * image.width * image.height
     check_room(need)

@@ -7,16 +7,12 @@ those that share the side (Rivara 1984), so that the surface stays without crack
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.arguments import is_number, shown
 from voxflat.errors import InputError
 from voxflat.maps.textures.pictures import values_at
-
-__all__ = ["subdivide"]
 
 _MOST_FACES = 5_000_000  # some 1 GB while they are split
 _LONGEST = 1024  # texels; triangles with a longer side are split unseen
@@ -34,11 +30,7 @@ def subdivide(
     *,
     repeat: bool,
 ) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
-    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`.
-
-    `points`, `faces`, `coordinates`, `picture`, `repeat`: as in `TexturedSurface`, without seams. `tolerance`: of 255
-    grey levels. Raises InputError if the tolerance is not positive, or there would be too many triangles.
-    """
+    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
         raise InputError(f"the tolerance is {shown(tolerance)}; give a positive number of 255 grey levels")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
@@ -60,9 +52,6 @@ def subdivide(
         open_ = is_new
 
 
-# --------------------------------------------------------------------------------------------- where
-
-
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
     """Return how far the texture differs in each triangle from what is linear between its corners, at most.
 
@@ -74,7 +63,8 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
     worst = np.where(steps > _LONGEST, np.inf, 0.0)
     for step in np.unique(steps[(steps > 1) & (steps <= _LONGEST)]).tolist():
         weights = _lattice(step)
-        for some in _batches(np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))):
+        numbers, count = np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))
+        for some in (numbers[first : first + count] for first in range(0, len(numbers), count)):
             ends = values_at(picture, corners[some], repeat)
             within = values_at(picture, weights @ corners[some], repeat)
             worst[some] = np.abs(within - weights @ ends).max(axis=(1, 2))
@@ -89,21 +79,13 @@ def _lattice(steps: int) -> NDArray[np.float64]:
     return np.column_stack([a, b, steps - a - b]) / steps
 
 
-def _batches(numbers: NDArray[np.int64], count: int) -> Iterator[NDArray[np.int64]]:
-    for start in range(0, len(numbers), count):
-        yield numbers[start : start + count]
-
-
-# ----------------------------------------------------------------------------------------------- how
-
-
 def _bisect(
     faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
 ) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
     """Bisect triangles, and others as far as is needed to stay without cracks.
 
-    Returns: `sides`, (K, 2), the sides whose midpoints become the points N, N + 1, ; `faces`, (F', 3), first those that
-    stay, then the new ones; `is_new`, bool (F',).
+    Return the sides whose midpoints become the points N, N + 1, ..., the triangles that stay and then the new ones, and
+    which are new.
     """
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)

@@ -20,8 +20,7 @@ from voxflat.io.files import REMEDY, beside, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
 from voxflat.maps.raster import Raster
 from voxflat.maps.textures.pictures import as_picture, values_at
-
-__all__ = ["TEXTURE_ENDINGS", "SurfaceTexture", "are_colours", "paint", "read_texture"]
+from voxflat.unique_rows import numbered
 
 TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
 """Endings of files of surfaces that may have a texture, or colours at their vertices."""
@@ -31,21 +30,11 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
-    """A picture, and where each triangle of a surface lies in it.
+    """A picture, and where each triangle of a surface lies in it."""
 
-    Parameters
-    ----------
-    faces : ndarray of int64, shape (F, 3)
-        Triangles of the surface's vertices.
-    coordinates : ndarray of float64, shape (F, 3, 2)
-        Texture coordinates of their corners; NaN for none. At a seam a vertex has several.
-    picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
-        Row 0 is the top.
-    """
-
-    faces: NDArray[np.int64]
-    coordinates: NDArray[np.float64]
-    picture: NDArray[np.uint8]
+    faces: NDArray[np.int64]  # (F, 3), of the surface's vertices
+    coordinates: NDArray[np.float64]  # (F, 3, 2); NaN for none. At a seam a vertex has several
+    picture: NDArray[np.uint8]  # (H, W, 3 or 4); row 0 is the top
 
 
 def are_colours(values: object, count: int) -> bool:
@@ -53,17 +42,11 @@ def are_colours(values: object, count: int) -> bool:
     return isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.shape in ((count, 3), (count, 4))
 
 
-# ------------------------------------------------------------------------------------------- reading
-
-
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
-    """Read the texture of a surface.
+    """Read the texture of a surface of `count` vertices, or colours there.
 
-    `path`: ``.obj`` with a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` with texture coordinates and a
-    picture, of the same name beside it or named in PLY's comment TextureFile, or with colours at the vertices. `count`:
-    how many vertices the surface has. Returns: SurfaceTexture, or ndarray of uint8, shape (count, 3) or (count, 4).
-    Raises InputError if it has no texture or several, or another number of vertices; FileNotFoundError, PermissionError
-    if the file, or what it names, cannot be opened.
+    ``.obj`` has a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` texture coordinates and a picture, of the
+    same name beside it or named in PLY's comment TextureFile, or colours at the vertices.
     """
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
@@ -130,15 +113,11 @@ def _material_pictures(library: Path) -> dict[str, str]:
     return found
 
 
-# ------------------------------------------------------------------------------------------ painting
-
-
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Carry a surface's texture to the pixels of its flat map.
+    """Carry a surface's texture, or colours at its vertices, to the pixels of its flat map, RGBA.
 
-    `texture`, SurfaceTexture, or ndarray of uint8, shape (V, 3) or (V, 4): a picture on the surface, or colours at its
-    vertices. `raster`: the map's pixels. `ids` int64 (N,): the vertex that each point of the map is. Returns: uint8 (H,
-    W, 4), opacity 0 outside the map, and in triangles that have no texture.
+    Opacity is 0 outside the map, and in triangles that have no texture. `ids` are the vertices that the map's points
+    are.
     """
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])
@@ -166,13 +145,11 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
 
 def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Find triangles by their corners in any order: their numbers, −1 for none, and which corner is which."""
-    rows = [("a", np.int64), ("b", np.int64), ("c", np.int64)]
     sorting, wanted_sorting = faces.argsort(axis=1), triples.argsort(axis=1)
-    known = np.ascontiguousarray(np.take_along_axis(faces, sorting, 1)).view(rows).ravel()
-    wanted = np.ascontiguousarray(np.take_along_axis(triples, wanted_sorting, 1)).view(rows).ravel()
-    keys, first = np.unique(known, return_index=True)
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    face = np.where(keys[place] == wanted, first[place], -1)
+    keys, wanted = numbered(np.sort(faces, axis=1), np.sort(triples, axis=1))
+    first = np.full(len(keys) + len(wanted), -1)
+    first[keys[::-1]] = np.arange(len(keys))[::-1]
+    face = first[wanted]
     order = np.empty_like(triples)
     np.put_along_axis(order, wanted_sorting, sorting[face], axis=1)
     return face, order

@@ -19,15 +19,13 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, beside, by_ending, naming, naming_file
 from voxflat.io.formats import gltf, obj, ply, vtk
-from voxflat.io.provenance import Record, as_text, check_beside, check_not_read, saving
+from voxflat.io.provenance import Record, Recorded, as_text, check_beside, check_not_read, saving
 from voxflat.maps.textures.pictures import values_at
 from voxflat.maps.textures.subdivision import subdivide
 
-__all__ = ["TEXTURED_ENDINGS", "TexturedSurface", "files_beside"]
-
 
 @dataclass(frozen=True, eq=False)
-class TexturedSurface:
+class TexturedSurface(Recorded):
     """A surface with a picture on it: what `FlatMap.textured` and `FlatPage.textured` return.
 
     Parameters
@@ -70,10 +68,6 @@ class TexturedSurface:
     def __repr__(self) -> str:
         height, width = self.picture.shape[:2]
         return f"<TexturedSurface: {len(self.points)} points, {len(self.faces)} triangles, {width} x {height} texels>"
-
-    def _with_provenance(self, record: Record) -> TexturedSurface:
-        """Return the same surface with a record of what made it."""
-        return replace(self, provenance=record)
 
     @property
     def colours(self) -> NDArray[np.uint8]:
@@ -242,5 +236,4 @@ _WRITERS: dict[str, Callable[[_Files, TexturedSurface, list[str]], None]] = {
     ".ply": _write_ply,
 }
 _BESIDE = {".obj": (".mtl", ".png"), ".vtp": (".png",)}
-TEXTURED_ENDINGS = tuple(_WRITERS)
-"""Endings of the files that `TexturedSurface.save` writes."""
+TEXTURED_ENDINGS = tuple(_WRITERS)  # endings of the files that `TexturedSurface.save` writes

@@ -13,32 +13,17 @@ from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
 
-__all__ = ["AUTOMATIC", "Choice", "chosen"]
-
-AUTOMATIC = "automatic"
-"""The word for cuts that are found anew for each surface."""
+AUTOMATIC = "automatic"  # the word for cuts that are found anew for each surface
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The cuts that were chosen.
+    """The cuts that were chosen."""
 
-    Parameters
-    ----------
-    template : Template or None
-        Whose cuts are made.
-    sphere : Sphere or None
-        The surface's, if it is known.
-    is_usual : bool
-        Whether nobody asked for it.
-    remarks : tuple of str
-        What the user should know.
-    """
-
-    template: Template | None
-    sphere: Sphere | None
-    is_usual: bool
-    remarks: tuple[str, ...]
+    template: Template | None  # whose cuts are made
+    sphere: Sphere | None  # the surface's, if it is known
+    is_usual: bool  # whether nobody asked for it
+    remarks: tuple[str, ...]  # what the user should know
 
 
 def chosen(
@@ -52,15 +37,20 @@ def chosen(
 ) -> Choice:
     """Choose the cuts.
 
-    `cuts`, `sphere`, `threads`, `progress`: as in `voxflat.flatten`. `is_free`: whether nobody has said what to
-    flatten: then a closed surface with a registered sphere gets standard cuts. Raises InputError if a template is asked
-    for and does not fit, or there is no sphere and the surface cannot be registered.
+    Where nobody has said what to flatten (`is_free`), a closed surface with a registered sphere gets standard cuts.
     """
     asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)
     if asked is not None:
-        found, remarks = _needed_sphere(whole, sphere, threads, progress)
+        place = sphere_beside(whole) if sphere is None else sphere
+        if place is None:
+            own = register(whole, None, threads, progress)
+            told = f"the surface was registered by its folds ({own.side}, confidence {own.confidence:.2f})"
+            remarks = [remark for remark in own.remarks if remark not in whole.remarks]
+            found, remarks = registered_sphere(own), [*remarks, f"there is no sphere: {told}"]
+        else:
+            found, remarks = sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, found)
         return Choice(named, found, False, tuple(remarks))
@@ -80,23 +70,6 @@ def chosen(
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
     return Choice(template, found, is_usual, tuple(remarks))
-
-
-def _needed_sphere(
-    whole: Manifold, sphere: object | None, threads: int | None, progress: Progress | None
-) -> tuple[Sphere, list[str]]:
-    place = sphere_beside(whole) if sphere is None else sphere
-    return _registered(whole, threads, progress) if place is None else sphere_of(whole, place)
-
-
-def _registered(whole: Manifold, threads: int | None, progress: Progress | None) -> tuple[Sphere, list[str]]:
-    """Register a surface that has no sphere."""
-    found = register(whole, None, threads, progress)
-    told = (
-        f"there is no sphere: the surface was registered by its folds ({found.side}, confidence {found.confidence:.2f})"
-    )
-    own = [remark for remark in found.remarks if remark not in whole.remarks]
-    return registered_sphere(found), [*own, told]
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:

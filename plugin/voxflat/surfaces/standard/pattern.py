@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from voxflat.unique_rows import distinct
 
-__all__ = ["DEPTH_UNIT", "PLACE_UNIT", "SIDES", "Pattern", "icosphere", "pattern"]
-
 SIDES = ("left", "right")
 
 DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255
@@ -34,11 +32,7 @@ class Pattern(NamedTuple):
 
 @cache
 def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return points on the unit sphere and triangles, counterclockwise from outside: an icosahedron's, divided.
-
-    `subdivisions`: how often each triangle is divided into four. Returns: `points`, float64 (10 · 4**subdivisions + 2,
-    3); `faces`, int64 (20 · 4**subdivisions, 3).
-    """
+    """Return points on the unit sphere and triangles, counterclockwise from outside: an icosahedron's, divided."""
     golden = (1 + 5**0.5) / 2
     cycle = [np.roll([0.0, a, b * golden], k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
     points = np.array(cycle) / np.hypot(1, golden)
@@ -64,10 +58,7 @@ def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], ND
 
 @cache
 def pattern(side: str) -> Pattern:
-    """Return the template's pattern of a side, at the places of `icosphere`.
-
-    `side`: {"left", "right"}.
-    """
+    """Return the template's pattern of a side, at the places of `icosphere`."""
     with files(__package__).joinpath("pattern.npz").open("rb") as file, np.load(file) as saved:
         stored: dict[str, NDArray[Any]] = {name: saved[f"{side}_{name}"] for name in Pattern._fields}
     return Pattern(

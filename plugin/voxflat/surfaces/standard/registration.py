@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_choice, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
-
-__all__ = ["Registration", "register"]
 
 _RADIUS = 100.0  # as FreeSurfer's spheres have
 _MIDWAY, _WIDTH = 2.3, 0.08  # of the evidence, between no hemispheres and hemispheres: docs/decisions/0023
@@ -24,7 +22,7 @@ _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 
 @dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(Recorded):
     """A surface on the unit sphere, in fsaverage space.
 
     Parameters
@@ -65,6 +63,8 @@ class Registration:
     remarks: tuple[str, ...] = ()
     provenance: Record = field(default_factory=dict)
 
+    _used = ("side",)
+
     def __repr__(self) -> str:
         return f"<Registration: {len(self.points)} vertices, {self.side}, confidence {self.confidence:.2f}>"
 
@@ -76,10 +76,6 @@ class Registration:
         merged = self.surface.merged
         places[merged[:, 0]] = places[merged[:, 1]]
         return places
-
-    def _with_provenance(self, record: Record) -> Registration:
-        """Return the same with a record of what made it."""
-        return replace(self, provenance=resolved(record, {"side": self.side}))
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the sphere, of radius 100, as FreeSurfer's ``?h.sphere.reg``: the mesh's own vertices and triangles.

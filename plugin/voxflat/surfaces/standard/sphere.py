@@ -20,8 +20,6 @@ from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 
-__all__ = ["Sphere", "in_triangles", "registered_sphere", "sphere_beside", "sphere_of"]
-
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
 _ROUND = 0.02  # of the radius that points may lie off the sphere
 _FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
@@ -34,29 +32,15 @@ _NEAREST = 12  # vertices whose triangles may hold a place
 class Sphere:
     """Where each vertex of a surface lies on the sphere of fsaverage or fs_LR.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (V, 3)
-        Unit vectors, one for each vertex of the whole mesh.
-    space : {"fsaverage", "fs_LR"}
-        Whose sphere.
-    side : {"left", "right"}
-        Of which hemisphere.
-    name : str
-        The file's, or what else it is.
-    folded : int
-        Triangles of the surface that are turned over on it.
-    distance : float
-        Median distance from the template's brain, rigidly laid on it and scaled, mm, at corresponding places: how well
-        it is registered, roughly.
+    The distance from the template's brain, rigidly laid on it and scaled, says roughly how well it is registered.
     """
 
-    places: NDArray[np.float64]
-    space: str
-    side: str
-    name: str
-    folded: int
-    distance: float
+    places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
+    space: str  # fsaverage or fs_LR
+    side: str  # left or right
+    name: str  # the file's, or what else it is
+    folded: int  # triangles of the surface that are turned over on it
+    distance: float  # median, mm, at corresponding places
 
     def __repr__(self) -> str:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
@@ -68,33 +52,24 @@ class Sphere:
 
 
 def sphere_beside(whole: Manifold) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface.
-
-    `whole`: such as of ``surf/lh.white``. Returns: ``surf/lh.sphere.reg``, if it is there.
-    """
+    """Find the registered sphere that FreeSurfer leaves beside a surface: ``lh.sphere.reg`` of ``lh.white``."""
     given = whole.metadata.get("input")
     return sphere_at(given) if given and not whole.is_voxels else None
 
 
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface's file.
-
-    `path`: such as ``surf/lh.white``. Returns: ``surf/lh.sphere.reg``, if it is there.
-    """
+    """Find the registered sphere that FreeSurfer leaves beside a surface's file."""
     match = re.match(r"[lr]h(?=\.)", Path(path).name)
     beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
     return beside if beside is not None and beside.is_file() else None
 
 
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
-    """Take what is given as the registered sphere of a surface.
+    """Take what is given as the registered sphere of a surface, with remarks: a place for each vertex of the mesh.
 
-    `sphere`, path, Mesh, (points, faces) or array_like of shape (V, 3): one place for each vertex of the mesh, around
-    the origin, of any radius. In fsaverage space, or in that of fs_LR where the file's name says so (``fs_LR``,
-    ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that where the
-    surface says clearly that it is the other one, that counts. Returns: `remarks`, what the user should know of it.
-    Raises InputError if it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not
-    registered.
+    It lies around the origin, with any radius, in fsaverage space, or in that of fs_LR where the file's name says so
+    (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that
+    where the surface says clearly that it is the other one, that counts.
     """
     mesh = _as_points(sphere)
     name, points = (
@@ -129,10 +104,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
 
 
 def registered_sphere(found: Registration) -> Sphere:
-    """Take a surface's registration as its sphere.
-
-    `found`: of the surface, or of its largest component; what belongs to no other lies in the centre.
-    """
+    """Take a surface's registration as its sphere; what belongs to no triangle of it lies in the centre."""
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
     return Sphere(places, "fsaverage", found.side, "its own registration", 0, distance)
@@ -178,20 +150,17 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(
-            f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other"
-        )
+        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface}: give the other")
     return of_surface or of_sphere
 
 
 def in_triangles(
     places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find the spherical triangles that hold places on the unit sphere.
+    """Find the spherical triangles that hold places on the unit sphere, all given as unit vectors.
 
-    `places` float64 (N, 3): of vertices; unit vectors. `faces` int (F, 3): triangles of vertices. `wanted` float64 (k,
-    3): unit vectors. Returns: `corners`, int64 (k, 3), of the triangle that holds each, or comes nearest to holding it;
-    `weights`, float64 (k, 3), its weights there, which sum to 1; `is_inside`, bool (k,), whether one holds it.
+    Return the corners of the one that holds each, or comes nearest to it, its weights there, which sum to 1, and
+    whether one holds it.
     """
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(

@@ -16,26 +16,9 @@ from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.io.provenance import Record, as_text
 
-__all__ = [
-    "SIDES",
-    "SPACES",
-    "STANDARD",
-    "Anchors",
-    "Line",
-    "Template",
-    "is_template",
-    "read_template",
-    "standard_template",
-]
-
-STANDARD = "standard"
-"""The name of the template that the package carries."""
-
-SPACES = ("fsaverage", "fs_LR")
-"""The spaces in which a sphere may be registered."""
-
-SIDES = {"left": "CortexLeft", "right": "CortexRight"}
-"""The sides, and GIFTI's names for them."""
+STANDARD = "standard"  # the name of the template that the package carries
+SPACES = ("fsaverage", "fs_LR")  # the spaces in which a sphere may be registered
+SIDES = {"left": "CortexLeft", "right": "CortexRight"}  # the sides, and GIFTI's names for them
 
 _FORMAT = 1
 _UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
@@ -45,71 +28,35 @@ _UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
 class Line:
     """A line on the unit sphere, its points joined by arcs of great circles.
 
-    Parameters
-    ----------
-    name : str
-        Such as ``"calcarine"``.
-    points : ndarray of float64, shape (k, 3)
-        Unit vectors. An outline is closed: its last point is joined to its first, and what belongs to the patch lies on
-        its left as seen from outside. A cut begins at its root.
-    root : str or None
-        Of a cut the name of the outline, or of the cut before it, at which it begins; None if it begins within a
-        surface without a boundary.
+    An outline is closed: its last point is joined to its first, and what belongs to the patch lies on its left as seen
+    from outside. A cut begins at its root: an outline, or a cut before it; at none within a surface without a boundary.
     """
 
-    name: str
-    points: NDArray[np.float64]
+    name: str  # such as "calcarine"
+    points: NDArray[np.float64]  # (k, 3), unit vectors
     root: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Corresponding points, by which maps are turned alike and spheres are checked.
+    """Corresponding points, by which maps are turned alike and spheres are checked."""
 
-    Parameters
-    ----------
-    sphere : ndarray of float64, shape (a, 3)
-        Places on the unit sphere.
-    flat : ndarray of float64, shape (a, 2)
-        The same on the flat map of fsaverage5, mm.
-    white : ndarray of float64, shape (a, 3)
-        The same on the white surface of fsaverage5, mm.
-    """
-
-    sphere: NDArray[np.float64]
-    flat: NDArray[np.float64]
-    white: NDArray[np.float64]
+    sphere: NDArray[np.float64]  # (a, 3), on the unit sphere
+    flat: NDArray[np.float64]  # (a, 2), on the flat map of fsaverage5, mm
+    white: NDArray[np.float64]  # (a, 3), on the white surface of fsaverage5, mm
 
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Where a hemisphere is cut.
+    """Where a hemisphere is cut."""
 
-    Parameters
-    ----------
-    name : str
-        What it is called; of a file its path.
-    space : {"fsaverage", "fs_LR"}
-        Whose sphere its lines lie on.
-    side : {"left", "right"}
-        Of which hemisphere it is.
-    outlines : tuple of Line
-        Borders of what is flattened, closed: around the medial wall, or around a region.
-    cuts : tuple of Line
-        In the order in which they are made.
-    anchors : Anchors or None
-        Of the template that the package carries.
-    provenance : dict
-        What it was derived from.
-    """
-
-    name: str
-    space: str
-    side: str
-    outlines: tuple[Line, ...]
-    cuts: tuple[Line, ...]
-    anchors: Anchors | None = None
-    provenance: Record = field(default_factory=dict)
+    name: str  # what it is called; of a file its path
+    space: str  # fsaverage or fs_LR: whose sphere its lines lie on
+    side: str  # left or right
+    outlines: tuple[Line, ...]  # closed: around the medial wall, or around a region
+    cuts: tuple[Line, ...]  # in the order in which they are made
+    anchors: Anchors | None = None  # of the template that the package carries
+    provenance: Record = field(default_factory=dict)  # what it was derived from
 
     def __repr__(self) -> str:
         names = ", ".join(line.name for line in self.cuts)
@@ -137,19 +84,13 @@ def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
 
 @cache
 def standard_template(space: str, side: str) -> Template:
-    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one.
-
-    `space`, {"fsaverage", "fs_LR"}: the sphere's. `side`, {"left", "right"}: the hemisphere's.
-    """
+    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one."""
     path = Path(__file__).parent / f"{space}.{side}.json"
     return _parsed(path, from_json(path.read_text(encoding="utf-8")), STANDARD)
 
 
 def is_template(path: Path) -> bool:
-    """Say whether a file is a template, and not a list of one surface's vertices.
-
-    `path`: a file of cuts.
-    """
+    """Say whether a file of cuts is a template, and not a list of one surface's vertices."""
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):
@@ -158,10 +99,7 @@ def is_template(path: Path) -> bool:
 
 
 def read_template(path: str | os.PathLike[str]) -> Template:
-    """Read a template from a file, as `CutSurface.save_template` writes it.
-
-    `path`: JSON. Raises InputError if it is no template, or names what there is not.
-    """
+    """Read a template from a file, as `CutSurface.save_template` writes it."""
     path = checked_path(path)
     try:
         content = from_json(contents(path))

@@ -21,8 +21,6 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import Line, Template
 
-__all__ = ["TracedCut", "kept_by", "template_of", "traced"]
-
 _STEP = 0.0025  # between points of a line to which distances are measured, radians: 0.25 mm on a sphere of 100 mm
 _BEYOND = 0.3  # by how much a cut's line is drawn on beyond its root, radians: the subject's own wall may lie there
 _DIRECTION = 0.1  # of a line at its root: over so much of it
@@ -35,31 +33,15 @@ _STEEP = 1e6  # most that an edge costs for its length
 
 @dataclass(frozen=True, eq=False)
 class TracedCut:
-    """A template's cut on a surface.
+    """A template's cut on a surface."""
 
-    Parameters
-    ----------
-    name : str
-        The template's.
-    vertices : ndarray of int64, shape (k,)
-        Numbers of the part's vertices, from the root to the tip.
-    length : float
-        mm.
-    """
-
-    name: str
-    vertices: NDArray[np.int64]
-    length: float
-
-
-# ------------------------------------------------------------------------------------------- outlines
+    name: str  # the template's
+    vertices: NDArray[np.int64]  # (k,), of the part, from the root to the tip
+    length: float  # mm
 
 
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
-    """Find the triangles that a template's outlines keep: on their left, in one piece with one border each.
-
-    `template`: the template. `sphere`: its sphere. Returns: bool (F,). Raises InputError if none is kept.
-    """
+    """Find the triangles that a template's outlines keep: on their left, in one piece with one border each."""
     faces = whole.faces
     kept = np.ones(len(faces), dtype=np.bool_)
     for outline in template.outlines:
@@ -90,9 +72,8 @@ def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
     pole = pole / np.linalg.norm(pole) if np.linalg.norm(pole) > 1e-6 else np.cross(line[0], line[1])
     x, y = _across(pole)
 
-    def flat(
-        points: NDArray[np.float64],
-    ) -> NDArray[np.float64]:  # stereographic: circles stay circles, left stays left
+    def flat(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Project stereographically: circles stay circles, left stays left."""
         away = np.maximum(1 + points @ pole, 1e-9)
         return np.stack([points @ x, points @ y], axis=1) / away[:, None]
 
@@ -129,18 +110,10 @@ def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     return np.asarray(dense / np.linalg.norm(dense, axis=1)[:, None])
 
 
-# ------------------------------------------------------------------------------------------- cuts
-
-
 def traced(
     template: Template, part: Manifold, sphere: Sphere, progress: Progress | None
 ) -> tuple[list[TracedCut], list[str]]:
-    """Find a template's cuts on a part of a surface.
-
-    `template`: the template. `part`: what is left of a surface, in one piece, not cut yet. `sphere`: that of the whole
-    surface. `progress`: as in `voxflat.flatten`. Returns: `remarks`, which cuts lie elsewhere and are not made. Raises
-    InputError if a cut finds no way near its line.
-    """
+    """Find a template's cuts on a part of a surface, in one piece and not cut yet; remarks say which are not made."""
     places = sphere.places[part.vertices]
     topology = part.core.topology()
     loops = [np.asarray(loop["vertices"], dtype=np.int64) for loop in topology["loops"]]
@@ -175,7 +148,13 @@ def traced(
             continue
         aside = _beside(cut, places, drawn_on=cut.root is not None)
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
-        way = _way(part, tip, is_root, is_open, factors, cut.name, progress)
+        try:
+            way = part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
+        except InputError:
+            raise InputError(
+                f"the cut {cut.name!r} finds no way from its tip to its root: borders or other cuts lie between; give "
+                "other regions, or cuts='automatic'"
+            ) from None
         if aside[way].max() > astray:
             aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
@@ -218,36 +197,10 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
     return np.asarray(scipy.spatial.KDTree(_dense(points, _STEP)).query(places, distance_upper_bound=_FAR)[0])
 
 
-def _way(
-    part: Manifold,
-    tip: int,
-    is_root: NDArray[np.bool_],
-    is_open: NDArray[np.bool_],
-    factors: NDArray[np.float64],
-    name: str,
-    progress: Progress | None,
-) -> NDArray[np.int64]:
-    try:
-        return part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
-    except InputError:
-        raise InputError(
-            f"the cut {name!r} finds no way from its tip to its root: borders or other cuts lie between; give other "
-            "regions, or cuts='automatic'"
-        ) from None
-
-
-# ------------------------------------------------------------------------------------------- making a template
-
-
 def template_of(
     whole: Manifold, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
 ) -> Template:
-    """Make a template of what was left out of a surface, and of its cuts.
-
-    `whole`: the whole surface. `faces` bool (F,): its triangles that were kept. `cuts`, list of (str, ndarray of
-    int64): names, and paths of neighbouring vertices of the whole mesh. `sphere`: the surface's. Raises InputError if a
-    cut begins neither at a border nor at another cut, or is closed.
-    """
+    """Make a template of the triangles that a surface kept, and of its cuts: names, and paths of its vertices."""
     part = whole._with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
     outlines = []
