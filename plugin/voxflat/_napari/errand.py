@@ -15,11 +15,6 @@ class Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
 
     napari waits for threads when it closes, but not for one that starts in that moment. Python then waits for it before
     it ends. Such a thread finds its signals deleted; an exception that leaves `run` would end the process.
-
-    Parameters
-    ----------
-    function : callable
-        What to do. It touches no widget and no layer.
     """
 
     def __init__(self, function: Callable[[], Any]) -> None:

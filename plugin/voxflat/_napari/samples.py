@@ -34,8 +34,7 @@ _SAMPLE = ("voxflat", "demo_cortex")
 def demo_cortex() -> list[LayerData]:
     """Open the MNI152 template: T1 and white matter as they are read, and a seed point on the left central cortex.
 
-    Returns: in mm, RAS+: the seed point, hidden, to which another thread adds the rest before it is shown; without a
-    viewer all.
+    Returns the seed point, hidden, to which another thread adds the rest before it is shown; without a viewer all.
     """
     from napari import current_viewer
 
@@ -53,10 +52,7 @@ class _Cortex:
     """Reads the sample's volumes."""
 
     def run(self, progress: Progress) -> list[LayerData]:
-        """Return T1 and white matter in its parts.
-
-        `progress`: as in `voxflat.flatten`.
-        """
+        """Return T1 and white matter in its parts."""
         from voxflat.demo import THRESHOLD, demo_cortex
         from voxflat.surfaces.hemispheres import hemisphere
 

@@ -11,13 +11,7 @@ _LATE = 2000  # ms: a dock that is opened later has been made for something else
 
 
 class Tab(QObject):
-    """Opens a widget's dock as a tab beside those of ours that are open; afterwards it stays where one puts it.
-
-    Parameters
-    ----------
-    widget : QWidget
-        The dock's widget.
-    """
+    """Opens a widget's dock as a tab beside those of ours that are open; afterwards it stays where one puts it."""
 
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)

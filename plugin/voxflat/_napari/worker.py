@@ -32,13 +32,6 @@ class JobWorker(Errand):
 
     Its progress is shown in napari's activity dock. Whatever goes wrong is emitted by `errored`, and nothing shows it
     unasked, as napari's other workers do.
-
-    Parameters
-    ----------
-    job : Job, PatchesJob or other Work
-        What to do.
-    title : str
-        What is done, for the activity dock.
     """
 
     def __init__(self, job: Work, title: str = "voxflat") -> None:

@@ -125,10 +125,7 @@ def each(files: tuple[Path, ...]) -> Any:
 
 
 def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
-    """Take the options of an overlay out of what a command was given; those that nobody gave are taken out, too.
-
-    `data`: the overlay's file, or one for each map. `given`: all options of the command.
-    """
+    """Take an overlay's options out of those of a command, and also those that nobody gave; `data` are its files."""
     from voxflat.figures import Overlay  # brings in matplotlib
 
     if given["depth"] is not None and given["fraction"] is not None:

@@ -27,12 +27,11 @@ _STEM = "group_desc-voxflat"
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
     """Compare the participants of a study.
 
-    `source`: as in `participants`: those without results are listed, too. `out`: what `study` has written; gets
-    ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images of means and standard deviations
-    (``.nii.gz``) and the page ``group.html``. `labels`, sequence of str: participants; all by default. Returns:
-    ``maps``, ``missing`` (why, by participant and hemisphere), ``outliers`` likewise, ``written``: names of files; none
-    where everything was up to date. Raises InputError if there are no results; OSError if something cannot be read or
-    written.
+    `source`, `labels`: as in `participants`: those without results are listed, too. `out`: what `study` has written;
+    gets ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images of means and standard
+    deviations (``.nii.gz``) and the page ``group.html``. Returns ``maps``, ``missing`` (why, by participant and
+    hemisphere), ``outliers`` likewise, ``written``: names of files; none where everything was up to date. Raises
+    InputError if there are no results; OSError if something cannot be read or written.
     """
     rows = _with_outliers(list(_rows(source, out, labels)))
     there = [row for row in rows if row.record is not None]

@@ -122,9 +122,8 @@ def page_of(
 ) -> MapPage:
     """Return a page with a surface and its map, linked, and a slider from one to the other.
 
-    `of_points`, `of_triangles`, dict of str to ndarray, shape (N,) and (F,): what can be shown, by its name: measures
-    (`voxflat.distortion.triangles`) and any other. `title`: of the page. `first`: what is shown at first; by default
-    the first one. `unit`: of the places. Raises InputError if there is nothing to show.
+    `of_points`, `of_triangles`: what can be shown, by its name: measures (`voxflat.distortion.triangles`) and any
+    other. `first`: what is shown at first. `unit`: of the places. Raises InputError if there is nothing to show.
     """
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}

@@ -24,11 +24,9 @@ _DOTS = (240.0, 26.0)  # pixels of a row of dots
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
-    """Return the page of a study.
+    """Return the page of a study, as HTML that needs no other file but the subjects' reports, which it links to.
 
-    `rows`, sequence of Row: all hemispheres. `means`, sequence of Mean: over standard maps. `maps`, sequence of dict:
-    `map_picture` of each. `key`: what it is made of, in short. Returns: HTML that needs no other file but the subjects'
-    reports, which it links to.
+    `means`: over standard maps. `maps`: `map_picture` of each. `key`: what it is made of, in short.
     """
     there = [row for row in rows if row.record is not None]
     table = []

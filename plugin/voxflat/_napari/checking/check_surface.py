@@ -32,15 +32,7 @@ _PLACES = {
 
 
 class CheckForm(LayerForm):
-    """Asks which surface is checked.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks which surface is checked."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -71,13 +63,7 @@ class _CheckIt:
 
 
 class CheckSurface(Findings):
-    """Says what keeps a surface from being flattened, and marks where.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+    """Says what keeps a surface from being flattened, and marks where."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         self.form = CheckForm(napari_viewer)

@@ -17,15 +17,7 @@ from voxflat.errors import Cancelled
 
 
 class Findings(QWidget):
-    """A button to find out, and a table of what was found.
-
-    Parameters
-    ----------
-    action : str
-        What is done, on the button, which cancels while it is done.
-    above : QWidget, optional
-        What is asked before.
-    """
+    """A button to find out, which cancels while that is done, and a table of what was found, below what is asked."""
 
     asked = Signal()
     """Someone wants to find out."""
@@ -48,19 +40,12 @@ class Findings(QWidget):
         """Stop following the viewer."""
 
     def tell_text(self, text: str) -> None:
-        """Show a table of text, column below column.
-
-        `text`: the table.
-        """
+        """Show a table of text, column below column."""
         self.table.setCurrentFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.table.setPlainText(text)
 
     def tell_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
-        """Show what was found, row by row, in lines as wide as the dock.
-
-        `rows`, sequence of tuple of str: names and what was found. `advice`, sequence of str: what to know and what to
-        do.
-        """
+        """Show names and what was found, row by row, in lines as wide as the dock, then what to know and what to do."""
         cells = "".join(
             f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
             f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"

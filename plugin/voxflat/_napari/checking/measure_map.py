@@ -29,13 +29,7 @@ class _MeasureIt:
 
 
 class MeasureMap(Findings):
-    """Tells all figures of the selected layer's map, or of the current run; a flat patch of another tool is measured.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+    """Tells all figures of the selected layer's map, or of the current run; another tool's flat patch is measured."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__("Measure")

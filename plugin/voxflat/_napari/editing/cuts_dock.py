@@ -52,13 +52,7 @@ _GAIN = "By how much distances are further off without the cut, in a sketch of t
 
 
 class DrawCuts(QWidget):
-    """Cuts a surface where someone clicks on it in 3D.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+    """Cuts a surface where someone clicks on it in 3D."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()

@@ -30,27 +30,7 @@ _WIDTH = 0.006  # of the surface's size
 
 
 class Scene(QObject):
-    """Shows a drawing in a viewer, a step at a time: between them the window lives.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    drawing : Drawing
-        What is shown.
-    curvature : ndarray, shape (N,)
-        Of the surface's vertices, 1/mm.
-    places : ndarray, shape (N, 3)
-        Where its vertices are shown, mm along the world's axes.
-    unit : str or None
-        Of the world; None for pixels.
-    name : str
-        Of what is cut.
-    world : str
-        What the viewer's axes mean.
-    parent : QObject
-        The parent.
-    """
+    """Shows a drawing in a viewer, a step at a time: between them the window lives."""
 
     appeared = Signal()
     """All of it is in the viewer, which is turned to it."""

@@ -25,39 +25,20 @@ Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
 
 @dataclass(frozen=True, eq=False)
 class MakeSurface:
-    """Makes the surface that cuts are drawn on.
-
-    Parameters
-    ----------
-    source : LayerVolume or LayerMesh
-        What is cut.
-    foreground : dict
-        ``label`` and ``threshold``, as in `voxflat.flatten`.
-    """
+    """Makes the surface that cuts are drawn on."""
 
     source: LayerVolume | LayerMesh
     foreground: dict[str, Any]
 
     def run(self, progress: Progress) -> tuple[Surface, NDArray[np.float64]]:
-        """Make it.
-
-        Returns: (N,), its mean curvature, 1/mm.
-        """
+        """Make it; return its mean curvature, 1/mm, too."""
         made = surface(self.source.read(), **self.foreground, progress=progress)
         return made, made.mean_curvature(progress=progress)
 
 
 @dataclass(frozen=True, eq=False)
 class FindCuts:
-    """Finds cuts to begin with.
-
-    Parameters
-    ----------
-    surface : Surface
-        What is cut.
-    by : str
-        "standard", "automatic" or a file of cuts.
-    """
+    """Finds cuts to begin with: "standard", "automatic" or those of a file."""
 
     surface: Surface
     by: str
@@ -71,15 +52,7 @@ class FindCuts:
 
 @dataclass(frozen=True, eq=False)
 class CutsOfMap:
-    """Finds the cuts that a map was made with, and what it leaves out.
-
-    Parameters
-    ----------
-    surface : Surface
-        The whole surface.
-    flat_map : FlatMap
-        A map of it.
-    """
+    """Finds the cuts that a map was made with, and what it leaves out of the whole surface."""
 
     surface: Surface
     flat_map: FlatMap
@@ -98,33 +71,16 @@ class CutsOfMap:
 
 @dataclass(frozen=True, eq=False)
 class SaveTemplate:
-    """Turns cuts into a template for every brain, by the surface's sphere, or by its folds where it has none.
-
-    Parameters
-    ----------
-    surface : Surface
-        What is cut.
-    paths : sequence of ndarray of int64
-        As `cuts` of `Surface.cut`.
-    names : sequence of str
-        One a path.
-    left_out : ndarray of int64
-        As for `Surface.drop`; empty for nothing.
-    file : Path
-        Where it is written to.
-    """
+    """Turns cuts into a template for every brain, by the surface's sphere, or by its folds where it has none."""
 
     surface: Surface
-    paths: Sequence[NDArray[np.int64]]
+    paths: Sequence[NDArray[np.int64]]  # as `cuts` of `Surface.cut`
     names: Sequence[str]
-    left_out: NDArray[np.int64]
+    left_out: NDArray[np.int64]  # as for `Surface.drop`; empty for nothing
     file: Path
 
     def run(self, progress: Progress) -> Path:
-        """Write it.
-
-        Returns: the file.
-        """
+        """Write it; return the file."""
         sphere = sphere_beside(self.surface) or self.surface.register(progress=progress)
         part = self.surface.drop(self.left_out) if len(self.left_out) else self.surface
         found = part.cut(list(self.paths), sphere=sphere, relax=False, progress=progress)
@@ -135,28 +91,14 @@ class SaveTemplate:
 
 @dataclass(frozen=True, eq=False)
 class WeighCuts:
-    """Says what each cut is worth.
-
-    Parameters
-    ----------
-    surface : Surface
-        What is cut.
-    paths : sequence of ndarray of int64
-        As `cuts` of `Surface.cut`.
-    left_out : ndarray of int64
-        As for `Surface.drop`; empty for nothing.
-    """
+    """Says what each cut is worth; fields are as of `SaveTemplate`."""
 
     surface: Surface
     paths: Sequence[NDArray[np.int64]]
     left_out: NDArray[np.int64]
 
     def run(self, progress: Progress) -> tuple[float, list[float]]:
-        """Sketch the map with all cuts, and without each.
-
-        Returns: mean relative error of distances in a sketch of the map with all cuts; how much greater it is without
-        each of them.
-        """
+        """Return the mean relative error of distances in a sketch, and how much greater it is without each cut."""
         with_all = self._error(self.paths, progress)
         others = [[path for path in self.paths if path is not left_out] for left_out in self.paths]
         return with_all, [self._error(paths, progress) - with_all for paths in others]

@@ -25,11 +25,6 @@ class LabelChoice(QComboBox):
 
     Listing the labels of a volume takes up to a second, so another thread does it; until then, and for layers of very
     many labels or voxels, the selected label alone is offered.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The widget's parent.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -48,17 +43,11 @@ class LabelChoice(QComboBox):
         return None if label is None else int(label)
 
     def choose(self, label: int) -> None:
-        """Choose a label.
-
-        `label`: one of those that are offered.
-        """
+        """Choose one of the labels that are offered."""
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
-        """Offer the labels of a layer, and follow its changes.
-
-        `layer`: the layer; None to follow none.
-        """
+        """Offer the labels of a layer, and follow its changes."""
         if self._layer is not None:
             self._layer.events.selected_label.disconnect(self._on_selected)
             self._layer.events.data.disconnect(self._rescan)

@@ -14,24 +14,12 @@ if TYPE_CHECKING:
 
 
 class LayerChoice(QComboBox):
-    """Chooses a layer, and follows the viewer's layers as they come, go and change their names.
+    """Chooses a layer, or `none`, and follows the viewer's layers as they come, go and change their names.
 
-    Until the user has chosen, the best layer is chosen, whatever the order in which layers come: of the greatest rank,
-    and of several the newest.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    rank : callable
-        How well a layer suits, or None if it does not at all. Layers of rank 0 are offered, and not chosen unasked.
-    none : str, optional
-        An entry for no layer; without it one layer is chosen as soon as there is one.
-    follows_selection : bool
-        Prefer the layer that the user selects in the viewer's list to better ones. napari selects each layer that
-        comes; that does not count.
-    parent : QWidget, optional
-        The widget's parent.
+    Until the user has chosen, the best layer is chosen, whatever the order in which layers come: of the greatest
+    `rank`, and of several the newest. Of rank None it is not offered, of 0 not chosen unasked. A layer that the user
+    selects in the viewer's list goes before better ones, if it `follows_selection`; napari selects each that comes,
+    which does not count.
     """
 
     chosen = Signal()
@@ -74,10 +62,7 @@ class LayerChoice(QComboBox):
         return self._layers[index] if 0 <= index < len(self._layers) else None
 
     def choose(self, layer: Layer | None) -> None:
-        """Choose a layer, as the user does.
-
-        `layer`: one of those that are offered.
-        """
+        """Choose one of the layers that are offered, as the user does."""
         self._by_user = True
         self.setCurrentIndex(self._layers.index(layer))
 

@@ -49,13 +49,7 @@ class _Asked:
 
 
 class Plan(QLabel):
-    """Says what will be done, how many points there are, and about how long it takes.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Says what will be done, how many points there are, and about how long it takes."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -70,10 +64,7 @@ class Plan(QLabel):
         self._timer.timeout.connect(self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
-        """Tell the plan for a layer.
-
-        `layer`: what is flattened; None for no plan. `**asked`: what else the form asks for.
-        """
+        """Tell the plan for a layer and what else the form asks for; none for no layer."""
         if layer is None:
             self._asked, self._counted, self._count = None, (), None
             self._timer.stop()

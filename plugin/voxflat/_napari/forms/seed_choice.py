@@ -26,16 +26,8 @@ _CLICK = 3  # pixels that the mouse may move within a click
 class SeedChoice(QWidget):
     """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click.
 
-    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    inside : callable
-        Whether values of a volume are foreground: in 3D a click means the first such voxel.
-    parent : QWidget, optional
-        The widget's parent.
+    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it. In 3D a click means
+    the first voxel whose values are `inside`.
     """
 
     picking = Signal()
@@ -82,10 +74,7 @@ class SeedChoice(QWidget):
         self._on_changed()
 
     def set_point(self, seed: Seed) -> None:
-        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own.
-
-        `seed`: the seed.
-        """
+        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own."""
         surface = self._surface
         assert surface is not None
         point = data_place(surface, seed)

@@ -43,15 +43,7 @@ _PARTS = {
 
 
 class SurfaceForm(LayerForm):
-    """Asks what to flatten and how; `job` says it.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks what to flatten and how; `job` says it."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -171,10 +163,7 @@ class SurfaceForm(LayerForm):
         return self._workbench.map_of(self.surface.layer) if is_known else None
 
     def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
-        """Ask for a layer's surface along the cuts that were drawn, from the map that is shown.
-
-        `layer`: one of those that can be chosen. `label`, `threshold`: what of a volume is foreground.
-        """
+        """Ask for a layer's surface along the cuts that were drawn, from the map that is shown."""
         self.surface.choose(layer)
         if label is not None:
             self.label.choose(label)
@@ -231,10 +220,7 @@ class SurfaceForm(LayerForm):
     # ------------------------------------------------------------------------------------------ asking
 
     def job(self) -> Job:
-        """Return what the fields ask for.
-
-        Raises InputError if something is still to be chosen, or a layer does not suit.
-        """
+        """Return what the fields ask for; raises InputError if something is to be chosen, or does not suit."""
         layer, world = self._chosen(), self.world.currentData()
         surface, how = self._of_mesh(layer, world) if isinstance(layer, Surface) else self._of_volume(layer, world)
         method = self.method.currentData()

@@ -23,13 +23,6 @@ class ThresholdChoice(QWidget):
 
     The preview is an Image layer of the same array whose contrast limits lie at the threshold, so that the graphics
     card does the work and no voxel is read again.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
     """
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
@@ -64,17 +57,11 @@ class ThresholdChoice(QWidget):
         return float(self.box.value())
 
     def setValue(self, value: float) -> None:  # noqa: N802 - as Qt's boxes have it
-        """Choose a threshold.
-
-        `value`: in the layer's values.
-        """
+        """Choose a threshold, in the layer's values."""
         self.box.setValue(value)
 
     def follow(self, layer: Image | None) -> None:
-        """Offer thresholds amid the contrast limits of a layer.
-
-        `layer`: the layer; None to follow none.
-        """
+        """Offer thresholds amid the contrast limits of a layer, or follow none."""
         if layer is self._layer:
             return
         self.preview.setChecked(False)

@@ -73,13 +73,7 @@ def open_flat_map(viewer: Viewer) -> FlatMapDock:
 
 
 class FlatMapDock(QWidget):
-    """Shows the current run's map on a canvas of its own; the viewer is left as it is.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+    """Shows the current run's map on a canvas of its own; the viewer is left as it is."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()

@@ -11,13 +11,7 @@ from voxflat._napari.errand import Errand
 
 
 class Latest(QObject):
-    """Does one thing at a time in a thread; of what is asked for meanwhile, only the last.
-
-    Parameters
-    ----------
-    parent : QObject, optional
-        The parent.
-    """
+    """Does one thing at a time in a thread; of what is asked for meanwhile, only the last."""
 
     done = Signal(object)
     """What was asked for last is done; with what it returned."""
@@ -36,10 +30,7 @@ class Latest(QObject):
         return self._worker is not None
 
     def ask(self, work: Callable[[], Any]) -> None:
-        """Do something, once what is under way has ended, whose result nobody is told any more.
-
-        `work`: what to do; it touches no widget and no layer.
-        """
+        """Do what touches no widget and no layer, after what is under way, of which nobody is told any more."""
         if self._worker is not None:
             self._next = work
             return

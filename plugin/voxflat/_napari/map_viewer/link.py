@@ -23,15 +23,7 @@ _IN_SLICE = 1.0  # mm from the slice that is shown
 
 
 class ViewerLink(QObject):
-    """Follows the mouse in the viewer, and marks places there.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    inside : QWidget
-        A widget that is, or will be, in the viewer's window; the parent.
-    """
+    """Follows the mouse in the viewer, and marks places there; its parent is, or will be, in the viewer's window."""
 
     pointed = Signal(object)
     """The mouse is at this place of the map, (u, v), or beside the surface: None."""
@@ -81,11 +73,7 @@ class ViewerLink(QObject):
         return self.sheet is not None and bool(self.sheet.origin) and self._viewer.dims.ndim >= 3
 
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where a point lies in the viewer's world.
-
-        `point` (3,): RAS+ mm. Returns: as many numbers as the world has axes: before the last three those that are
-        shown.
-        """
+        """Return where a point, RAS+ mm, lies in the viewer's world; axes before the last three stay as shown."""
         assert self.sheet is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
         world[-3:] = from_ras(point[None], self.sheet.origin["world_axes"])[0] / mm_per_unit(self._viewer)
@@ -126,18 +114,12 @@ class ViewerLink(QObject):
             self.clicked.emit(place)
 
     def mark(self, point: NDArray[np.float64] | None) -> None:
-        """Put the ring at a place.
-
-        `point` (3,), or None: RAS+ mm; None for nowhere.
-        """
+        """Put the ring at a place, RAS+ mm, or nowhere."""
         self._marked = point
         self._draw()
 
     def centre(self, point: NDArray[np.float64]) -> None:
-        """Turn the viewer to a place: its slices go there, and it comes to the middle.
-
-        `point` (3,): RAS+ mm.
-        """
+        """Turn the viewer to a place, RAS+ mm: its slices go there, and it comes to the middle."""
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)

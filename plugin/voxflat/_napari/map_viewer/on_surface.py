@@ -20,15 +20,7 @@ if TYPE_CHECKING:
 
 
 class PaintedSurface(SwitchedLayer[Surface]):
-    """A Surface layer that has the map's colours, to be seen in 3D in the place of what was flattened.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QObject
-        The parent.
-    """
+    """A Surface layer that has the map's colours, to be seen in 3D in the place of what was flattened."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
@@ -37,10 +29,7 @@ class PaintedSurface(SwitchedLayer[Surface]):
         self._was_visible = True
 
     def show(self, sheet: Sheet, colours: NDArray[np.uint8]) -> None:
-        """Paint the surface of a map.
-
-        `colours` uint8 (N, 4): one a point of it.
-        """
+        """Paint the surface of a map, in a colour a point of it."""
         if self.there is not None:
             self.take_up(sheet)
             self.there.vertex_colors = colours / 255

@@ -20,13 +20,6 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
     """A layer that is hidden where it is not wanted, and takes up other maps.
 
     napari takes a quarter of a second for a layer that goes, and a tenth for one that comes.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QObject
-        The parent.
     """
 
     switched = Signal(bool)

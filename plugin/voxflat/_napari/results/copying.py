@@ -15,13 +15,7 @@ if TYPE_CHECKING:
 
 
 class CopyAsPython(QPushButton):
-    """Copies the script that makes a run again to the clipboard.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Copies the script that makes a run again to the clipboard."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Copy as Python", parent)
@@ -31,10 +25,7 @@ class CopyAsPython(QPushButton):
         self.hide()
 
     def show_run(self, run: Run) -> None:
-        """Offer the script of a run, if it has one: what was opened from a file has none.
-
-        `run`: the run.
-        """
+        """Offer the script of a run, if it has one: what was opened from a file has none."""
         self._run = run
         self.setVisible(run.script is not None)
 

@@ -19,24 +19,12 @@ LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
 
 @dataclass(frozen=True, eq=False)
 class FlatLayers:
-    """A flat map or an atlas, and its layers.
-
-    Parameters
-    ----------
-    flat_map : FlatMap, FlatAtlas or GluedAtlas
-        The map, or the atlas.
-    layers : list of LayerData
-        Images: what the map shows, if anything, and the distortion.
-    in_space : list of LayerData
-        Of an atlas the surface, coloured by patch.
-    shown : Sampled, Overlay or None
-        What the map was made to show.
-    """
+    """A flat map or an atlas, and its layers."""
 
     flat_map: FlatMap | Atlas
-    layers: list[LayerData]
-    in_space: list[LayerData] = field(default_factory=list)
-    shown: Shown | None = None
+    layers: list[LayerData]  # images: what the map shows, if anything, and the distortion
+    in_space: list[LayerData] = field(default_factory=list)  # of an atlas the surface
+    shown: Shown | None = None  # what it was made to show
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:

@@ -19,17 +19,7 @@ from voxflat.maps.flat_map import FlatMap
 
 
 class MapPanel(QWidget):
-    """Tells of a flat map: its figures, and what the user should know of it.
-
-    Parameters
-    ----------
-    meaning : str
-        What the colours of the distortion mean.
-    what : {"map", "atlas"}
-        What is shown.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Tells of a "map", or an "atlas": its figures, what their colours mean, and what the user should know of it."""
 
     def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -67,10 +57,7 @@ class MapPanel(QWidget):
         return self._what == "map"
 
     def show_run(self, run: Run) -> None:
-        """Tell of a run.
-
-        `run`: the run.
-        """
+        """Tell of a run."""
         self.flat_map = run.flat_map
         self.copy.show_run(run)
         self._name_result("")

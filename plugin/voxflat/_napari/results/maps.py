@@ -22,12 +22,7 @@ def map_layers(
     values: Overlay | None = None,
     pixel_size: float | None = None,
 ) -> FlatLayers:
-    """Draw a flat map.
-
-    `name`: name of what was flattened. `shown`: what the map is to show. `values`: a mesh's own values, which the map
-    shows if it is to show nothing else. `pixel_size`: side of a pixel, mm. Raises InputError if the pixel size or what
-    is to be shown does not fit.
-    """
+    """Draw a flat map with what it is to show, else the mesh's own values; raises InputError if one does not fit."""
     image = flat_map.heat_map(pixel_size)
     heat = {
         "name": f"{name} distortion",

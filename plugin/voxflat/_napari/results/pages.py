@@ -17,11 +17,9 @@ C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
 
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
-    """Draw an atlas.
+    """Draw an atlas: its page as patches in colours, what it is to show and C, and the surface in the same colours.
 
-    `atlas`: whose metadata's ``napari`` say from which layer it is. `shown`: what the page is to show. `pixel_size`:
-    side of a pixel, mm. Returns: of the page: the patches in colours, what is to be shown, C. In space: the surface in
-    the same colours. Raises InputError if the pixel size or what is to be shown does not fit.
+    Its metadata's ``napari`` say from which layer it is. Raises InputError if something does not fit.
     """
     name = atlas.metadata["napari"]["layer"]
     layers = [_patches_image(atlas, name, pixel_size)]

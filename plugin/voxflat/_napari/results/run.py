@@ -23,17 +23,7 @@ class Script(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A map or an atlas, its layers, and how it is made again.
-
-    Parameters
-    ----------
-    layers : FlatLayers
-        The map or the atlas, and its layers.
-    name : str
-        Name of what was flattened.
-    script : Script or None
-        Writes the Python that makes the same map without a window; None of what was opened from a file.
-    """
+    """A map or an atlas, its layers, how what was flattened is called, and its script, unless it comes from a file."""
 
     layers: FlatLayers
     name: str

@@ -14,13 +14,7 @@ if TYPE_CHECKING:
 
 
 class FlattenPatches(FlattenWidget):
-    """Flattens a surface of any topology in patches whose distortion is certified, in another thread.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+    """Flattens a surface of any topology in patches whose distortion is certified, in another thread."""
 
     form: PatchesForm
 

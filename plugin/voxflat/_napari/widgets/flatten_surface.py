@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 
 
 class FlattenSurface(FlattenWidget):
-    """Flattens a mesh, or the surface of a label or of what lies above a threshold, in another thread.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+    """Flattens a mesh, or the surface of a label or of what lies above a threshold, in another thread."""
 
     form: SurfaceForm
 

@@ -40,19 +40,7 @@ if TYPE_CHECKING:
 
 
 class FlattenWidget(QWidget):
-    """Flattens what a form asks for in another thread, and shows what came out.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    form : SurfaceForm or PatchesForm
-        Asks what to do.
-    results : MapPanel
-        Tells what came out.
-    action : str
-        What is done, on its button.
-    """
+    """Flattens what a form asks for in another thread, and shows what came out."""
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
         super().__init__()
