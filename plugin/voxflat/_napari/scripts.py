@@ -27,8 +27,6 @@ from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
 
-__all__ = ["Recipe"]
-
 _WIDTH = 100  # of the script's lines, where it can be
 _PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
 

@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING
 
 import pyvista as pv
 
-from voxflat._pyvista.flat import (
-    to_page_polydata,
-    to_polydata,
-    to_surface_polydata,
-)
+from voxflat._pyvista.flat import to_page_polydata, to_polydata, to_surface_polydata
 from voxflat._pyvista.pictures import textured
 
 if TYPE_CHECKING:

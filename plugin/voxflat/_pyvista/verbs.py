@@ -11,13 +11,7 @@ import pyvista as pv
 import scipy
 
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.flat import (
-    is_map,
-    to_cut_polydata,
-    to_judged_polydata,
-    to_page_polydata,
-    to_polydata,
-)
+from voxflat._pyvista.flat import is_map, to_cut_polydata, to_judged_polydata, to_page_polydata, to_polydata
 from voxflat._pyvista.judged import rows_of
 from voxflat.arguments import Progress, checked_choice, log
 from voxflat.errors import InputError

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-__all__ = ["of_colours", "of_data", "of_page", "overlay_of"]
-
 
 def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
     if value is None:

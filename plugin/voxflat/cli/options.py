@@ -22,26 +22,6 @@ from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
-__all__ = [
-    "FILE",
-    "OUT",
-    "cuts",
-    "group",
-    "input_",
-    "link_lengths",
-    "making",
-    "method_options",
-    "numbers",
-    "output",
-    "paths",
-    "places",
-    "region",
-    "run",
-    "section",
-    "seed",
-    "store",
-]
-
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -324,12 +304,7 @@ method_options = group(
             help="; ".join(f"{name}: {method.summary}" for name, method in METHODS.items()) + ".",
         ),
         option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources")),
-        option_of(
-            Voxflat,
-            "sampling",
-            type=click.Choice([*SAMPLINGS, "decimation"]),
-            default=_of_methods("sampling"),
-        ),
+        option_of(Voxflat, "sampling", type=click.Choice([*SAMPLINGS, "decimation"]), default=_of_methods("sampling")),
     ),
     section(
         "Method voxflat",

@@ -33,8 +33,6 @@ from voxflat.cli.commands import (
 )
 from voxflat.cli.console import Program
 
-__all__ = ["main"]
-
 
 @cloup.group(
     cls=Program,

@@ -11,8 +11,6 @@ from typing import Any, TypeVar
 
 import cloup
 
-__all__ = ["default_of", "option_of", "text_of"]
-
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 _PARAMETER = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : .*$", re.MULTILINE)

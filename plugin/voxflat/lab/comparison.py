@@ -12,8 +12,6 @@ from voxflat._core import __version__
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["Mean", "Row", "Sums", "outliers"]
-
 _PIXEL = 1.0  # mm
 _LEAST = 5  # maps, of which some may stand out
 _FAR = 3.5  # of modified z scores (Iglewicz, Hoaglin 1993)

@@ -17,8 +17,6 @@ from voxflat.io.files import atomic_path
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record
 
-__all__ = ["Request", "is_page_of", "page_key", "request", "state", "write_json", "write_text"]
-
 _FORMAT = 1  # of what is written; raise it where a rerun should make all results anew
 _BLOCK = 1 << 20
 _HEAD = 4096  # bytes at the beginning of a page, in which its key stands

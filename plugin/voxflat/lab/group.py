@@ -18,8 +18,6 @@ from voxflat.lab.results import FIGURES, Results, Shown, figure_of, read_record
 from voxflat.lab.study import NO_FILES, pages_of, results_of
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["group"]
-
 _COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # none is right
 _STEM = "group_desc-voxflat"
 

@@ -10,8 +10,6 @@ from typing import ClassVar
 
 from voxflat.errors import InputError
 
-__all__ = ["GEOMETRIES", "HEMISPHERES", "Hemisphere", "Parameters", "Participant", "found_in", "participants"]
-
 HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
 """FreeSurfer's name of a hemisphere, with BIDS's and that of the side."""
 

@@ -21,8 +21,6 @@ from voxflat.lab.pages import Laid, Layer, colour_bar, filled, layers_of, scene
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.laying import laid
 
-__all__ = ["MapPage", "map_page", "page_of"]
-
 _PATCHES = ("patch", "piece")  # labels that begin with 0
 _STEEP = 0.9  # beyond this a surface is seen from above or below
 

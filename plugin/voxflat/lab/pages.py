@@ -28,8 +28,6 @@ from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
-__all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
-
 _MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
 _POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
 _NOTHING = 65_535  # in place of a value

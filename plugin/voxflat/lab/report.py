@@ -12,8 +12,6 @@ from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, Shown, figure_of
 from voxflat.maps.worst_search import worst_places
 
-__all__ = ["REFERENCES", "citation", "subject_page"]
-
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "standard": {
         "fsaverage5's white surface, these cuts": (

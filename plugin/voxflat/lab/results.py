@@ -16,8 +16,6 @@ from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import read_overlay
 from voxflat.maps.flat_map import FlatMap, load
 
-__all__ = ["FIGURES", "MEASURES", "Results", "Shown", "figure_of", "read_record"]
-
 MEASURES = {
     "distanceerror": "mean relative error of the distances from each place, as a fraction",
     "areachange": "log2 of the area on the map over that on the surface",

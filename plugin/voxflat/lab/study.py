@@ -17,8 +17,6 @@ from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, p
 from voxflat.lab.results import Results, Shown, read_record
 from voxflat.lab.subject import make
 
-__all__ = ["NO_FILES", "Outcome", "describe", "freesurfer", "pages_of", "plan", "results_of", "study"]
-
 BIDS_VERSION = "1.10.0"
 
 NO_FILES = "there is neither a directory of FreeSurfer nor a surface of this participant"
@@ -112,13 +110,7 @@ def study(
 
 
 def _participant(
-    one: Participant,
-    out: Path,
-    hemis: Sequence[str],
-    parameters: Parameters,
-    *,
-    tell: Report | None = None,
-    **how: Any,
+    one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
 ) -> list[Outcome]:
     """Make what is missing or stale of a participant of a study, and the report."""
     results, page = results_of(one, out), pages_of(one, out)

@@ -32,8 +32,6 @@ from voxflat.maps.sampling import sample_mean
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.lips import one_point_a_vertex
 
-__all__ = ["make"]
-
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
 _ONE = "give a file with one; a series is for voxflat image and voxflat movie, with the map"
 _PROBABLE = 0.5  # of white matter

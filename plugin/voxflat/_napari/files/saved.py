@@ -10,8 +10,6 @@ from voxflat._napari.results.pages import page_layers
 from voxflat.atlases.certified import load_atlas
 from voxflat.maps.flat_map import load
 
-__all__ = ["atlas_layers_of", "map_layers_of"]
-
 
 def map_layers_of(path: Path) -> list[LayerData]:
     """Read a flat map that was saved; raises InputError if the file is damaged."""

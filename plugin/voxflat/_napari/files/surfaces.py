@@ -18,8 +18,6 @@ from voxflat.io.meshes import read_mesh
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.structures import named_structure
 
-__all__ = ["Geometry", "geometries_for", "surface_layers"]
-
 _KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
 """On which surface values are shown, if several lie beside their file: those that are no cortex come last."""
 

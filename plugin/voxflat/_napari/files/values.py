@@ -19,8 +19,6 @@ from voxflat.io.patches import patch_faces, read_patch
 from voxflat.io.structures import refuse_other_side
 from voxflat.maps.colours import label_colours
 
-__all__ = ["VALUES", "gifti_layers", "patch_layers", "value_layers"]
-
 _FOLDS = ("curv", "sulc")
 VALUES = frozenset(("avg_curv", "thickness", "area", "volume", *_FOLDS))
 """Words in the names of FreeSurfer's files of values, some of them before ``pial`` or ``mid``."""

@@ -14,8 +14,6 @@ from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.volumes import read_volume
 
-__all__ = ["volume_layers"]
-
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
 _FEW = 64  # values: of more a volume is a picture, unless its name says something else
 _SPACE = ("mm",) * 3

@@ -16,8 +16,6 @@ from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["write_flat_image", "write_flat_map"]
-
 
 def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
     """Save the flat map, or the atlas, of which layers are.

@@ -118,10 +118,7 @@ class LayerForm(QWidget):
     def _foreground(self, layer: Layer) -> dict[str, Any]:
         """Return what of a volume is foreground."""
         labels = isinstance(layer, Labels)
-        return {
-            "label": self.label.label if labels else None,
-            "threshold": None if labels else self.threshold.value(),
-        }
+        return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
         """Return what the map of a layer shall show."""

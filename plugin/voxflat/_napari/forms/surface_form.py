@@ -86,10 +86,7 @@ class SurfaceForm(LayerForm):
         self._on_sampled()
 
     def _make_fields(self, viewer: Viewer) -> None:
-        self.method = choice(
-            _METHODS,
-            "How the surface is flattened: voxflat's own method, or the method of a paper",
-        )
+        self.method = choice(_METHODS, "How the surface is flattened: voxflat's own method, or the method of a paper")
         self.pial = LayerChoice(viewer, self._pial_rank, none="none: distances on the surface itself")
         self.pial.setToolTip("Of a white surface its pial one: distances are then measured midway between them")
         self.patch = choice(

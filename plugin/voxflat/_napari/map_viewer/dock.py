@@ -44,12 +44,7 @@ _CLEAR = 0.85  # the folds show through a little
 
 _Drawn: TypeAlias = tuple[Sheet, Picture | None, NDArray[np.uint8] | None]
 
-GO, MARK, REGION, MEASURE = _CLICKS = (
-    "goes there",
-    "marks a point",
-    "draws a region",
-    "measures a distance",
-)
+GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
 """What a click on the map may do."""
 
 _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (

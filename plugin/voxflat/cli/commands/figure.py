@@ -97,22 +97,12 @@ Examples:
 )
 @of_page(
     cloup.option(
-        "--width",
-        type=float,
-        metavar="MM",
-        help="Width on paper, mm.  [default: 85, a column; 170 for two maps]",
+        "--width", type=float, metavar="MM", help="Width on paper, mm.  [default: 85, a column; 170 for two maps]"
     )
 )
 @options.output("The figure's file: .png, .svg (with layers) or .pdf.")
 @options.run()
-def command(
-    maps: tuple[Path, ...],
-    output: Path,
-    sidecar: bool,
-    overwrite: bool,
-    as_json: bool,
-    **look: Any,
-) -> None:
+def command(maps: tuple[Path, ...], output: Path, sidecar: bool, overwrite: bool, as_json: bool, **look: Any) -> None:
     """Draw a flat map, or both hemispheres side by side: folds, data over them, parcels, marks.
 
     Each MAP is a file that voxflat flatten wrote; two maps share one colour scale. Gyri are light and sulci dark. The

@@ -39,13 +39,7 @@ Examples:
 @options.output("Write the vertices that the path passes, one per line, for --cuts.", required=False)
 @options.run(options.memory_limit)
 def command(
-    input_: Path,
-    stops: list[Any],
-    output: Path | None,
-    sidecar: bool,
-    overwrite: bool,
-    as_json: bool,
-    **given: Any,
+    input_: Path, stops: list[Any], output: Path | None, sidecar: bool, overwrite: bool, as_json: bool, **given: Any
 ) -> None:
     """Find the shortest path through points of a surface.
 
