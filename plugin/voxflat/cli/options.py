@@ -163,6 +163,11 @@ def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
     return decorate
 
 
+def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[str, bool]:
+    """Return both options of what lies beside, as whatever writes takes them."""
+    return {"sidecar": ctx.params.pop("sidecar"), "overwrite": value}
+
+
 def output(help_: str, *further: Callable[..., Any], required: bool = True) -> Callable[[_Command], _Command]:
     """Return the section of what is written: the result, and what lies beside it."""
     return section(
@@ -172,9 +177,16 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
         cloup.option(
             "--sidecar",
             is_flag=True,
+            is_eager=True,  # for what comes with it
             help="Write the record of how OUT was made beside it, as OUT.json: for formats that cannot hold it.",
         ),
-        cloup.option("--overwrite", is_flag=True, help="Replace files beside OUT that voxflat did not write."),
+        cloup.option(
+            "--overwrite",
+            "writing",
+            is_flag=True,
+            callback=_writing,
+            help="Replace files beside OUT that voxflat did not write.",
+        ),
         as_json,
     )
 
@@ -324,17 +336,8 @@ method_options = group(
 )
 """The methods and their options."""
 
-_OPTIONS: tuple[str, ...] = (
-    "sources",
-    "sampling",
-    "geodesic",
-    "weighting",
-    "scale",
-    "max_area",
-    "start",
-    "link_lengths",
-)
-_OPTIONS += ("neighbourhood", "starts", "bound")
+_OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "scale", "max_area", "start")
+_OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
 
 
 def method_of(given: dict[str, Any]) -> Method:

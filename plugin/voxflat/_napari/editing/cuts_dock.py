@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari.layers import Layer
-from napari.utils.notifications import show_error, show_info
-from qtpy.QtCore import QEvent, Qt
+from napari.utils.notifications import show_info
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -21,21 +22,19 @@ from qtpy.QtWidgets import (
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
-    QWidget,
 )
 
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.editing.scene import Scene, places_in_world
-from voxflat._napari.editing.works import CutsOfMap, FindCuts, Found, MakeSurface, SaveTemplate, WeighCuts
+from voxflat._napari.editing.works import Found, cuts_of_map, find_cuts, make_surface, save_template, weigh_cuts
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill
-from voxflat._napari.tabs import Tab
+from voxflat._napari.tabs import WorkingDock
 from voxflat._napari.workbench import DrawnCuts, Workbench
-from voxflat._napari.worker import JobWorker
-from voxflat.errors import Cancelled, VoxflatError
+from voxflat.errors import VoxflatError
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
 if TYPE_CHECKING:
@@ -51,14 +50,12 @@ _COLUMNS = ("cut", "length", "gain")
 _GAIN = "By how much distances are further off without the cut, in a sketch of the map"
 
 
-class DrawCuts(QWidget):
+class DrawCuts(WorkingDock):
     """Cuts a surface where someone clicks on it in 3D."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
-        Tab(self)
         self._viewer = napari_viewer
-        self._worker: JobWorker | None = None
         self._layer: Layer | None = None  # what is cut
         self._foreground: dict[str, Any] = {}  # and what of a volume is
         self.drawing: Drawing | None = None
@@ -153,7 +150,7 @@ class DrawCuts(QWidget):
             return
         self._end()
         self._layer, self._foreground = layer, foreground
-        self._work(MakeSurface(source, foreground), "making the surface", self._on_made)
+        self._work(partial(make_surface, source, foreground), "making the surface", self._on_made)
 
     def _on_made(self, made: tuple[Any, Any]) -> None:
         surface, curvature = made
@@ -253,19 +250,19 @@ class DrawCuts(QWidget):
 
     def _find(self, by: str) -> None:
         if self.drawing is not None:
-            self._work(FindCuts(self.drawing.surface, by), "finding cuts", self._on_found)
+            self._work(partial(find_cuts, self.drawing.surface, by), "finding cuts", self._on_found)
 
     def _of_map(self) -> None:
         flat_map = Workbench.of(self._viewer).map_of(self._layer)
         if self.drawing is not None and flat_map is not None:
-            self._work(CutsOfMap(self.drawing.surface, flat_map), "finding cuts", self._on_found)
+            self._work(partial(cuts_of_map, self.drawing.surface, flat_map), "finding cuts", self._on_found)
 
     def _on_found(self, found: Found) -> None:
         self._do(lambda drawing: drawing.set_cuts(*found))
 
     def _on_weigh(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
-            work = WeighCuts(self.drawing.surface, paths, self.drawing.left_out)
+            work = partial(weigh_cuts, self.drawing.surface, paths, self.drawing.left_out)
             self._weighed = self.drawing.cuts
             self._work(work, "weighing the cuts", self._on_weighed)
 
@@ -305,7 +302,7 @@ class DrawCuts(QWidget):
         if path is None or drawing is None:
             return
         names = [cut.name for cut in drawing.cuts if cut.is_complete]
-        work = SaveTemplate(drawing.surface, drawing.paths(), names, drawing.left_out, path)
+        work = partial(save_template, drawing.surface, drawing.paths(), names, drawing.left_out, path)
         self._work(work, "making the template", self._on_template)
 
     def _on_template(self, path: Path) -> None:
@@ -332,31 +329,13 @@ class DrawCuts(QWidget):
 
     # ------------------------------------------------------------------------------------------- working
 
-    def _work(self, work: Any, what: str, returned: Callable[[Any], None]) -> None:
-        if self._worker is not None:
-            return
-        worker = JobWorker(work, what)
-        worker.returned.connect(returned)
-        worker.errored.connect(self._on_errored)
-        worker.finished.connect(self._on_finished)
-        self.destroyed.connect(worker.quit)
-        self._worker = worker
-        self.status.setText(f"{what}…")
-        self._enable()
-        worker.start()
-
-    def _on_errored(self, error: Exception) -> None:
-        if not isinstance(error, Cancelled):
-            self._fail(error)
-
-    def _on_finished(self) -> None:
-        self._worker = None
+    def _show_work(self, what: str | None) -> None:
+        if what is not None:
+            self.status.setText(f"{what}…")
         self._enable()
 
-    def _fail(self, error: Exception) -> None:
-        message = " ".join((str(error) or type(error).__name__).split())
+    def _say(self, message: str) -> None:
         self.status.setText(message)
-        show_error(message)
 
     def _update(self, status: str | None = None) -> None:
         cuts = () if self.drawing is None else self.drawing.cuts
@@ -396,16 +375,12 @@ class DrawCuts(QWidget):
         self._scene = self.drawing = self._layer = None
         self._update()
 
-    def event(self, event: Any) -> bool:
-        """End what is under way when napari closes the widget's dock, which takes the widget out of the window."""
-        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
-            if self._worker is not None:
-                self._worker.quit()
-            self._keys.release()
-            Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
-            self.form.release()
-            self._end()
-        return bool(super().event(event))
+    def _release(self) -> None:
+        super()._release()
+        self._keys.release()
+        Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
+        self.form.release()
+        self._end()
 
 
 def _cell(text: str) -> QTableWidgetItem:

@@ -17,7 +17,8 @@ from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  #
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
-from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
+from voxflat._napari.results.listed import drop_controls, insert, make_controls
+from voxflat._napari.timers import BREATH
 
 if TYPE_CHECKING:
     from napari import Viewer

@@ -6,11 +6,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QComboBox, QWidget
 
-from voxflat._napari.errand import Errand
 from voxflat._napari.layers.volumes import finest
+from voxflat._napari.timers import once
+from voxflat._napari.worker import Errand
 from voxflat.surfaces.foreground import labels_in
 
 if TYPE_CHECKING:
@@ -31,10 +31,7 @@ class LabelChoice(QComboBox):
         super().__init__(parent)
         self._layer: Labels | None = None
         self._labels: dict[int, int] | None = None  # and their numbers of voxels, once they are known
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_PAUSE)
-        self._timer.timeout.connect(self.scan)
+        self._timer = once(self, _PAUSE, self.scan)
 
     @property
     def label(self) -> int | None:

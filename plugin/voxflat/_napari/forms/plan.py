@@ -10,11 +10,11 @@ import numpy as np
 import scipy
 from napari.layers import Surface
 from numpy.typing import NDArray
-from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QLabel, QWidget
 
-from voxflat._napari.errand import Errand
 from voxflat._napari.layers.volumes import finest
+from voxflat._napari.timers import once
+from voxflat._napari.worker import Errand
 from voxflat.surfaces.standard.sphere import sphere_at
 
 if TYPE_CHECKING:
@@ -58,10 +58,7 @@ class Plan(QLabel):
         self._asked: _Asked | None = None
         self._counted: tuple[Any, ...] = ()  # of what
         self._count: int | None = None
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_PAUSE)
-        self._timer.timeout.connect(self._start_counting)
+        self._timer = once(self, _PAUSE, self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
         """Tell the plan for a layer and what else the form asks for; none for no layer."""

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.layers import Points, Shapes
 from numpy.typing import NDArray
-from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat._napari.map_viewer.sheet import FAR, Sheet
+from voxflat._napari.timers import once
 from voxflat.maps.lines import ellipse
 
 if TYPE_CHECKING:
@@ -157,10 +158,7 @@ class VolumeAnnotations(QObject):
         super().__init__(parent)
         self._viewer = viewer
         self._events: list[Any] = []
-        self._soon = QTimer(self)
-        self._soon.setSingleShot(True)
-        self._soon.setInterval(0)
-        self._soon.timeout.connect(self.changed)
+        self._soon = once(self, 0, self.changed)
         for event in self._of_list:
             event.connect(self._on_layers)
         self._on_layers()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from qtpy.QtCore import QEvent, QPointF, QRectF, Qt, QTimer
+from qtpy.QtCore import QEvent, QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPen
 from qtpy.QtWidgets import QGraphicsItem, QWidget
+
+from voxflat._napari.timers import once
 
 SIZE = 25.0
 """Side of the square that holds it, pixels."""
@@ -54,10 +56,7 @@ class RingWidget(QWidget):
         self.setFixedSize(int(SIZE), int(SIZE))
         self.is_near = True
         self._has_moved = False
-        self._rest = QTimer(self)
-        self._rest.setSingleShot(True)
-        self._rest.setInterval(_REST)
-        self._rest.timeout.connect(canvas.update)
+        self._rest = once(self, _REST, canvas.update)
         self.hide()
         canvas.installEventFilter(self)
 

@@ -9,7 +9,7 @@ import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
-from qtpy.QtCore import QEvent, Qt, QTimer
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QLabeledDoubleSlider
 
@@ -19,7 +19,6 @@ from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
-from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.link import ViewerLink
 from voxflat._napari.map_viewer.measures import DISTANCES, Measure
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
@@ -29,8 +28,10 @@ from voxflat._napari.map_viewer.sheet import Sheet, Spot
 from voxflat._napari.map_viewer.strip import Strip
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.run import Run
-from voxflat._napari.tabs import Tab
+from voxflat._napari.tabs import Dock
+from voxflat._napari.timers import once
 from voxflat._napari.workbench import Workbench
+from voxflat._napari.worker import Latest
 from voxflat.errors import VoxflatError
 
 if TYPE_CHECKING:
@@ -67,12 +68,11 @@ def open_flat_map(viewer: Viewer) -> FlatMapDock:
     return found
 
 
-class FlatMapDock(QWidget):
+class FlatMapDock(Dock):
     """Shows the current run's map on a canvas of its own; the viewer is left as it is."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
-        Tab(self)
         self._viewer = napari_viewer
         self._workbench = Workbench.of(napari_viewer)
         self._run: Run | None = None
@@ -95,10 +95,7 @@ class FlatMapDock(QWidget):
         self._painter = Latest(self)
         self._painter.done.connect(self._on_drawn)
         self._painter.failed.connect(self._on_failed)
-        self._soon = QTimer(self)  # several changes at once are one
-        self._soon.setSingleShot(True)
-        self._soon.setInterval(0)
-        self._soon.timeout.connect(self._draw)
+        self._soon = once(self, 0, self._draw)  # several changes at once are one
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -525,12 +522,6 @@ class FlatMapDock(QWidget):
         self.strip.set_ink(ink)
 
     # ------------------------------------------------------------------------------------------ ending
-
-    def event(self, event: Any) -> bool:
-        """Let go of the viewer when napari closes the dock, which takes the widget out of the window."""
-        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self._release()
-        return bool(super().event(event))
 
     def _release(self) -> None:
         self._soon.stop()

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, mm_per_unit, projected
+from voxflat._napari.timers import once
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -39,10 +40,9 @@ class ViewerLink(QObject):
         self._marked: NDArray[np.float64] | None = None
         self.ring: RingWidget | None = None
         """The mark in the viewer, once there was something to mark."""
-        self._drawn = QTimer(self)  # once the viewer has turned, and not for each of the events that tell of it
-        self._drawn.setSingleShot(True)
-        self._drawn.setInterval(15)
-        self._drawn.timeout.connect(self._draw)
+        self._drawn = once(
+            self, 15, self._draw
+        )  # once the viewer has turned, and not for each of the events that tell of it
         self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
         for event in self._events:
             event.connect(self._on_view)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import from_ras, to_ras
-from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.switched import SwitchedLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
+from voxflat._napari.worker import Latest
 from voxflat.unique_rows import distinct
 
 if TYPE_CHECKING:

@@ -15,15 +15,13 @@ from qtpy.QtCore import QTimer
 
 from voxflat._napari.garbage import put_off_collections
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
+from voxflat._napari.timers import BREATH
 
 if TYPE_CHECKING:
     from napari import Viewer
 
 _PLACE = ("name", "metadata", "units", "scale", "translate")
 _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
-
-BREATH = 10
-"""Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
 
 
 class ListedLayers:

@@ -102,7 +102,7 @@ Examples:
 )
 @options.output("The figure's file: .png, .svg (with layers) or .pdf.")
 @options.run()
-def command(maps: tuple[Path, ...], output: Path, sidecar: bool, overwrite: bool, as_json: bool, **look: Any) -> None:
+def command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], as_json: bool, **look: Any) -> None:
     """Draw a flat map, or both hemispheres side by side: folds, data over them, parcels, marks.
 
     Each MAP is a file that voxflat flatten wrote; two maps share one colour scale. Gyri are light and sulci dark. The
@@ -129,7 +129,7 @@ def command(maps: tuple[Path, ...], output: Path, sidecar: bool, overwrite: bool
     if alpha is not None and look["overlay"] is None:
         raise click.UsageError("--alpha is for --overlay.")
     data = overlay_of(look.pop("overlay"), look)
-    check_output(output, FIGURE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, FIGURE_ENDINGS, **writing)
     from voxflat import figures  # brings in matplotlib
 
     if alpha is not None:
@@ -145,7 +145,7 @@ def command(maps: tuple[Path, ...], output: Path, sidecar: bool, overwrite: bool
         "parameters": described(parameters),
         "files": files,
     }
-    with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+    with saving(output, record, **writing):
         figures.save(drawn, output, record)
     width, height = (round(side * drawn.dpi) for side in drawn.get_size_inches())
     if as_json:

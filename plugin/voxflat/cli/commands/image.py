@@ -14,6 +14,7 @@ from voxflat.atlases.certified import load_atlas
 from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.looks import check_depth
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
@@ -105,8 +106,7 @@ def command(
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
     quiet: bool,
     **given: Any,
@@ -124,8 +124,7 @@ def command(
     _check_options(heat_map, given)
     how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
     how = {key: value for key, value in how.items() if value is not None}
-    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), sidecar=sidecar, overwrite=overwrite)
-    saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
+    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), **writing)
     with bars(quiet), reading() as files:
         flat_map = _load(map_)
         if "fraction" in how and not isinstance(flat_map, FlatMap):
@@ -143,7 +142,9 @@ def command(
         count = len(stack)
         step = None if stack.timing is None else stack.timing.step
         with bars(quiet) as shown:
-            stack._with_provenance({**stack.provenance, "files": files}).save(output, **saved, progress=shown.progress)
+            stack._with_provenance({**stack.provenance, "files": files}).save(
+                output, **writing, progress=shown.progress
+            )
     elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
@@ -151,10 +152,10 @@ def command(
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        with saving(output, picture.provenance, **saved):
+        with saving(output, picture.provenance, **writing):
             figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output, **saved)
+        picture.save(output, **writing)
     height, width = picture.data.shape[:2]
     if as_json:
         size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
@@ -169,10 +170,7 @@ def _check_options(heat_map: bool, given: dict[str, Any]) -> None:
     """Refuse options that do not fit each other."""
     if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
         raise click.UsageError(", ".join(f"--{name.replace('_', '-')}" for name in unused) + ": only with --volume.")
-    if given["layering"] is not None and given["fraction"] is None:
-        raise click.UsageError("--layering is for --fraction.")
-    if given["depth"] is not None and given["fraction"] is not None:
-        raise click.UsageError("Give --depth or --fraction.")
+    check_depth(given)
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

@@ -58,8 +58,7 @@ def command(
     maps: tuple[Path, ...],
     overlay: tuple[Path, ...],
     output: Path,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
     quiet: bool,
     **look: Any,
@@ -73,7 +72,7 @@ def command(
     if len(maps) > 2 or len(overlay) > len(maps):
         raise click.UsageError("Give one map, or both hemispheres, and at most one --overlay for each.")
     data = overlay_of(each(overlay), look)
-    check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, _ENDINGS, **writing)
     if output.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "movie")  # before the long work
     from voxflat import figures  # brings in matplotlib
@@ -89,7 +88,7 @@ def command(
             "parameters": described({"flat_map": flat_map, "overlay": data, **look}),
             "files": files,
         }
-        with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+        with saving(output, record, **writing):
             figures.save_movie(movie, output, record, shown.progress)
     height, width = movie.size
     if as_json:

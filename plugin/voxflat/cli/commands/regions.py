@@ -69,8 +69,7 @@ def command(
     output: Path,
     volume: Path | None,
     depth: Any,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Carry regions that were drawn on a map to vertices or voxels.
@@ -86,12 +85,12 @@ def command(
         raise click.UsageError("--layer is for --svg.")
     if pixel_size is not None and image is None:
         raise click.UsageError("--pixel-size is for --image.")
-    check_output(output, REGION_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, REGION_ENDINGS, **writing)
     with reading() as files:
         flat_map = load(map_)
         regions = flat_map.regions(drawn[0], pixel_size=pixel_size, **({} if layer is None else {"layer": layer}))
         regions = regions._with_provenance({**regions.provenance, "files": files})
-        regions.save(output, volume=volume, depth=depth, sidecar=sidecar, overwrite=overwrite)
+        regions.save(output, volume=volume, depth=depth, **writing)
     counts = {
         name: int(np.count_nonzero(regions.labels == key))
         for name, key in zip(regions.names, regions.keys, strict=True)
