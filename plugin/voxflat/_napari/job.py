@@ -16,8 +16,7 @@ from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.flat_layers import FlatLayers
-from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.pages import page_layers
+from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.maps.flat_map import FlatMap

@@ -24,10 +24,9 @@ from voxflat._napari.forms.patches_form import PatchesForm
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map
 from voxflat._napari.results import report
-from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.map_panel import MapPanel
-from voxflat._napari.results.pages import C_MEANING
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.maps import C_MEANING
 from voxflat._napari.scripts import Recipe
 from voxflat._napari.tabs import WorkingDock
 from voxflat._napari.timers import BREATH, once

@@ -14,9 +14,8 @@ from psygnal import Signal
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
-from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.listed import ListedLayers
-from voxflat._napari.results.run import Run
 from voxflat.maps.flat_map import FlatMap
 
 if TYPE_CHECKING:

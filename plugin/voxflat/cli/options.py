@@ -149,6 +149,11 @@ def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _C
     return decorator
 
 
+def reads(name: str, told: str, *, metavar: str = "F", **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option that names a file that is read."""
+    return cloup.option(name, type=FILE, metavar=metavar, help=told, **more)
+
+
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
 
 
@@ -223,17 +228,15 @@ making = section(
 
 region = section(
     "Region",
-    cloup.option(
+    reads(
         "--keep",
-        type=FILE,
+        "Work on this region only: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
         metavar="FILE",
-        help="Work on this region only: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
     ),
-    cloup.option(
+    reads(
         "--drop",
-        type=FILE,
+        "Leave this region out: a file as for --keep, or medial-wall, where white and pial surface touch.",
         metavar="FILE",
-        help="Leave this region out: a file as for --keep, or medial-wall, where white and pial surface touch.",
     ),
     cloup.option(
         "--seed-point",
@@ -242,12 +245,11 @@ region = section(
         help="Work on the geodesic disk around this voxel (indices), or vertex of a mesh (number), counted from 0.",
     ),
     option_of(Surface.disk, "radius", type=float, metavar="MM"),
-    cloup.option(
+    reads(
         "--polygon",
-        type=FILE,
+        "Work on the region enclosed by shortest paths between the corners listed in FILE (one corner per line).",
         metavar="FILE",
         callback=_vertices,
-        help="Work on the region enclosed by shortest paths between the corners listed in FILE (one corner per line).",
     ),
 )
 """Which part of the surface is worked on."""

@@ -31,7 +31,7 @@ from voxflat._napari.editing.works import Found, cuts_of_map, find_cuts, make_su
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of, unit_ratio
-from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
 from voxflat._napari.tabs import WorkingDock
 from voxflat._napari.workbench import DrawnCuts, Workbench
 from voxflat.errors import VoxflatError
@@ -45,7 +45,6 @@ _UNDO, _REDO, _END_CUT = (
     KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ,
     KeyMod.Shift | KeyCode.KeyX,
 )
-_CLICK = 3  # pixels that the mouse may move within a click
 _COLUMNS = ("cut", "length", "gain")
 _GAIN = "By how much distances are further off without the cut, in a sketch of the map"
 
@@ -195,13 +194,9 @@ class DrawCuts(WorkingDock):
             callbacks.remove(self._on_click)
 
     def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Add a stop where the mouse is pressed and released without a move in between, which turns the view."""
-        pressed = np.asarray(event.pos)
-        yield
-        while event.type == "mouse_move":
-            if np.abs(event.pos - pressed).max() > _CLICK:
-                return
-            yield
+        """Add a stop where the mouse is pressed and released without a move in between."""
+        if not (yield from is_click(event)):
+            return
         if self._scene is None or not self._scene.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
             return
         layer = self._scene.surface

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from voxflat._napari.results.flat_layers import LayerData, hidden
-from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.pages import page_layers
+from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.atlases.certified import load_atlas
 from voxflat.maps.flat_map import load
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from superqt.utils import signals_blocked
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -73,12 +74,11 @@ class LayerChoice(QComboBox):
         if before is not None and before not in offered:
             self._by_user = False  # what was chosen is gone
         wanted = before if self._by_user else self._best(offered)
-        self.blockSignals(True)
-        self.clear()
-        self._layers = offered if self._none is None else [None, *offered]
-        self.addItems([self._none or "" if layer is None else layer.name for layer in self._layers])
-        self.setCurrentIndex(self._layers.index(wanted) if wanted in self._layers else -1)
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.clear()
+            self._layers = offered if self._none is None else [None, *offered]
+            self.addItems([self._none or "" if layer is None else layer.name for layer in self._layers])
+            self.setCurrentIndex(self._layers.index(wanted) if wanted in self._layers else -1)
         self._tell()
 
     def keep(self) -> None:

@@ -9,6 +9,7 @@ from napari.layers import Image
 from napari.utils.colormaps import Colormap
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
+from superqt.utils import signals_blocked
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -77,9 +78,8 @@ class ThresholdChoice(QWidget):
 
     def _on_box(self, value: float) -> None:
         low, high = self._limits
-        self.slider.blockSignals(True)
-        self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
-        self.slider.blockSignals(False)
+        with signals_blocked(self.slider):
+            self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
         self._show()
 
     def _on_pressed(self) -> None:

@@ -10,13 +10,13 @@ from napari.layers import Image, Labels, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from superqt.utils import signals_blocked
 
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.results.flat_layers import limits
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.flat_layers import Run, limits
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -118,9 +118,8 @@ class ContentChoice(QComboBox):
         shown = None if run is None else run.layers.shown
         if shown is not None:
             wanted = next((one for one in self._offered if getattr(one, "name", None) == shown.name), wanted)
-        self.blockSignals(True)
-        self.setCurrentIndex(self._offered.index(wanted) if self._offered else -1)
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.setCurrentIndex(self._offered.index(wanted) if self._offered else -1)
         self.chosen.emit()
 
     def release(self) -> None:
@@ -137,9 +136,8 @@ class ContentChoice(QComboBox):
         before, own = self.content, [one for one in self._offered if isinstance(one, Measure)]
         self._fill(own)
         is_there = before in self._offered
-        self.blockSignals(True)
-        self.setCurrentIndex(self._offered.index(before if is_there else own[0]))
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.setCurrentIndex(self._offered.index(before if is_there else own[0]))
         if not is_there:
             self.chosen.emit()
 
@@ -147,8 +145,7 @@ class ContentChoice(QComboBox):
         """Offer measures, then layers, then nothing but folds."""
         run = self._run
         layers = [] if run is None else [layer for layer in reversed(self._viewer.layers) if suits(layer, run)]
-        self.blockSignals(True)
-        self.clear()
-        self._offered = [] if run is None else [*own, *layers, None]
-        self.addItems([FOLDS if one is None else one.name for one in self._offered])
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.clear()
+            self._offered = [] if run is None else [*own, *layers, None]
+            self.addItems([FOLDS if one is None else one.name for one in self._offered])

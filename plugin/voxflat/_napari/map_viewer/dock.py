@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QLabeledDoubleSlider
+from superqt.utils import signals_blocked
 
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
@@ -27,7 +28,7 @@ from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.sheet import Sheet, Spot
 from voxflat._napari.map_viewer.strip import Strip
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.tabs import Dock
 from voxflat._napari.timers import once
 from voxflat._napari.workbench import Workbench
@@ -230,11 +231,10 @@ class FlatMapDock(Dock):
     def _on_runs(self) -> None:
         """Offer the runs that there are, and show the current one."""
         runs, current = self._workbench.runs, self._workbench.current
-        self.runs.blockSignals(True)
-        self.runs.clear()
-        self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
-        self.runs.setCurrentIndex(runs.index(current) if current in runs else -1)
-        self.runs.blockSignals(False)
+        with signals_blocked(self.runs):
+            self.runs.clear()
+            self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
+            self.runs.setCurrentIndex(runs.index(current) if current in runs else -1)
         self._run_row.setVisible(len(runs) > 1)
         if current is not self._run or current is None:
             self._show_run(current)
@@ -266,9 +266,8 @@ class FlatMapDock(Dock):
     def _set_depth(self, run: Run | None) -> None:
         """Start at the depth at which the run was asked to sample, and offer fractions where they are known."""
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
-        self.depth_unit.blockSignals(True)
-        self.depth_unit.setCurrentText(_MM)
-        self.depth_unit.blockSignals(False)
+        with signals_blocked(self.depth_unit):
+            self.depth_unit.setCurrentText(_MM)
         self.depth_unit.setVisible(known)
         self._limit_depth()
         asked = None if run is None else run.layers.shown
@@ -314,12 +313,11 @@ class FlatMapDock(Dock):
 
     def _limit_depth(self) -> None:
         in_mm = self.depth_unit.currentText() == _MM
-        self.depths.blockSignals(True)
-        self.depths.setRange(_DEEPEST if in_mm else 0.0, _HIGHEST if in_mm else 1.0)
-        self.depths.setDecimals(1 if in_mm else 2)
-        self.depths.setSingleStep(0.1 if in_mm else 0.05)  # type: ignore[arg-type]  # superqt's are floats
-        self.depths.setValue(0.0 if in_mm else 0.5)
-        self.depths.blockSignals(False)
+        with signals_blocked(self.depths):
+            self.depths.setRange(_DEEPEST if in_mm else 0.0, _HIGHEST if in_mm else 1.0)
+            self.depths.setDecimals(1 if in_mm else 2)
+            self.depths.setSingleStep(0.1 if in_mm else 0.05)  # type: ignore[arg-type]  # superqt's are floats
+            self.depths.setValue(0.0 if in_mm else 0.5)
 
     def _draw(self) -> None:
         """Have what is chosen drawn in a thread."""

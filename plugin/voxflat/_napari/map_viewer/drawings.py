@@ -136,4 +136,4 @@ def _world(sheet: Sheet, of: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _placement(sheet: Sheet) -> dict[str, Any]:
-    return {"units": None if units(sheet.run.flat_map) is None else ("mm",) * 3}
+    return {"units": units(sheet.run.flat_map, 3)}

@@ -12,7 +12,7 @@ from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy ma
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, mm_per_unit, projected
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
 from voxflat._napari.timers import once
 
 if TYPE_CHECKING:
@@ -102,13 +102,9 @@ class ViewerLink(QObject):
             self.pointed.emit(self._place(event))
 
     def _on_press(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Tell of a click; what moves in between turns the view."""
-        pressed = np.asarray(event.pos)
-        yield
-        while event.type == "mouse_move":
-            if np.abs(np.asarray(event.pos) - pressed).max() > _CLICK:
-                return
-            yield
+        """Tell of a click."""
+        if not (yield from is_click(event, _CLICK)):
+            return
         place = self._place(event)
         if place is not None:
             self.clicked.emit(place)

@@ -86,7 +86,7 @@ def _of(sheet: Sheet) -> tuple[Any, dict[str, Any]]:
     points = from_ras(sheet.points, sheet.origin.get("world_axes", "RAS"))
     described = {
         "name": f"{sheet.run.name} in the map's colours",
-        "units": None if units(flat_map) is None else ("mm",) * 3,
+        "units": units(flat_map, 3),
         "metadata": {"voxflat": flat_map},
     }
     return (points, of.faces[~of.torn]), described

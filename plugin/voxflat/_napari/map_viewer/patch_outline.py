@@ -214,7 +214,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
             edge_width=seen / step,
             edge_color=colours if len(colours) else _PART,
             scale=(step,) * 3,
-            units=None if units(sheet.run.flat_map) is None else ("mm",) * 3,
+            units=units(sheet.run.flat_map, 3),
             vector_style="line",
         )
         self._describe(layer)

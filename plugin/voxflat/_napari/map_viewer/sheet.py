@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import Picture
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.flat_layers import Run
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.plane import LIMIT, Planar

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,6 +74,17 @@ def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], wor
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)
+
+
+def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
+    """Wait, as a callback of the mouse, until it is released; tell if it moved by few pixels: more turns the view."""
+    pressed = np.asarray(event.pos)
+    yield
+    while event.type == "mouse_move":
+        if np.abs(np.asarray(event.pos) - pressed).max() > most:
+            return False
+        yield
+    return True
 
 
 def in_grid(viewer: Viewer) -> bool:

@@ -45,11 +45,8 @@ Examples:
 @cloup.argument("map_", metavar="MAP", type=FILE)
 @options.section(
     "Data",
-    cloup.option(
-        "--volume",
-        type=FILE,
-        metavar="V",
-        help="The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.",
+    options.reads(
+        "--volume", "The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.", metavar="V"
     ),
     cloup.option(
         "--channel",

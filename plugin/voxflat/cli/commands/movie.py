@@ -34,14 +34,12 @@ Examples:
 )
 @cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 @of_data(
-    cloup.option(
+    options.reads(
         "--overlay",
-        type=FILE,
-        metavar="F",
+        "A series of volumes, or of values at the mesh's vertices. For two maps a file that covers both, or two "
+        "files, each with its own --overlay.",
         required=True,
         multiple=True,
-        help="A series of volumes, or of values at the mesh's vertices. For two maps a file that covers both, or two "
-        "files, each with its own --overlay.",
     ),
     cloup.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals."),
     options.time_step,

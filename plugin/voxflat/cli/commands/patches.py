@@ -52,9 +52,7 @@ Examples:
 @options.section(
     "Texture",
     option_of(Atlas.page, "packing", type=click.Choice(PACKINGS)),
-    cloup.option(
-        "--volume", type=FILE, metavar="V", help="Show this volume; for a mesh an overlay, or its own texture."
-    ),
+    options.reads("--volume", "Show this volume; for a mesh an overlay, or its own texture.", metavar="V"),
     cloup.option("--heat-map", is_flag=True, help="Show C, the factor by which lengths change."),
     cloup.option(
         "--depth", type=float, metavar="MM", help="How far outside the surface to sample the volume.  [default: 0]"

@@ -33,12 +33,8 @@ Examples:
     "Regions",
     cloup.option("--svg", type=FILE, metavar="FILE", help="A figure of the map (.svg) with regions drawn in a layer."),
     cloup.option("--layer", metavar="NAME", help="That layer's name.  [default: rois]"),
-    cloup.option(
-        "--polygons", type=FILE, metavar="FILE", help='Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.'
-    ),
-    cloup.option(
-        "--image", type=FILE, metavar="FILE", help="A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz."
-    ),
+    options.reads("--polygons", 'Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.', metavar="FILE"),
+    options.reads("--image", "A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz.", metavar="FILE"),
     cloup.option(
         "--pixel-size",
         type=float,
@@ -48,9 +44,7 @@ Examples:
 )
 @options.output(
     "Of vertices .annot, .label.gii, or .label (one region); of voxels .nii, .nii.gz, .mgh, .mgz or .nrrd.",
-    cloup.option(
-        "--volume", type=FILE, metavar="V", help="For voxels: whose grid.  [default: that of the flattened volume]"
-    ),
+    options.reads("--volume", "For voxels: whose grid.  [default: that of the flattened volume]", metavar="V"),
     cloup.option(
         "--depth",
         metavar="MM,MM",

@@ -34,15 +34,8 @@ Examples:
     "Places",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
     option_of(worst_places, "beyond", type=float, metavar="FACTOR"),
-    cloup.option(
-        "--parcels",
-        type=FILE,
-        metavar="F",
-        help="Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places.",
-    ),
-    cloup.option(
-        "--table", type=FILE, metavar="F", help="Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."
-    ),
+    options.reads("--parcels", "Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places."),
+    options.reads("--table", "Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."),
 )
 @options.output(
     "Write the places to a file: .json or .tsv, one row per place.",
