@@ -70,8 +70,10 @@ class Latest(QObject):
     failed = Signal(object)
     """It ended with this error."""
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    def __init__(self, parent: QObject, done: Callable[[Any], None], failed: Any) -> None:
         super().__init__(parent)
+        self.done.connect(done)
+        self.failed.connect(failed)
         self._worker: Errand | None = None
         self._next: Callable[[], Any] | None = None
 

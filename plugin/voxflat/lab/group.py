@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,10 +104,7 @@ def _with_outliers(rows: list[Row]) -> list[Row]:
             far = values > 0 if place in _COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
             for n in np.array(own, dtype=int)[far].tolist():
                 marks.setdefault(n, []).append(place)
-    return [
-        Row(row.name, row.session, row.letter, row.page, row.record, row.reason, tuple(marks.get(n, ())))
-        for n, row in enumerate(rows)
-    ]
+    return [replace(row, outliers=tuple(marks.get(n, ()))) for n, row in enumerate(rows)]
 
 
 def _number(value: float | None) -> float:

@@ -62,12 +62,8 @@ def freesurfer(
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder}: there is no surf/ in it: give the directory that recon-all made for a subject")
-
-    def results(hemi: str) -> Results:
-        return Results.in_freesurfer(folder, hemi)
-
-    name = folder.resolve().name
-    return list(_each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how))
+    name, results = folder.resolve().name, partial(Results.in_freesurfer, folder)
+    return _each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how)
 
 
 def study(
@@ -114,7 +110,7 @@ def _participant(
 ) -> list[Outcome]:
     """Make what is missing or stale of a participant of a study, and the report."""
     results, page = results_of(one, out), pages_of(one, out)
-    return list(_each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how))
+    return _each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how)
 
 
 def _without_worker(
@@ -196,15 +192,15 @@ def _each(
     page: Path,
     tell: Report,
     how: dict[str, Any],
-) -> Iterator[Outcome]:
+) -> list[Outcome]:
     """Make what is missing or stale of a participant, and the report."""
     outcomes = []
     for hemi in hemis:
         outcome = _one(name, folder, hemi, parameters, results(hemi), how)
         tell(outcome)
         outcomes.append(outcome)
-        yield outcome
     _show(name, outcomes, results, page)
+    return outcomes
 
 
 def _show(name: str, outcomes: Sequence[Outcome], results: Callable[[str], Results], page: Path) -> None:

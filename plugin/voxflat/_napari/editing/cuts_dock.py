@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,27 +115,14 @@ class DrawCuts(WorkingDock):
         return button
 
     def _lay_out(self) -> None:
-        rows = (
-            (self.draw, self.end_cut, self.undo, self.redo),
-            (self.standard, self.automatic, self.of_map, self.load),
-        )
-        grid = QGridLayout()
-        for row, buttons in enumerate(rows):
-            for column, button in enumerate(buttons):
-                grid.addWidget(button, row, column)
-        below = QGridLayout()
-        below.addWidget(self.remove, 0, 0)
-        below.addWidget(self.weigh, 0, 1)
-        below.addWidget(self.save, 1, 0)
-        below.addWidget(self.template, 1, 1)
-        below.addWidget(self.use, 2, 0)
-        below.addWidget(self.again, 2, 1)
+        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.of_map, self.load)
+        below = (self.remove, self.weigh, self.save, self.template, self.use, self.again)
         layout = QVBoxLayout(self)
         layout.addWidget(self.form)
         layout.addWidget(self.begin)
-        layout.addLayout(grid)
+        layout.addLayout(_grid(above, 4))
         layout.addWidget(self.cuts, 1)
-        layout.addLayout(below)
+        layout.addLayout(_grid(below, 2))
         layout.addWidget(self.status)
 
     # ---------------------------------------------------------------------------------------- beginning
@@ -376,6 +363,13 @@ class DrawCuts(WorkingDock):
         Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
         self.form.release()
         self._end()
+
+
+def _grid(buttons: Sequence[QPushButton], columns: int) -> QGridLayout:
+    grid = QGridLayout()
+    for number, button in enumerate(buttons):
+        grid.addWidget(button, *divmod(number, columns))
+    return grid
 
 
 def _cell(text: str) -> QTableWidgetItem:

@@ -188,10 +188,6 @@ class SurfaceForm(LayerForm):
             **({} if is_mesh else self._foreground(layer)),
         )
 
-    @property
-    def _on_disk(self) -> bool:
-        return bool(self.patch.currentData() == "disk")
-
     def _inside(self, values: NDArray[Any]) -> NDArray[Any]:
         """Say which values are foreground."""
         labels = isinstance(self.surface.layer, Labels)

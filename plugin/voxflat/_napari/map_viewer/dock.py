@@ -87,15 +87,9 @@ class FlatMapDock(Dock):
         self._points: list[drawings.Place] = []  # that are about to be in the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
-        self._carrier = Latest(self)
-        self._carrier.done.connect(self._on_carried)
-        self._carrier.failed.connect(self._on_not_carried)
-        self._annotator = Latest(self)
-        self._annotator.done.connect(self._on_annotated)
-        self._annotator.failed.connect(self._on_not_annotated)
-        self._painter = Latest(self)
-        self._painter.done.connect(self._on_drawn)
-        self._painter.failed.connect(self._on_failed)
+        self._carrier = Latest(self, self._on_carried, self._on_not_carried)
+        self._annotator = Latest(self, self._on_annotated, self._on_not_annotated)
+        self._painter = Latest(self, self._on_drawn, self._on_failed)
         self._soon = once(self, 0, self._draw)  # several changes at once are one
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
@@ -161,12 +155,8 @@ class FlatMapDock(Dock):
         top.setContentsMargins(0, 0, 0, 0)
         top.addWidget(self.runs, 1)
         first, second = QHBoxLayout(), QHBoxLayout()
-        first.addWidget(QLabel("Shows"))
-        first.addWidget(self.contents, 1)
-        first.addWidget(self.on_surface)
-        first.addWidget(self.outlined)
-        first.addWidget(self.whole)
-        first.addWidget(self.keep)
+        for part in (QLabel("Shows"), self.contents, self.on_surface, self.outlined, self.whole, self.keep):
+            first.addWidget(part, int(part is self.contents))
         self._depth_row = QWidget()
         row = QHBoxLayout(self._depth_row)
         row.setContentsMargins(0, 0, 0, 0)

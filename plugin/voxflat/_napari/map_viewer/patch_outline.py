@@ -123,9 +123,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
         self._known: tuple[Segments, Segments] | None = None
         self._view: _View | str = "none yet"
         self._is_wanted = False
-        self._finder = Latest(self)
-        self._finder.done.connect(self._on_found)
-        self._finder.failed.connect(self.failed)
+        self._finder = Latest(self, self._on_found, self.failed)
         self._events = (viewer.dims.events.point, viewer.dims.events.ndisplay, viewer.dims.events.order)
         for event in self._events:
             event.connect(self._on_view)
