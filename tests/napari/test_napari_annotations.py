@@ -18,8 +18,7 @@ from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map  # no
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width  # noqa: E402
 from voxflat._napari.map_viewer.sheet import Sheet  # noqa: E402
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget  # noqa: E402
-from voxflat._napari.results.flat_layers import FlatLayers  # noqa: E402
-from voxflat._napari.results.run import Run  # noqa: E402
+from voxflat._napari.results.flat_layers import FlatLayers, Run  # noqa: E402
 
 RADIUS = 20.0
 

@@ -22,8 +22,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
+from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.run import Run
 from voxflat._napari.workbench import Workbench
 
 napari = pytest.importorskip("napari")

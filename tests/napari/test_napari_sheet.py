@@ -14,8 +14,8 @@ from napari.layers import Image
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer.contents import drawing
 from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.run import Run
 from voxflat.distortion.triangles import angle_changes
 
 

@@ -33,7 +33,7 @@ def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot, monkeypa
     monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
     window = make_napari_viewer().window._qt_window
     (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
-    worker, errors = JobWorker(Endless(), "Flatten"), []
+    worker, errors = JobWorker(Endless().run, "Flatten"), []
     worker.errored.connect(errors.append)
     calls = []
     monkeypatch.setattr("voxflat._napari.worker.put_off_collections", lambda: calls.append(worker.stage))
@@ -56,7 +56,7 @@ def test_the_wheel_turns_slowly_while_any_job_runs(make_napari_viewer, qtbot, mo
     monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
     window = make_napari_viewer().window._qt_window
     (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
-    workers = [JobWorker(Endless(), name) for name in ("one", "other")]
+    workers = [JobWorker(Endless().run, name) for name in ("one", "other")]
     for worker in workers:
         worker.start()
     qtbot.waitUntil(lambda: all(worker.is_running for worker in workers), timeout=PATIENCE)
@@ -69,7 +69,7 @@ def test_the_wheel_turns_slowly_while_any_job_runs(make_napari_viewer, qtbot, mo
 
 def test_who_cancels_at_once_sees_no_bar(make_napari_viewer, qtbot):
     make_napari_viewer()
-    worker, errors = JobWorker(Endless()), []
+    worker, errors = JobWorker(Endless().run), []
     worker.errored.connect(errors.append)
     worker.start()
     worker.quit()

@@ -28,8 +28,8 @@ from qtpy.QtWidgets import QApplication
 import voxflat
 from voxflat._napari.layers.sampled import Overlay
 from voxflat._napari.map_viewer.dock import open_flat_map
+from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.run import Run
 from voxflat._napari.workbench import Workbench
 
 _MACHINE = Path(__file__).parents[3] / "tests" / "napari" / "test_napari_machine.py"

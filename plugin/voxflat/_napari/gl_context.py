@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 def keep_canvas_current(viewer: Viewer) -> None:
     """Make the canvas's context current before each layer that goes, for as long as both live.
 
-    `viewer`: the viewer itself, not what napari gives to widgets; one without a window, or whose canvas is another, is
-    left alone.
+    `viewer`: itself, not what napari gives to widgets; without a window, or with another canvas, it is left alone.
     """
     qt_viewer = getattr(getattr(viewer, "window", None), "_qt_viewer", None)
     canvas = getattr(getattr(qt_viewer, "canvas", None), "native", None)

@@ -16,8 +16,7 @@ from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.flat_layers import FlatLayers
-from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.pages import page_layers
+from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.maps.flat_map import FlatMap
@@ -27,56 +26,25 @@ from voxflat.pipeline.surface import surface
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All that a flattening needs; it knows no layer, so it runs in any thread.
-
-    Parameters
-    ----------
-    surface : LayerVolume or LayerMesh
-        The volume whose surface is flattened, or the surface itself.
-    method : str
-        The method's name.
-    label, threshold
-        As in `voxflat.surface`.
-    seed_point, radius
-        As in `Surface.disk`.
-    keep : LayerVolume, ndarray or None
-        As in `Surface.keep`; of a volume a mask of its shape.
-    polygon : ndarray, shape (k, 3), or None
-        Corners, RAS+ mm; the nearest places of the surface are meant.
-    pial : LayerMesh or None
-        As in `voxflat.surface`.
-    options : mapping
-        The method's other options.
-    pixel_size : float or None
-        As in `FlatMap.image`, mm.
-    shown : Sampled, Overlay or None
-        What the map shows.
-    values : Overlay or None
-        A mesh's own values, which its flat surface has too.
-    start : FlatMap or None
-        The map to go on from, as in `voxflat.flatten`.
-    """
+    """All that a flattening needs; it knows no layer, so it runs in any thread. What is not told is as in `Surface`."""
 
     surface: LayerVolume | LayerMesh
     method: str = "voxflat"
     label: int | None = None
     threshold: float | None = None
-    keep: LayerVolume | NDArray[Any] | None = None
+    keep: LayerVolume | NDArray[Any] | None = None  # of a volume a mask of its shape
     seed_point: Seed | None = None
     radius: float | None = None
-    polygon: NDArray[np.float64] | None = None
+    polygon: NDArray[np.float64] | None = None  # (k, 3): corners, RAS+ mm; the nearest places are meant
     pial: LayerMesh | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
-    pixel_size: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)  # the method's, and those of `Surface.flatten`
+    pixel_size: float | None = None  # mm
     shown: Shown | None = None
-    values: Overlay | None = None
-    start: FlatMap | None = None
+    values: Overlay | None = None  # a mesh's own, which its flat surface has, too
+    start: FlatMap | None = None  # the map to go on from
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Flatten.
-
-        `progress`: as in `voxflat.flatten`. Raises InputError, Cancelled: as in `voxflat.flatten`.
-        """
+        """Flatten."""
         _tell(progress, "reading the layer")
         flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
@@ -103,11 +71,7 @@ class Job:
         return part.flatten(method, **how, progress=progress)
 
     def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:
-        """Split the options.
-
-        Returns: `method`, with its own options; `drop`, what is left out, where cuts were drawn; `how`, the other
-        keywords of `Surface.flatten`.
-        """
+        """Split the options into the method with its own, what is left out, and other keywords of `Surface.flatten`."""
         kind = METHODS[self.method]
         own = {name: value for name, value in self.options.items() if name in kind.__dataclass_fields__}
         how = {name: value for name, value in self.options.items() if name not in own}
@@ -118,37 +82,18 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class PatchesJob:
-    """All that flattening in patches needs; it knows no layer, so it runs in any thread.
-
-    Parameters
-    ----------
-    surface : LayerVolume or LayerMesh
-        The volume whose surface is flattened, or the surface itself.
-    limit : dict
-        One of ``max_angle``, ``bound`` and ``count``, as in `Surface.patches`.
-    label, threshold
-        As in `Surface.patches`.
-    glue : float or None
-        Within which bound on C the patches are glued, if they are, as in `FlatAtlas.glue`.
-    pixel_size : float or None
-        As in `Atlas.image`, mm.
-    shown : Sampled, Overlay or None
-        What the page shows.
-    """
+    """All that flattening in patches needs, as `Job`."""
 
     surface: LayerVolume | LayerMesh
-    limit: dict[str, Any]
+    limit: dict[str, Any]  # one of max_angle, bound and count, as in `Surface.patches`
     label: int | None = None
     threshold: float | None = None
-    glue: float | None = None
-    pixel_size: float | None = None
+    glue: float | None = None  # within which bound on C, if they are glued at all
+    pixel_size: float | None = None  # mm
     shown: Shown | None = None
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Flatten in patches.
-
-        `progress`: as in `Surface.patches`. Raises InputError, Cancelled: as in `Surface.patches`.
-        """
+        """Flatten in patches."""
         _tell(progress, "reading the layer")
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
         whole = surface(self.surface.read(), **foreground, progress=progress)

@@ -16,26 +16,14 @@ if TYPE_CHECKING:
 
 
 def key_text(key: int) -> str:
-    """Return how a key is called on this system, such as Ctrl+Z.
-
-    `key`: of app-model's `KeyMod` and `KeyCode`.
-    """
+    """Return how a key of app-model's `KeyMod` and `KeyCode` is called on this system, such as Ctrl+Z."""
     return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
 
 
 class Keys:
-    """Binds keys; what someone else has bound in the viewer stays theirs.
+    """Binds keys of app-model, whose Ctrl is Cmd on a Mac; what someone else has bound in the viewer stays theirs.
 
     napari knows only keys that are pressed over its canvas, Qt those in the dock.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    dock : QWidget
-        The dock's widget.
-    actions : mapping of int to callable
-        What the keys do: `KeyMod` and `KeyCode` of app-model, so that Ctrl is Cmd on a Mac.
     """
 
     def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:

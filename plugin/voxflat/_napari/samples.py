@@ -8,7 +8,6 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -34,51 +33,43 @@ _SAMPLE = ("voxflat", "demo_cortex")
 def demo_cortex() -> list[LayerData]:
     """Open the MNI152 template: T1 and white matter as they are read, and a seed point on the left central cortex.
 
-    Returns: in mm, RAS+: the seed point, hidden, to which another thread adds the rest before it is shown; without a
-    viewer all.
+    Returns the seed point, hidden, to which another thread adds the rest before it is shown; without a viewer all.
     """
     from napari import current_viewer
 
-    viewer, cortex = current_viewer(), _Cortex()
+    viewer = current_viewer()
     seed: LayerData = ([SEED_POINT], {**MARKER, "units": ("mm",) * 3}, "points")
     if viewer is None:
-        return [*cortex.run(lambda *_: None), seed]
+        return [*_cortex(lambda *_: None), seed]
     _make_ready(viewer)
-    _add_when_read(viewer, cortex)
+    _add_when_read(viewer)
     return [hidden(seed)]
 
 
-@dataclass(frozen=True)
-class _Cortex:
-    """Reads the sample's volumes."""
+def _cortex(progress: Progress) -> list[LayerData]:
+    """Read T1 and white matter in its parts."""
+    from voxflat.demo import THRESHOLD, demo_cortex
+    from voxflat.surfaces.hemispheres import hemisphere
 
-    def run(self, progress: Progress) -> list[LayerData]:
-        """Return T1 and white matter in its parts.
+    def tell(done: int) -> bool:
+        if progress("reading the template", done, 4) is False:
+            raise Cancelled("cancelled while reading the template")
+        return True
 
-        `progress`: as in `voxflat.flatten`.
-        """
-        from voxflat.demo import THRESHOLD, demo_cortex
-        from voxflat.surfaces.hemispheres import hemisphere
-
-        def tell(done: int) -> bool:
-            if progress("reading the template", done, 4) is False:
-                raise Cancelled("cancelled while reading the template")
-            return True
-
-        tell(0)
-        white_matter, t1, _ = demo_cortex()
-        tell(2)
-        labels = np.where(white_matter.data > THRESHOLD, 3, 0).astype(np.uint8)
-        for label, side in enumerate(("left", "right"), 1):
-            half = hemisphere(white_matter, side, threshold=THRESHOLD, progress=lambda *_, at=label: tell(1 + at))
-            labels[half.data > 0] = label
-            tell(2 + label)
-        place: dict[str, Any] = {"affine": white_matter.affine, "units": ("mm",) * 3}
-        parts = {"index": range(len(PARTS)), "name": PARTS}
-        return [
-            (t1.data, {"name": "T1", "contrast_limits": (0, 1), **place}, "image"),
-            (labels, {"name": "white matter", "features": parts, **place}, "labels"),
-        ]
+    tell(0)
+    white_matter, t1, _ = demo_cortex()
+    tell(2)
+    labels = np.where(white_matter.data > THRESHOLD, 3, 0).astype(np.uint8)
+    for label, side in enumerate(("left", "right"), 1):
+        half = hemisphere(white_matter, side, threshold=THRESHOLD, progress=lambda *_, at=label: tell(1 + at))
+        labels[half.data > 0] = label
+        tell(2 + label)
+    place: dict[str, Any] = {"affine": white_matter.affine, "units": ("mm",) * 3}
+    parts = {"index": range(len(PARTS)), "name": PARTS}
+    return [
+        (t1.data, {"name": "T1", "contrast_limits": (0, 1), **place}, "image"),
+        (labels, {"name": "white matter", "features": parts, **place}, "labels"),
+    ]
 
 
 def _make_ready(viewer: Viewer) -> None:
@@ -121,14 +112,15 @@ def _glyphs(viewer: Viewer) -> Iterator[bool]:
             yield font[letter] is not None
 
 
-def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
+def _add_when_read(viewer: Viewer) -> None:
     """Read in another thread, add the layers below the seed point, then show it."""
     from napari.layers import Layer
     from napari.utils.notifications import show_error
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.viewer_parts import show_sagittal
-    from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
+    from voxflat._napari.results.listed import drop_controls, insert, make_controls
+    from voxflat._napari.timers import BREATH
     from voxflat._napari.worker import JobWorker
 
     there, earlier = weakref.ref(viewer), weakref.WeakSet(viewer.layers)
@@ -156,7 +148,7 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
                 layer.visible = True
 
     def read(_: Viewer) -> None:
-        worker = JobWorker(cortex, "Demo cortex")
+        worker = JobWorker(_cortex, "Demo cortex")
         worker.returned.connect(add)
         worker.errored.connect(lambda error: None if isinstance(error, Cancelled) else show_error(str(error)))
         worker.start()

@@ -27,20 +27,12 @@ from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
 
-__all__ = ["Recipe"]
-
 _WIDTH = 100  # of the script's lines, where it can be
 _PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
 
 
 class Recipe:
-    """Does a job, and says it in Python.
-
-    Parameters
-    ----------
-    job : Job or PatchesJob
-        The job.
-    """
+    """Does a job, and says it in Python."""
 
     def __init__(self, job: Job | PatchesJob) -> None:
         self._job = job
@@ -52,10 +44,7 @@ class Recipe:
         return self._job.surface.origin["layer"]
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Do the job, and remember what its data were.
-
-        `progress`: as in `voxflat.flatten`. Raises InputError, Cancelled: as in `voxflat.flatten`.
-        """
+        """Do the job, and remember what its data were."""
         result = self._job.run(progress)
         self._prints = _prints(self._job)
         return result
@@ -65,10 +54,9 @@ class Recipe:
         return bool(_Script(self._job, None).unsaved)
 
     def script(self, folder: Path | None = None) -> str:
-        """Write the script.
+        """Write the script, which gives the same bits as the run; data that lie in no file are saved in a folder.
 
-        `folder`: where data are saved that lie in no file. Returns: it gives the same bits as the run. Raises
-        InputError if layers were changed since; OSError if data cannot be saved.
+        Raises InputError if layers were changed since; OSError if data cannot be saved.
         """
         if _prints(self._job) != self._prints:
             raise InputError("layers of this run were changed since: flatten again, then copy")

@@ -14,9 +14,8 @@ from psygnal import Signal
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
-from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.listed import ListedLayers
-from voxflat._napari.results.run import Run
 from voxflat.maps.flat_map import FlatMap
 
 if TYPE_CHECKING:
@@ -26,29 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DrawnCuts:
-    """Cuts that someone drew, by what the vertices are in the input.
-
-    Parameters
-    ----------
-    paths : list of ndarray of int64
-        As `cuts` of `voxflat.flatten`.
-    left_out : ndarray of int64
-        As its `drop`; empty for nothing.
-    """
+    """Cuts that someone drew, by what the vertices are in the input."""
 
     paths: list[NDArray[np.int64]]
-    left_out: NDArray[np.int64]
+    left_out: NDArray[np.int64]  # as `drop`; empty for nothing
 
 
 class Workbench:
     """The runs of one viewer; `of` returns a viewer's.
 
     Docks come and go; they read the runs here, and `changed` tells them to read again.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer, whose list of layers has those of the runs.
     """
 
     changed = Signal()
@@ -99,11 +85,7 @@ class Workbench:
         return all(listed.is_settled for listed in self._runs.values())
 
     def add(self, run: Run, *, keep: bool | None = None) -> None:
-        """Make a new run the current one, and list its layers.
-
-        `run`: the new run. `keep`: whether the earlier ones stay; else the new one takes their place, and their layers.
-        By default as `keeps_earlier` says.
-        """
+        """Make a run the current one, and list its layers; by default `keeps_earlier` says whether the others stay."""
         viewer = self._viewer()
         assert viewer is not None
         gone: list[ListedLayers] = []
@@ -116,19 +98,13 @@ class Workbench:
         self._runs[run].show(run.layers)
 
     def choose(self, run: Run) -> None:
-        """Show a run.
-
-        `run`: one of `runs`.
-        """
+        """Show a run."""
         if run in self._runs and run is not self._current:
             self._current = run
             self.changed.emit()
 
     def remove(self, run: Run) -> None:
-        """Forget a run, and take its layers out of the list.
-
-        `run`: one of `runs`; others are forgotten already.
-        """
+        """Forget a run, unless it is forgotten already, and take its layers out of the list."""
         if run not in self._runs:
             return
         self._runs.pop(run).remove()
@@ -157,11 +133,7 @@ class Workbench:
             self.changed.emit()
 
     def map_of(self, layer: Layer | None) -> FlatMap | None:
-        """Return the map that the docks show, if it may be one of a layer's surface.
-
-        `layer`: image, Labels or Surface. Returns: of a mesh its vertices are as many; of a volume it is a map of
-        voxels.
-        """
+        """Return the map that the docks show, if it may be of a layer's surface: of as many vertices, or of voxels."""
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap):
             return None
@@ -171,16 +143,10 @@ class Workbench:
         return flat_map if fits else None
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
-        """Keep cuts that were drawn on a layer's surface.
-
-        `layer`: what is to be cut so. `cuts`: the cuts.
-        """
+        """Keep cuts that were drawn on a layer's surface."""
         self._cuts[layer] = cuts
         self.cuts_drawn.emit()
 
     def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
-        """Return the cuts that were drawn on a layer's surface.
-
-        Returns: none if nobody did.
-        """
+        """Return the cuts that were drawn on a layer's surface."""
         return None if layer is None else self._cuts.get(layer)

@@ -1,16 +1,19 @@
-"""The thread that works while napari stays alive, and its progress in napari's activity dock."""
+"""Threads that work while napari stays alive, and may outlive its window; progress in napari's activity dock."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+import atexit
+from collections.abc import Callable
+from functools import cache
+from typing import Any, ClassVar
 
+from napari.qt.threading import WorkerBase
 from napari.utils import cancelable_progress
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QApplication, QLabel, QMainWindow
 
-from voxflat._napari.errand import Errand
 from voxflat._napari.garbage import put_off_collections
-from voxflat._napari.results.listed import BREATH
+from voxflat._napari.timers import BREATH
 from voxflat.arguments import Progress
 
 GLANCE = 250
@@ -20,30 +23,110 @@ _TICK = 50  # ms between two looks at whether it was cancelled
 _CALM = 12  # %, four frames a second
 
 
-class Work(Protocol):
-    """What a worker does, such as a `Job`; it knows no layer and no widget."""
+class Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
+    """Calls a function in a thread of Qt's pool.
 
-    def run(self, progress: Progress) -> Any:
-        """Do it, and tell how far it is; where `progress` returns False, stop."""
+    napari waits for threads when it closes, but not for one that starts in that moment. Python then waits for it before
+    it ends. Such a thread finds its signals deleted; an exception that leaves `run` would end the process.
+    """
+
+    def __init__(self, function: Callable[[], Any]) -> None:
+        super().__init__()
+        self._function = function
+        _wait_at_exit()
+
+    def work(self) -> Any:
+        """Call the function; called by the thread."""
+        return self._function()
+
+    def run(self) -> None:
+        """Do the work and emit its signals; called by the thread."""
+        try:
+            super().run()
+        except RuntimeError:
+            if not self._is_deleted():
+                raise
+
+    def _is_deleted(self) -> bool:
+        try:
+            self.signals.objectName()
+        except RuntimeError:
+            return True
+        return False
+
+
+@cache
+def _wait_at_exit() -> None:
+    """Have Python ask the threads to end, and wait for them, before it ends itself."""
+    atexit.register(WorkerBase.await_workers)
+
+
+class Latest(QObject):
+    """Does one thing at a time in a thread; of what is asked for meanwhile, only the last."""
+
+    done = Signal(object)
+    """What was asked for last is done; with what it returned."""
+
+    failed = Signal(object)
+    """It ended with this error."""
+
+    def __init__(self, parent: QObject, done: Callable[[Any], None], failed: Any) -> None:
+        super().__init__(parent)
+        self.done.connect(done)
+        self.failed.connect(failed)
+        self._worker: Errand | None = None
+        self._next: Callable[[], Any] | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is under way."""
+        return self._worker is not None
+
+    def ask(self, work: Callable[[], Any]) -> None:
+        """Do what touches no widget and no layer, after what is under way, of which nobody is told any more."""
+        if self._worker is not None:
+            self._next = work
+            return
+        self._worker = worker = Errand(work)
+        worker.returned.connect(self._on_returned)
+        worker.errored.connect(self._on_errored)
+        worker.finished.connect(self._on_finished)
+        worker.start()
+
+    def stop(self) -> None:
+        """Tell nobody of what is under way."""
+        self._next = None
+        if self._worker is not None:
+            self._worker.returned.disconnect(self._on_returned)
+            self._worker.errored.disconnect(self._on_errored)
+            self._worker.finished.disconnect(self._on_finished)
+            self._worker.quit()
+            self._worker = None
+
+    def _on_returned(self, result: Any) -> None:
+        if self._next is None:
+            self.done.emit(result)
+
+    def _on_errored(self, error: Exception) -> None:
+        if self._next is None:
+            self.failed.emit(error)
+
+    def _on_finished(self) -> None:
+        self._worker = None
+        work, self._next = self._next, None
+        if work is not None:
+            self.ask(work)
 
 
 class JobWorker(Errand):
-    """Runs a job outside the GUI's thread; `quit` cancels it, which napari also does when it closes.
+    """Does work that tells how far it is outside the GUI's thread; `quit` cancels it, which napari does when it closes.
 
     Its progress is shown in napari's activity dock. Whatever goes wrong is emitted by `errored`, and nothing shows it
     unasked, as napari's other workers do.
-
-    Parameters
-    ----------
-    job : Job, PatchesJob or other Work
-        What to do.
-    title : str
-        What is done, for the activity dock.
     """
 
-    def __init__(self, job: Work, title: str = "voxflat") -> None:
-        super().__init__(lambda: job.run(self._progress))
-        self.job: Any = job
+    def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
+        super().__init__(lambda: work(self._progress))
         self.title = title
         self.stage = ("starting", 0, 1)
         """What is being done, and how much of how much of it is done; to be read by any thread at any time."""
@@ -56,10 +139,7 @@ class JobWorker(Errand):
             if not self.abort_requested:
                 self._activity = _Activity(self)
                 self.finished.connect(self._activity.end)
-            QTimer.singleShot(BREATH, begin)
-
-        def begin() -> None:
-            Errand.start(self)
+            QTimer.singleShot(BREATH, super(JobWorker, self).start)
 
         QTimer.singleShot(BREATH, show)
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyvista as pv
 
-from voxflat._pyvista.flat import (
-    to_page_polydata,
-    to_polydata,
-    to_surface_polydata,
-)
-from voxflat._pyvista.pictures import textured
+from voxflat._pyvista.flat import to_page_polydata, to_polydata, to_surface_polydata
+from voxflat._pyvista.verbs import Verbs
+from voxflat.maps.textures.pictures import as_picture, check_cover, place, values_at
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -20,8 +18,6 @@ if TYPE_CHECKING:
     from voxflat._pyvista.morphs import Morph
     from voxflat._pyvista.options import FlattenOptions
     from voxflat.lab.map_page import MapPage
-
-from voxflat._pyvista.verbs import Verbs
 
 
 class VoxflatAccessor(Verbs):
@@ -94,7 +90,21 @@ class VoxflatAccessor(Verbs):
         >>> surface, texture = flat.voxflat.texture(board, 0.05, repeat=True)
         >>> surface.plot(texture=texture)  # doctest: +SKIP
         """
-        return textured(self._laid(progress_bar, options), picture, texel_size, repeat=repeat)
+        flat = self._laid(progress_bar, options)
+        colours, _ = as_picture(picture)
+        uv = np.asarray(flat.points, dtype=np.float64)[:, :2]
+        coordinates = place(uv, colours.shape, texel_size)
+        if texel_size is not None and not repeat:
+            check_cover(coordinates, colours.shape, texel_size)
+        surface = flat.copy(deep=False)
+        if "torn" in flat.cell_data and np.any(flat.cell_data["torn"]):
+            surface = surface.remove_cells(np.flatnonzero(flat.cell_data["torn"]).tolist())
+        surface.SetPoints(pv.vtk_points(np.array(surface.point_data["surface_points"])))  # those of `flat` stay
+        surface.point_data["colours"] = np.round(values_at(colours, coordinates, repeat)).astype(np.uint8)
+        surface.active_texture_coordinates = coordinates
+        texture: pv.Texture = pv.Texture(colours)  # type: ignore[no-untyped-call]
+        texture.repeat = repeat
+        return surface, texture
 
     def plot(
         self,

@@ -26,10 +26,7 @@ class _Sheet:
 
 
 def browser_page(flat: pv.PolyData, title: str) -> MapPage:
-    """Return a page with a map, its surface and all its arrays that have a number a point or a triangle.
-
-    `flat`: a map or a page of an atlas. `title`: of the page. Raises InputError: as in `voxflat.lab.map_page.page_of`.
-    """
+    """Return a page with a map, its surface and all its arrays that have a number a point or a triangle."""
     surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
     plane = np.asarray(flat.points, dtype=np.float64)
     faces = np.asarray(flat.regular_faces)

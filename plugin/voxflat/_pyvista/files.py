@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from voxflat._pyvista.flat import is_map, to_polydata
+from voxflat._pyvista.flat import is_map, to_polydata, triangles
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, naming
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
@@ -74,8 +74,7 @@ def _refuse(path: str, surface: object | None) -> None:
 
 
 def _polydata(mesh: Mesh) -> pv.PolyData:
-    triangles: Any = mesh.faces
-    made: pv.PolyData = pv.PolyData.from_regular_faces(mesh.points, triangles)
+    made = triangles(mesh.points, mesh.faces)
     for name, array in mesh.point_data.items():
         made.point_data[name] = array
     return made
@@ -95,8 +94,7 @@ def _patch(path: str, surface: object | None) -> pv.PolyData:
     row[patch.vertex_ids] = np.arange(len(patch.vertex_ids))
     merged, one = whole.merged.T
     row[one] = np.where(row[one] < 0, row[merged], row[one])
-    triangles: Any = row[faces]
-    made: pv.PolyData = pv.PolyData.from_regular_faces(patch.points, triangles)
+    made = triangles(patch.points, row[faces])
     made.point_data["vertex_ids"] = patch.vertex_ids
     at = np.zeros((whole.count, 3))
     at[whole.vertices] = whole.points

@@ -46,7 +46,7 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
     >>> pv.Plane().voxflat.to_polydata(flat_map).n_points
     441
     """
-    return _mesh(flat_map, np.column_stack([flat_map.uv, np.zeros(len(flat_map))]), picture_shape)
+    return _mesh(flat_map, _in_plane(flat_map.uv), picture_shape)
 
 
 def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
@@ -96,8 +96,7 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     800
     """
     page = atlas.page(packing=packing)
-    corners: Any = atlas.uv_faces
-    mesh: pv.PolyData = pv.PolyData.from_regular_faces(np.column_stack([page.uv, np.zeros(len(page.uv))]), corners)
+    mesh = triangles(_in_plane(page.uv), atlas.uv_faces)
     _add_figures(mesh, atlas)
     is_voxels = atlas.metadata["kind"] == "voxels"
     mesh.point_data["voxel_ids" if is_voxels else "vertex_ids"] = atlas.ids[atlas.vertex_ids]
@@ -112,8 +111,7 @@ def to_judged_polydata(
     judged: JudgedMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
 ) -> pv.PolyData:
     """Return a map that was judged as a mesh in the plane z = 0, in mm."""
-    faces: Any = judged.faces.astype(np.int64)
-    mesh: pv.PolyData = pv.PolyData.from_regular_faces(np.column_stack([judged.uv, np.zeros(len(judged.uv))]), faces)
+    mesh = triangles(_in_plane(judged.uv), judged.faces)
     mesh.point_data["voxel_ids" if in_voxels else "vertex_ids"] = ids
     mesh.point_data["surface_points"] = points
     _add_measures(mesh, judged.distortion, points, judged.uv)
@@ -125,8 +123,7 @@ def to_judged_polydata(
 def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
     """Return a surface that was cut open as a mesh in space, RAS+ mm."""
     whole = done.surface
-    faces: Any = whole.faces.astype(np.int64)
-    mesh: pv.PolyData = pv.PolyData.from_regular_faces(whole.points, faces)
+    mesh = triangles(whole.points, whole.faces)
     named = np.asarray if point_ids is None else point_ids.__getitem__
     number = np.full(len(whole), -1, dtype=np.int64)
     for which, cut in enumerate(done.cuts):
@@ -140,6 +137,16 @@ def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | No
     mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "remarks": list(done.remarks)})]
     mesh.set_active_scalars("cut", preference="point")
     return mesh
+
+
+def triangles(points: Any, faces: Any) -> pv.PolyData:
+    """Return a mesh of triangles."""
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, faces.astype(np.int64))
+    return mesh
+
+
+def _in_plane(uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([uv, np.zeros(len(uv))])
 
 
 def is_map(mesh: pv.DataSet) -> bool:
@@ -169,8 +176,7 @@ def _add_measures(
 
 
 def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[int, ...]) -> pv.PolyData:
-    faces: Any = flat_map.faces.astype(np.int64)
-    mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, faces)
+    mesh = triangles(points, flat_map.faces)
     mesh.cell_data["torn"] = flat_map.torn
     mesh.point_data["voxel_ids" if flat_map.is_voxels else "vertex_ids"] = flat_map.ids
     mesh.point_data["surface_points"] = flat_map.points

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -18,9 +18,6 @@ from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.surface import Surface, surface
-
-if TYPE_CHECKING:
-    pass
 
 
 class Given:

@@ -21,22 +21,12 @@ _POINT, _CELL = "voxflat_point", "voxflat_cell"
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """The triangles of a dataset's surface.
-
-    Parameters
-    ----------
-    dataset : pyvista.DataSet
-        What it is the surface of; it stays as it is.
-    mesh : pyvista.PolyData
-        Triangles alone.
-    point_ids, cell_ids : ndarray of int64
-        Which point of the dataset each point of the mesh is, and of which cell each triangle is part.
-    """
+    """The triangles of a dataset's surface."""
 
     dataset: pv.DataSet
-    mesh: pv.PolyData
-    point_ids: NDArray[np.int64]
-    cell_ids: NDArray[np.int64]
+    mesh: pv.PolyData  # triangles alone
+    point_ids: NDArray[np.int64]  # which point of the dataset each point of the mesh is
+    cell_ids: NDArray[np.int64]  # of which cell each triangle is part
 
     @classmethod
     def of(cls, dataset: pv.DataSet) -> Skin:

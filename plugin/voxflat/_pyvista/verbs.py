@@ -11,13 +11,8 @@ import pyvista as pv
 import scipy
 
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.flat import (
-    is_map,
-    to_cut_polydata,
-    to_judged_polydata,
-    to_page_polydata,
-    to_polydata,
-)
+from voxflat._pyvista.flat import is_map, to_cut_polydata, to_judged_polydata, to_page_polydata, to_polydata, triangles
+from voxflat._pyvista.given import Given
 from voxflat._pyvista.judged import rows_of
 from voxflat.arguments import Progress, checked_choice, log
 from voxflat.errors import InputError
@@ -31,8 +26,6 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed
-
-from voxflat._pyvista.given import Given
 
 
 class Verbs(Given):
@@ -169,8 +162,7 @@ class Verbs(Given):
         162
         """
         whole = surface(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
-        faces: Any = whole.faces.astype(np.int64)
-        mesh: pv.PolyData = pv.PolyData.from_regular_faces(whole.points, faces)
+        mesh = triangles(whole.points, whole.faces)
         ids = whole.ids if self._is_image else self._skin(scalars).point_ids[whole.ids]
         mesh.point_data["voxel_ids" if self._is_image else "vertex_ids"] = ids
         return mesh

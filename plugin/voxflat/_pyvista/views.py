@@ -31,33 +31,15 @@ _BAR = {
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What of a map is shown, and in which colours.
-
-    Parameters
-    ----------
-    flat : pyvista.PolyData
-        The map.
-    values : ndarray
-        As they are shown, a point or a triangle each; of colours three or four.
-    numbers : ndarray
-        What is told of each place: the values, or the numbers for which the colours stand.
-    name : str
-        The array's.
-    of_points : bool
-        Whether they belong to points.
-    look : Look
-        Label and colour map.
-    clim : tuple of 2 floats or None
-        What the ends of the colours stand for; None of colours.
-    """
+    """What of a map is shown, and in which colours."""
 
     flat: pv.PolyData
-    values: NDArray[Any]
-    numbers: NDArray[Any]
-    name: str
+    values: NDArray[Any]  # as they are shown, a point or a triangle each; of colours three or four
+    numbers: NDArray[Any]  # what is told of each place: the values, or for what the colours stand
+    name: str  # the array's
     of_points: bool
     look: Look
-    clim: tuple[float, float] | None
+    clim: tuple[float, float] | None  # None of colours
 
     @classmethod
     def of(cls, flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None) -> Shown:
@@ -130,11 +112,7 @@ _PATCHES = ("patch", "piece")  # numbers that have colours as in files and textu
 def side_by_side(
     flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
 ) -> pv.Plotter:
-    """Return a plotter with the surface on the left and the map on the right.
-
-    `flat`: a map or a page; it stays as it is. `scalars`, `cmap`, `clim`: as in `Shown.of`. `**how`: for
-    `pyvista.Plotter`. Raises InputError: as in `Shown.of`.
-    """
+    """Return a plotter with the surface on the left and the map on the right; the mesh stays as it is."""
     what = Shown.of(flat, scalars, cmap, clim)
     surface, plane = (np.array(of, dtype=np.float64) for of in (flat.point_data["surface_points"], flat.points))
     plotter: Any = pv.Plotter(shape=(1, 2), border=False, **how)

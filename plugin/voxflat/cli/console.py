@@ -21,8 +21,6 @@ from tqdm import tqdm
 from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled, told
 
-__all__ = ["Bars", "Program", "bars"]
-
 CANCELLED, TERMINATED = 130, 143  # as of programs that SIGINT and SIGTERM ended
 
 

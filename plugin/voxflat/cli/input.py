@@ -14,8 +14,6 @@ from voxflat.errors import HemisphereError, InputError
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 
-__all__ = ["part_of", "surface_of"]
-
 _MAKING = ("label", "threshold", "spacing", "probability", "pial", "repair")
 
 

@@ -12,8 +12,6 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars
 from voxflat.lab.inputs import GEOMETRIES, Parameters
 
-__all__ = ["Several", "as_list", "making", "parameters_of", "teller"]
-
 _CUTS = {"auto": "automatic"}
 
 

@@ -17,7 +17,13 @@ if TYPE_CHECKING:
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-__all__ = ["of_colours", "of_data", "of_page", "overlay_of"]
+
+def check_depth(given: dict[str, Any]) -> None:
+    """Refuse options of the depth that do not fit each other."""
+    if given["layering"] is not None and given["fraction"] is None:
+        raise click.UsageError("--layering is for --fraction.")
+    if given["depth"] is not None and given["fraction"] is not None:
+        raise click.UsageError("Give --depth or --fraction.")
 
 
 def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
@@ -106,17 +112,8 @@ def of_page(*further: Any) -> Callable[[_Command], _Command]:
     )
 
 
-_OF_OVERLAY: tuple[str, ...] = (
-    "channel",
-    "interpolation",
-    "threshold",
-    "strength",
-    "period",
-    "zero",
-    "limits",
-    "colour_map",
-)
-_OF_OVERLAY += ("label", "time_step")
+_OF_OVERLAY: tuple[str, ...] = ("channel", "interpolation", "threshold", "strength", "period", "zero", "limits")
+_OF_OVERLAY += ("colour_map", "label", "time_step")
 
 
 def each(files: tuple[Path, ...]) -> Any:
@@ -125,16 +122,10 @@ def each(files: tuple[Path, ...]) -> Any:
 
 
 def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
-    """Take the options of an overlay out of what a command was given; those that nobody gave are taken out, too.
-
-    `data`: the overlay's file, or one for each map. `given`: all options of the command.
-    """
+    """Take an overlay's options out of those of a command, and also those that nobody gave; `data` are its files."""
     from voxflat.figures import Overlay  # brings in matplotlib
 
-    if given["depth"] is not None and given["fraction"] is not None:
-        raise click.UsageError("Give --depth or --fraction.")
-    if given["layering"] is not None and given["fraction"] is None:
-        raise click.UsageError("--layering is for --fraction.")
+    check_depth(given)
     for name in ("depth", "fraction", "layering"):
         if given[name] is None:
             del given[name]

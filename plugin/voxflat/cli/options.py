@@ -23,26 +23,6 @@ from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
-__all__ = [
-    "FILE",
-    "OUT",
-    "cuts",
-    "group",
-    "input_",
-    "link_lengths",
-    "making",
-    "method_options",
-    "numbers",
-    "output",
-    "paths",
-    "places",
-    "region",
-    "run",
-    "section",
-    "seed",
-    "store",
-]
-
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -170,6 +150,11 @@ def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _C
     return decorator
 
 
+def reads(name: str, told: str, *, metavar: str = "F", **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option that names a file that is read."""
+    return cloup.option(name, type=FILE, metavar=metavar, help=told, **more)
+
+
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
 
 
@@ -184,6 +169,11 @@ def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
     return decorate
 
 
+def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[str, bool]:
+    """Return both options of what lies beside, as whatever writes takes them."""
+    return {"sidecar": ctx.params.pop("sidecar"), "overwrite": value}
+
+
 def output(help_: str, *further: Callable[..., Any], required: bool = True) -> Callable[[_Command], _Command]:
     """Return the section of what is written: the result, and what lies beside it."""
     return section(
@@ -193,9 +183,16 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
         cloup.option(
             "--sidecar",
             is_flag=True,
+            is_eager=True,  # for what comes with it
             help="Write the record of how OUT was made beside it, as OUT.json: for formats that cannot hold it.",
         ),
-        cloup.option("--overwrite", is_flag=True, help="Replace files beside OUT that voxflat did not write."),
+        cloup.option(
+            "--overwrite",
+            "writing",
+            is_flag=True,
+            callback=_writing,
+            help="Replace files beside OUT that voxflat did not write.",
+        ),
         as_json,
     )
 
@@ -256,17 +253,15 @@ def making(command: _Command) -> _Command:
 
 region = section(
     "Region",
-    cloup.option(
+    reads(
         "--keep",
-        type=FILE,
+        "Work on this region only: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
         metavar="FILE",
-        help="Work on this region only: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
     ),
-    cloup.option(
+    reads(
         "--drop",
-        type=FILE,
+        "Leave this region out: a file as for --keep, or medial-wall, where white and pial surface touch.",
         metavar="FILE",
-        help="Leave this region out: a file as for --keep, or medial-wall, where white and pial surface touch.",
     ),
     cloup.option(
         "--seed-point",
@@ -275,12 +270,11 @@ region = section(
         help="Work on the geodesic disk around this voxel (indices), or vertex of a mesh (number), counted from 0.",
     ),
     option_of(Surface.disk, "radius", type=float, metavar="MM"),
-    cloup.option(
+    reads(
         "--polygon",
-        type=FILE,
+        "Work on the region enclosed by shortest paths between the corners listed in FILE (one corner per line).",
         metavar="FILE",
         callback=_vertices,
-        help="Work on the region enclosed by shortest paths between the corners listed in FILE (one corner per line).",
     ),
 )
 """Which part of the surface is worked on."""
@@ -349,12 +343,7 @@ method_options = group(
             help="; ".join(f"{name}: {method.summary}" for name, method in METHODS.items()) + ".",
         ),
         option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources")),
-        option_of(
-            Voxflat,
-            "sampling",
-            type=click.Choice([*SAMPLINGS, "decimation"]),
-            default=_of_methods("sampling"),
-        ),
+        option_of(Voxflat, "sampling", type=click.Choice([*SAMPLINGS, "decimation"]), default=_of_methods("sampling")),
     ),
     section(
         "Method voxflat",
@@ -374,17 +363,8 @@ method_options = group(
 )
 """The methods and their options."""
 
-_OPTIONS: tuple[str, ...] = (
-    "sources",
-    "sampling",
-    "geodesic",
-    "weighting",
-    "scale",
-    "max_area",
-    "start",
-    "link_lengths",
-)
-_OPTIONS += ("neighbourhood", "starts", "bound")
+_OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "scale", "max_area", "start")
+_OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
 
 
 def method_of(given: dict[str, Any]) -> Method:

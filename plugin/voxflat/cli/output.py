@@ -16,8 +16,6 @@ from voxflat.errors import InputError
 from voxflat.io.files import check_new
 from voxflat.io.provenance import check_beside, sidecar_of
 
-__all__ = ["FIGURE_ENDINGS", "READ", "WRITTEN", "check_output", "print_json"]
-
 FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 """How the name of a figure's file may end."""
 

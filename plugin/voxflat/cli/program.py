@@ -33,8 +33,6 @@ from voxflat.cli.commands import (
 )
 from voxflat.cli.console import Program
 
-__all__ = ["main"]
-
 
 @cloup.group(
     cls=Program,
@@ -46,26 +44,7 @@ def main() -> None:
     """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
 
 
-_COMMANDS = (
-    flatten,
-    check,
-    surface,
-    cut,
-    register,
-    path,
-    measure,
-    worst,
-    patches,
-    rows,
-    image,
-    figure,
-    movie,
-    points,
-    regions,
-    texture,
-    freesurfer,
-    bids,
-    demo,
-)
-for module in _COMMANDS:
+_MAKING = (flatten, check, surface, cut, register, path, measure, worst, patches, rows)
+_SHOWING = (image, figure, movie, points, regions, texture)
+for module in (*_MAKING, *_SHOWING, freesurfer, bids, demo):
     main.add_command(module.command)

@@ -11,8 +11,6 @@ from typing import Any, TypeVar
 
 import cloup
 
-__all__ = ["default_of", "option_of", "text_of"]
-
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 _PARAMETER = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : .*$", re.MULTILINE)
@@ -34,10 +32,7 @@ def _texts(of: Callable[..., Any]) -> dict[str, str]:
 
 
 def text_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
-    """Return the first sentences on a parameter, as its docstring has them.
-
-    `of`: a function, or a class of options. `name`: of the parameter. `sentences`: how many.
-    """
+    """Return the first sentences on a parameter, as the docstring of a function, or of a class of options, has them."""
     found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _texts(of).get(name, ""))
     return " ".join(found[:sentences]).replace("`", "").replace("  ", " ")
 
@@ -53,11 +48,10 @@ def default_of(of: Callable[..., Any], name: str) -> Any:
 def option_of(
     of: Callable[..., Any], name: str, *, sentences: int = 1, default: str | None = None, **more: Any
 ) -> Callable[[_Command], _Command]:
-    """Return the option for a parameter, with its help and default.
+    """Return the option for a parameter of a function, or class of options, with its name, help and default.
 
-    `of`: the function, or class of options, that it goes to. `name`: of the parameter; the option is called the same.
     `sentences`: how much of the parameter's text is its help. `default`: the default in words, where Python has None.
-    `**more`: as of `click.option`. Returns: a decorator.
+    `**more`: as of `click.option`.
     """
     usual = default_of(of, name)
     told = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)

@@ -12,8 +12,6 @@ from voxflat._core import __version__
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["Mean", "Row", "Sums", "outliers"]
-
 _PIXEL = 1.0  # mm
 _LEAST = 5  # maps, of which some may stand out
 _FAR = 3.5  # of modified z scores (Iglewicz, Hoaglin 1993)
@@ -22,65 +20,33 @@ _NORMAL = 0.6745  # of a normal distribution's standard deviation: the median ab
 
 @dataclass(frozen=True)
 class Row:
-    """A hemisphere of the table.
-
-    Parameters
-    ----------
-    name, session : str
-        ``sub-01``, and ``ses-02`` or nothing.
-    letter : {"L", "R"}
-        Which hemisphere.
-    page : str
-        The report's file.
-    record : dict or None
-        Of its results; None if there are none.
-    reason : str
-        Why there are none.
-    outliers : tuple of str
-        Places of figures that stand out.
-    """
+    """A hemisphere of the table."""
 
     name: str
-    session: str
-    letter: str
-    page: str
-    record: dict[str, Any] | None
-    reason: str = ""
-    outliers: tuple[str, ...] = ()
+    session: str  # ses-02, or nothing
+    letter: str  # L or R
+    page: str  # the report's file
+    record: dict[str, Any] | None  # of its results; None if there are none
+    reason: str = ""  # why there are none
+    outliers: tuple[str, ...] = ()  # places of figures that stand out
 
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation of values over standard maps.
-
-    Parameters
-    ----------
-    name, letter : str
-        Of what, and of which hemisphere.
-    mean, deviation : FlatImage
-        NaN where fewer than half of the maps, or than two, have a value.
-    count : ndarray of int64, shape (H, W)
-        How many maps have a value there.
-    """
+    """Mean and standard deviation over standard maps; NaN where fewer than half of them, or than two, have a value."""
 
     name: str
     letter: str
     mean: FlatImage
     deviation: FlatImage
-    count: NDArray[np.int64]
+    count: NDArray[np.int64]  # (H, W): how many maps have a value there
 
 
 @dataclass
 class Sums:
-    """Running mean and sum of squared deviations of maps, pixel by pixel (Welford 1962), on a grid that they share.
+    """Running mean and sum of squared deviations of maps, pixel by pixel (Welford 1962), on a grid that they share."""
 
-    Parameters
-    ----------
-    low, high : tuple of 2 floats
-        The least and greatest (u, v) of all maps, mm.
-    """
-
-    low: tuple[float, float]
+    low: tuple[float, float]  # the least (u, v) of all maps, mm
     high: tuple[float, float]
     maps: int = 0
     count: NDArray[np.int64] = field(init=False)
@@ -123,10 +89,7 @@ class Sums:
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which values stand out: those whose modified z score is beyond 3.5, by median and absolute deviation from it.
-
-    `values` float64 (k,): NaN where there is none. Returns: bool (k,), none of fewer than five.
-    """
+    """Say which values stand out: those whose modified z score is beyond 3.5; none of fewer than five, or of NaN."""
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:
         return np.zeros(len(values), dtype=np.bool_)

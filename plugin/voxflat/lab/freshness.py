@@ -17,8 +17,6 @@ from voxflat.io.files import atomic_path
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record
 
-__all__ = ["Request", "is_page_of", "page_key", "request", "state", "write_json", "write_text"]
-
 _FORMAT = 1  # of what is written; raise it where a rerun should make all results anew
 _BLOCK = 1 << 20
 _HEAD = 4096  # bytes at the beginning of a page, in which its key stands
@@ -28,11 +26,7 @@ Request = dict[str, Any]
 
 
 def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
-    """Return what results are made of: they are up to date as long as it is the same.
-
-    `hemisphere`: its files are read, for their SHA-256. `parameters`: what is made of it. Raises OSError if a file
-    cannot be read.
-    """
+    """Return what results are made of, files by their SHA-256: they are up to date as long as it is the same."""
     inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
     told = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
     return {"voxflat": __version__, "format": _FORMAT, "parameters": told, "inputs": inputs}
@@ -47,11 +41,7 @@ def _sha256(path: Path) -> str:
 
 
 def state(results: Results, wanted: Request) -> tuple[str, str]:
-    """Say whether results are there and up to date.
-
-    `results`: where they are. `wanted`: what they are to be made of. Returns: `state`, {"missing", "stale", "done"};
-    `reason`, why they are not done.
-    """
+    """Say whether results are "missing", "stale" or "done", and why they are not done."""
     if not results.record.is_file():
         return "missing", "there is no result"
     try:
@@ -80,11 +70,7 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
 
 
 def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
-    """Return what a page is made of, in short: it stands at its beginning.
-
-    `records`, sequence of dict: of the results that it shows. `failures`: what it says of those that there are none of.
-    Returns: SHA-256, in hexadecimal digits.
-    """
+    """Return what a page is made of, records and reasons of failures, as a SHA-256: it stands at its beginning."""
     made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
     return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()
 

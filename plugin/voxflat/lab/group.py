@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,6 @@ from voxflat.lab.results import FIGURES, Results, Shown, figure_of, read_record
 from voxflat.lab.study import NO_FILES, pages_of, results_of
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["group"]
-
 _COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # none is right
 _STEM = "group_desc-voxflat"
 
@@ -27,12 +26,11 @@ _STEM = "group_desc-voxflat"
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
     """Compare the participants of a study.
 
-    `source`: as in `participants`: those without results are listed, too. `out`: what `study` has written; gets
-    ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images of means and standard deviations
-    (``.nii.gz``) and the page ``group.html``. `labels`, sequence of str: participants; all by default. Returns:
-    ``maps``, ``missing`` (why, by participant and hemisphere), ``outliers`` likewise, ``written``: names of files; none
-    where everything was up to date. Raises InputError if there are no results; OSError if something cannot be read or
-    written.
+    `source`, `labels`: as in `participants`: those without results are listed, too. `out`: what `study` has written;
+    gets ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images of means and standard
+    deviations (``.nii.gz``) and the page ``group.html``. Returns ``maps``, ``missing`` (why, by participant and
+    hemisphere), ``outliers`` likewise, ``written``: names of files; none where everything was up to date. Raises
+    InputError if there are no results; OSError if something cannot be read or written.
     """
     rows = _with_outliers(list(_rows(source, out, labels)))
     there = [row for row in rows if row.record is not None]
@@ -106,10 +104,7 @@ def _with_outliers(rows: list[Row]) -> list[Row]:
             far = values > 0 if place in _COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
             for n in np.array(own, dtype=int)[far].tolist():
                 marks.setdefault(n, []).append(place)
-    return [
-        Row(row.name, row.session, row.letter, row.page, row.record, row.reason, tuple(marks.get(n, ())))
-        for n, row in enumerate(rows)
-    ]
+    return [replace(row, outliers=tuple(marks.get(n, ()))) for n, row in enumerate(rows)]
 
 
 def _number(value: float | None) -> float:

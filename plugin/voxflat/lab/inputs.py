@@ -10,8 +10,6 @@ from typing import ClassVar
 
 from voxflat.errors import InputError
 
-__all__ = ["GEOMETRIES", "HEMISPHERES", "Hemisphere", "Parameters", "Participant", "found_in", "participants"]
-
 HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
 """FreeSurfer's name of a hemisphere, with BIDS's and that of the side."""
 
@@ -27,51 +25,23 @@ _NOBODY = re.compile(r"fsaverage|[lr]h\.EC_average|.*\.(long|base)\b")  # what r
 
 @dataclass(frozen=True)
 class Parameters:
-    """What is to be made of each hemisphere.
+    """What is to be made of each hemisphere."""
 
-    Parameters
-    ----------
-    cuts : str
-        "standard", "automatic", or a file of cuts or of a template, in whose name ``{hemi}`` stands for lh or rh, or L
-        or R.
-    geometry : {"midthickness", "white", "pial"}
-        On which surface distances are measured.
-    volume : bool
-        Whether to start from the white matter in voxels instead.
-    overlays : tuple of str
-        Names, such as ``thickness`` for ``surf/lh.thickness``, or files, in whose names ``{hemi}`` and ``{subject}``
-        are filled in. By default thickness, where it is there.
-    seed : int
-        Of every random choice.
-    """
-
-    cuts: str = "standard"
-    geometry: str = "midthickness"
-    volume: bool = False
-    overlays: tuple[str, ...] = ()
+    cuts: str = "standard"  # or "automatic", or a file, in whose name {hemi} stands for lh or rh, or L or R
+    geometry: str = "midthickness"  # of `GEOMETRIES`: on which distances are measured
+    volume: bool = False  # whether to start from the white matter in voxels instead
+    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Hemisphere:
-    """One hemisphere, and the files that it is made of.
+    """One hemisphere, and the files that it is made of."""
 
-    Parameters
-    ----------
-    hemi : {"lh", "rh"}
-        Which one.
-    files : dict of str to Path
-        By what they are: ``white``, ``pial``, ``sphere``, ``cortex`` or ``areas``, ``volume``, ``cuts``.
-    overlays : dict of str to Path
-        Values to be shown on the map, by their names.
-    label : int or None
-        Which label of the volume it is.
-    """
-
-    hemi: str
-    files: dict[str, Path]
+    hemi: str  # lh or rh
+    files: dict[str, Path]  # white, pial, sphere, cortex or areas, volume, cuts
     overlays: dict[str, Path] = field(default_factory=dict)
-    label: int | None = None
+    label: int | None = None  # of the volume
 
     @property
     def letter(self) -> str:
@@ -91,22 +61,11 @@ class Hemisphere:
 
 @dataclass(frozen=True)
 class Participant:
-    """A participant of a study, or one session.
+    """A participant of a study, or one session."""
 
-    Parameters
-    ----------
-    label : str
-        Without ``sub-``.
-    session : str or None
-        Without ``ses-``.
-    folder : Path or None
-        Where the files are: FreeSurfer's directory of the subject, or ``anat`` of derivatives; None where there is
-        none.
-    """
-
-    label: str
-    session: str | None
-    folder: Path | None
+    label: str  # without sub-
+    session: str | None  # without ses-
+    folder: Path | None  # FreeSurfer's of the subject, or anat of derivatives; None where there is none
 
     @property
     def name(self) -> str:
@@ -118,11 +77,9 @@ class Participant:
 
 
 def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
-    """Find the files of a hemisphere.
+    """Find the files of a hemisphere in FreeSurfer's directory of a subject, or in derivatives such as ``sub-01/anat``.
 
-    `folder`: FreeSurfer's directory of a subject, or a folder of derivatives such as ``sub-01/anat``. `hemi`, {"lh",
-    "rh"}: which one. `parameters`: what is to be made of it. Raises InputError if something is missing, or there are
-    several; the message names it and says what to do.
+    Raises InputError if something is missing, or there are several; the message names it and says what to do.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory; name one that recon-all or sMRIPrep has written")
@@ -255,13 +212,12 @@ class _Bids:
 
 
 def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
-    """Find the participants of a study.
+    """Find the participants of a study, by their names; raises InputError if there are none.
 
     `folder`: FreeSurfer's directory of subjects, derivatives, or a data set of BIDS with either in ``derivatives`` or
-    ``sourcedata/freesurfer``; what lies in it directly goes first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`,
-    sequence of str: those that are wanted, with or without ``sub-``; all by default. Returns: by their names. One that
-    was asked for, or that the data set has, and for whom there are no files, has no folder. Raises InputError if there
-    are none.
+    ``sourcedata/freesurfer``; what lies in it directly goes first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`:
+    those that are wanted, with or without ``sub-``; all by default. One that was asked for, or that the data set has,
+    and for whom there are no files, has no folder.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory")

@@ -21,8 +21,6 @@ from voxflat.lab.pages import Laid, Layer, colour_bar, filled, layers_of, scene
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.laying import laid
 
-__all__ = ["MapPage", "map_page", "page_of"]
-
 _PATCHES = ("patch", "piece")  # labels that begin with 0
 _STEEP = 0.9  # beyond this a surface is seen from above or below
 
@@ -122,9 +120,8 @@ def page_of(
 ) -> MapPage:
     """Return a page with a surface and its map, linked, and a slider from one to the other.
 
-    `of_points`, `of_triangles`, dict of str to ndarray, shape (N,) and (F,): what can be shown, by its name: measures
-    (`voxflat.distortion.triangles`) and any other. `title`: of the page. `first`: what is shown at first; by default
-    the first one. `unit`: of the places. Raises InputError if there is nothing to show.
+    `of_points`, `of_triangles`: what can be shown, by its name: measures (`voxflat.distortion.triangles`) and any
+    other. `first`: what is shown at first. `unit`: of the places. Raises InputError if there is nothing to show.
     """
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}

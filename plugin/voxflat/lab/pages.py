@@ -28,8 +28,6 @@ from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
-__all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
-
 _MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
 _POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
 _NOTHING = 65_535  # in place of a value
@@ -42,44 +40,22 @@ _SHADE = 0.45  # how much of an overlay's light the folds take
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Values at the points of a map, and how they are shown.
+    """Values at the points of a map, and how they are shown."""
 
-    Parameters
-    ----------
-    name : str
-        As of its file.
-    title : str
-        What it is, for readers.
-    unit : str
-        Of the values that are shown.
-    values : ndarray of float64, shape (N,)
-        NaN where there is none.
-    colour_map : str
-        Of matplotlib.
-    limits : tuple of 2 floats
-        The ends of the colours.
-    first_label : int or None
-        The least of labels that stand for something, such as 1 where 0 is no parcel: each has a colour of its own.
-        None of values.
-    """
-
-    name: str
-    title: str
+    name: str  # as of its file
+    title: str  # what it is, for readers
     unit: str
-    values: NDArray[np.float64]
-    colour_map: str
-    limits: tuple[float, float]
-    first_label: int | None = None
+    values: NDArray[np.float64]  # (N,), NaN where there is none
+    colour_map: str  # of matplotlib
+    limits: tuple[float, float]  # the ends of the colours
+    first_label: int | None = None  # the least of labels that stand for something, such as 1; None of values
 
     def __repr__(self) -> str:
         low, high = self.limits
         return f"<Layer {self.name}: {len(self.values)} values, {low:.3g} to {high:.3g} {self.unit}>"
 
     def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Return the colours of values.
-
-        `values` float64 (n,): labels, or values between the limits. Returns: uint8 (n, 3).
-        """
+        """Return the colours (n, 3) of labels, or of values between the limits."""
         if self.first_label is not None:
             return label_colours(values[:, None] + 1.0 - self.first_label)[:, 0, :3]
         low, high = self.limits
@@ -87,11 +63,7 @@ class Layer:
 
 
 def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[Layer]]:
-    """Return the layers of several maps, whose colours mean the same.
-
-    `maps`, sequence of dict of str to ndarray of float64, shape (N,): measures (`subject.MEASURES`) and overlays by
-    their names, of each map. Returns: of each map, overlays first.
-    """
+    """Return the layers of several maps, whose colours mean the same: measures and overlays, which go first."""
     names = list(dict.fromkeys(name for values in maps for name in values))
     known = ("curvature", "distanceerror", "areachange", "sulcaldepth")
     names.sort(key=lambda name: known.index(name) if name in known else -1)
@@ -133,11 +105,10 @@ def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str,
 def pictures(
     flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
 ) -> list[dict[str, Any]]:
-    """Draw layers over the folds of a map.
+    """Draw layers, or nothing, over the folds of a map; without a pixel size, mm, pictures are 620 pixels wide.
 
-    `flat_map`: a flat map. `layers`, sequence of Layer or None: what to show; None is the folds alone. `pixel_size`:
-    side of a pixel, mm; by default so that a picture is 620 pixels wide. Returns: of each ``source`` (a PNG as a data
-    URI, transparent outside the map), ``width`` and ``height`` in pixels, ``mm``, the width in mm.
+    Returns of each ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels,
+    ``mm``, the width in mm.
     """
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / _WIDTH if pixel_size is None else pixel_size)
@@ -214,13 +185,11 @@ def scene(
 ) -> str:
     """Return a map and its surface for the viewer of a page.
 
-    `flat_map`: a flat map. `layers`, sequence of Layer: what can be shown on it. `cuts`, dict of str to ndarray of
-    int64, shape (k,): points of the map along each cut. `target` float64 (N, 3): where the slider leads the surface's
-    points; by default to the surface without its folds. `view`: from where the surface is seen at first, radians:
-    turned about z, seen along y if 0, and from how far above. By default a hemisphere's medial side. `unit`: of places.
-    Returns: JSON: numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in
-    base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole
-    numbers as they are.
+    `cuts`: points of the map along each cut. `target` (N, 3): where the slider leads the surface's points; by default
+    to the surface without its folds. `view`: from where the surface is seen at first, radians: turned about z, seen
+    along y if 0, and from how far above. By default a hemisphere's medial side. `unit`: of places. Returns JSON:
+    numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in base64. Places
+    have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole numbers as they are.
     """
     rows = distinct(flat_map.ids).which  # both sides of a cut have one
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
@@ -298,9 +267,9 @@ def thinned(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Take fewer points of a map, for the eye: one in each cell of a grid over the plane, and all along cuts.
 
-    `uv` float64 (N, 2): places, mm. `faces` int (F, 3): triangles. `ids` int64 (N,): the vertex that each point is; the
-    two sides of a cut share one. `most`: about how many points are left. Returns: `points`, int64 (k,), those that are
-    left; at the border those of the border; `faces`, int64 (G, 3), triangles of them.
+    `uv` (N, 2): places, mm. `ids` (N,): the vertex that each point is; the two sides of a cut share one. `most`: about
+    how many points are left. Returns those that are left, (k,), at the border those of the border, and triangles of
+    them, (G, 3).
     """
     used = np.unique(faces)
     if len(used) <= most:
@@ -368,11 +337,7 @@ def _without_repeats(points: NDArray[np.int64]) -> list[int]:
 
 
 def filled(template: str, **content: Any) -> str:
-    """Fill in a template of the package.
-
-    `template`: its name, such as ``subject.html``. `**content`: what it speaks of. Returns: a page that needs no other
-    file.
-    """
+    """Fill in a template of the package, such as ``subject.html``: a page that needs no other file."""
     return _environment().get_template(template).render(**content)
 
 

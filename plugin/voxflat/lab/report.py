@@ -12,8 +12,6 @@ from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, Shown, figure_of
 from voxflat.maps.worst_search import worst_places
 
-__all__ = ["REFERENCES", "citation", "subject_page"]
-
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "standard": {
         "fsaverage5's white surface, these cuts": (
@@ -37,11 +35,7 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
 
 
 def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
-    """Return the report on a subject.
-
-    `name`: the subject's. `shown`: by hemisphere, "lh" and "rh". `failures`: why a hemisphere has no map. Returns:
-    HTML.
-    """
+    """Return the report on a subject, as HTML, of hemispheres, "lh" and "rh", and of failures: why one has no map."""
     hemispheres = []
     together = layers_of([one.values for one in shown.values()])
     for (hemi, one), layers in zip(shown.items(), together, strict=True):

@@ -16,8 +16,6 @@ from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import read_overlay
 from voxflat.maps.flat_map import FlatMap, load
 
-__all__ = ["FIGURES", "MEASURES", "Results", "Shown", "figure_of", "read_record"]
-
 MEASURES = {
     "distanceerror": "mean relative error of the distances from each place, as a fraction",
     "areachange": "log2 of the area on the map over that on the surface",
@@ -42,22 +40,11 @@ FIGURES: dict[str, tuple[str, float, str]] = {
 
 @dataclass(frozen=True)
 class Results:
-    """The files of one hemisphere.
-
-    Parameters
-    ----------
-    folder : Path
-        Where they lie.
-    prefix : str
-        How their names begin.
-    of_freesurfer : bool
-        Whether they are named as FreeSurfer's, ``lh.voxflat.flat.surf.gii``, or as those of BIDS,
-        ``sub-01_hemi-L_desc-voxflat_flat.surf.gii``.
-    """
+    """The files of one hemisphere."""
 
     folder: Path
-    prefix: str
-    of_freesurfer: bool
+    prefix: str  # how their names begin
+    of_freesurfer: bool  # lh.voxflat.flat.surf.gii; else sub-01_hemi-L_desc-voxflat_flat.surf.gii
 
     @classmethod
     def in_freesurfer(cls, folder: Path, hemi: str) -> Results:
@@ -103,10 +90,7 @@ class Results:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read the record of a hemisphere's results.
-
-    `path`: `Results.record`. Raises InputError if it is damaged.
-    """
+    """Read the record of a hemisphere's results; raises InputError if it is damaged."""
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         is_whole = all(name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures"))
@@ -119,31 +103,16 @@ def read_record(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """The results of a hemisphere, as they were written.
-
-    Parameters
-    ----------
-    results : Results
-        Where they are.
-    record : dict
-        What the record says.
-    flat_map : FlatMap
-        The map.
-    values : dict of str to ndarray of float64, shape (N,)
-        Measures and overlays at the points of the map.
-    """
+    """The results of a hemisphere, as they were written."""
 
     results: Results
     record: dict[str, Any]
     flat_map: FlatMap
-    values: dict[str, NDArray[np.float64]]
+    values: dict[str, NDArray[np.float64]]  # measures and overlays at the points of the map, (N,)
 
     @classmethod
     def read(cls, results: Results) -> Shown:
-        """Read results.
-
-        `results`: where they are. Raises InputError, OSError if they are damaged, or not there.
-        """
+        """Read results; raises InputError, OSError if they are damaged, or not there."""
         record, flat_map = read_record(results.record), load(results.map)
         names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
         structure = flat_map.metadata.get("structure")

@@ -17,8 +17,6 @@ from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, p
 from voxflat.lab.results import Results, Shown, read_record
 from voxflat.lab.subject import make
 
-__all__ = ["NO_FILES", "Outcome", "describe", "freesurfer", "pages_of", "plan", "results_of", "study"]
-
 BIDS_VERSION = "1.10.0"
 
 NO_FILES = "there is neither a directory of FreeSurfer nor a surface of this participant"
@@ -39,27 +37,13 @@ Report = Callable[["Outcome"], None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a hemisphere.
+    """What became of a hemisphere."""
 
-    Parameters
-    ----------
-    name : str
-        The participant's: ``sub-01``, ``sub-01_ses-02``, or FreeSurfer's name of the subject.
-    hemi : {"lh", "rh"}
-        Which hemisphere.
-    state : {"made", "done", "failed", "missing", "stale"}
-        "done" was up to date; "missing" and "stale" are to be made, in a plan.
-    reason : str
-        Why it failed, or is to be made.
-    record : dict or None
-        Of what was made.
-    """
-
-    name: str
-    hemi: str
-    state: str
-    reason: str = ""
-    record: dict[str, Any] | None = None
+    name: str  # the participant's: sub-01, sub-01_ses-02, or FreeSurfer's name of the subject
+    hemi: str  # lh or rh
+    state: str  # made, done (up to date) or failed; missing and stale are to be made, in a plan
+    reason: str = ""  # why it failed, or is to be made
+    record: dict[str, Any] | None = None  # of what was made
 
     @property
     def letter(self) -> str:
@@ -72,19 +56,14 @@ def freesurfer(
 ) -> list[Outcome]:
     """Flatten the hemispheres of a subject of FreeSurfer, into its own directory.
 
-    `folder`: FreeSurfer's directory of the subject, which gets ``surf/?h.voxflat...`` and the report ``voxflat.html``.
-    `hemis`, sequence of {"lh", "rh"}: which. `parameters`: what is made of each. `tell`: takes the outcome of each.
-    `**how`: ``threads``, ``memory_limit``, ``progress``: as in `voxflat.flatten`. Raises InputError if there is no such
-    directory; Cancelled if `progress` returned False.
+    `folder`: FreeSurfer's of the subject, which gets ``surf/?h.voxflat...`` and the report ``voxflat.html``. `tell`:
+    takes the outcome of each. `**how`: ``threads``, ``memory_limit``, ``progress``: as in `voxflat.flatten`. Raises
+    InputError if there is no such directory; Cancelled if `progress` returned False.
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder}: there is no surf/ in it: give the directory that recon-all made for a subject")
-
-    def results(hemi: str) -> Results:
-        return Results.in_freesurfer(folder, hemi)
-
-    name = folder.resolve().name
-    return list(_each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how))
+    name, results = folder.resolve().name, partial(Results.in_freesurfer, folder)
+    return _each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how)
 
 
 def study(
@@ -100,11 +79,10 @@ def study(
 ) -> list[Outcome]:
     """Flatten the hemispheres of participants, into derivatives of BIDS.
 
-    `source`: as in `participants`. `out`: a directory; made if it is missing. `hemis`, `parameters`, `tell`, `**how`:
-    as in `freesurfer`. `labels`, sequence of str: participants; all by default. `dask`: a cluster, as in `connected`,
-    whose workers take a participant each; they must see the same files. By default this process takes one after the
-    other. Raises InputError if there are no participants, or `out` is that of another program; OSError if nothing can
-    be written to `out`; Cancelled if `progress` returned False.
+    `source`, `labels`: as in `participants`. `out`: a directory; made if it is missing. `tell`, `**how`: as in
+    `freesurfer`. `dask`: a cluster, as in `connected`, whose workers take a participant each; they must see the same
+    files. By default this process takes one after the other. Raises InputError if there are no participants, or `out`
+    is that of another program; OSError if nothing can be written to `out`; Cancelled if `progress` returned False.
     """
     everybody = participants(source, labels)
     describe(source, out)
@@ -128,17 +106,11 @@ def study(
 
 
 def _participant(
-    one: Participant,
-    out: Path,
-    hemis: Sequence[str],
-    parameters: Parameters,
-    *,
-    tell: Report | None = None,
-    **how: Any,
+    one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
 ) -> list[Outcome]:
     """Make what is missing or stale of a participant of a study, and the report."""
     results, page = results_of(one, out), pages_of(one, out)
-    return list(_each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how))
+    return _each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how)
 
 
 def _without_worker(
@@ -158,11 +130,7 @@ def _without_worker(
 def plan(
     source: Path, out: Path, hemis: Sequence[str], parameters: Parameters, labels: Sequence[str] = ()
 ) -> Iterator[Outcome]:
-    """Say what `study` would do: nothing is written.
-
-    `source`, `out`, `hemis`, `parameters`, `labels`: as in `study`. Yields: "done", "missing", "stale", or "failed"
-    where files are not there.
-    """
+    """Say what `study` would do, "failed" where files are not there: nothing is written."""
     for one in participants(source, labels):
         for hemi in hemis:
             yield _planned(one, out, hemi, parameters)
@@ -188,11 +156,7 @@ def pages_of(one: Participant, out: Path) -> Path:
 
 
 def describe(source: Path, out: Path) -> None:
-    """Write what BIDS asks for in a directory of derivatives.
-
-    `source`: what they are derived from. `out`: the directory; made if it is missing. Raises InputError if there is a
-    description of another program's.
-    """
+    """Write what BIDS asks for in a directory of derivatives; raises InputError if it is another program's."""
     path = out / "dataset_description.json"
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
         raise InputError(f"{out} holds derivatives of another program ({path}): give another directory")
@@ -228,15 +192,15 @@ def _each(
     page: Path,
     tell: Report,
     how: dict[str, Any],
-) -> Iterator[Outcome]:
+) -> list[Outcome]:
     """Make what is missing or stale of a participant, and the report."""
     outcomes = []
     for hemi in hemis:
         outcome = _one(name, folder, hemi, parameters, results(hemi), how)
         tell(outcome)
         outcomes.append(outcome)
-        yield outcome
     _show(name, outcomes, results, page)
+    return outcomes
 
 
 def _show(name: str, outcomes: Sequence[Outcome], results: Callable[[str], Results], page: Path) -> None:

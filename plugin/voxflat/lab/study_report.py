@@ -16,19 +16,15 @@ from voxflat.lab.results import FIGURES, figure_of
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["map_picture", "study_page"]
-
 _SHOWN = 0.9  # pixels of the page a mm of a map
 _AT_FULL = 60  # maps that are drawn with a pixel a mm; more have larger pixels, so that the page stays small
 _DOTS = (240.0, 26.0)  # pixels of a row of dots
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
-    """Return the page of a study.
+    """Return the page of a study, as HTML that needs no other file but the subjects' reports, which it links to.
 
-    `rows`, sequence of Row: all hemispheres. `means`, sequence of Mean: over standard maps. `maps`, sequence of dict:
-    `map_picture` of each. `key`: what it is made of, in short. Returns: HTML that needs no other file but the subjects'
-    reports, which it links to.
+    `means`: over standard maps. `maps`: `map_picture` of each. `key`: what it is made of, in short.
     """
     there = [row for row in rows if row.record is not None]
     table = []
@@ -86,10 +82,7 @@ def _mean(one: Mean) -> dict[str, Any]:
         "most": int(one.count.max()),
         "images": [
             {**_drawn(image, layer), "bar": colour_bar(layer), "what": what}
-            for what, image, layer in (
-                ("mean", one.mean, look),
-                ("standard deviation", one.deviation, of_deviation),
-            )
+            for what, image, layer in (("mean", one.mean, look), ("standard deviation", one.deviation, of_deviation))
         ],
     }
 

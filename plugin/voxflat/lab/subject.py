@@ -32,8 +32,6 @@ from voxflat.maps.sampling import sample_mean
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.lips import one_point_a_vertex
 
-__all__ = ["make"]
-
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
 _ONE = "give a file with one; a series is for voxflat image and voxflat movie, with the map"
 _PROBABLE = 0.5  # of white matter
@@ -49,12 +47,10 @@ def make(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Flatten a hemisphere and write the map, its measures and the record.
+    """Flatten a hemisphere, write the map, its measures and the record, and return that.
 
-    `hemisphere`: its files. `parameters`: what to make of them. `results`: where everything goes. `threads`,
-    `memory_limit`, `progress`: as in `voxflat.flatten`. Returns: the record, as it was written. Raises InputError if
-    the files cannot be used; the message names them and the remedy; OSError if something cannot be read or written;
-    Cancelled if `progress` returned False.
+    Raises InputError if the files cannot be used; the message names them and the remedy; OSError if something cannot be
+    read or written; Cancelled if `progress` returned False.
     """
     clock = _Clock()
     with clock("reading and checksums"):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari.layers import Layer
-from napari.utils.notifications import show_error, show_info
-from qtpy.QtCore import QEvent, Qt
+from napari.utils.notifications import show_info
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -21,21 +22,19 @@ from qtpy.QtWidgets import (
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
-    QWidget,
 )
 
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.editing.scene import Scene, places_in_world
-from voxflat._napari.editing.works import CutsOfMap, FindCuts, Found, MakeSurface, SaveTemplate, WeighCuts
+from voxflat._napari.editing.works import Found, cuts_of_map, find_cuts, make_surface, save_template, weigh_cuts
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of, unit_ratio
-from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill
-from voxflat._napari.tabs import Tab
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
+from voxflat._napari.tabs import WorkingDock
 from voxflat._napari.workbench import DrawnCuts, Workbench
-from voxflat._napari.worker import JobWorker
-from voxflat.errors import Cancelled, VoxflatError
+from voxflat.errors import VoxflatError
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
 if TYPE_CHECKING:
@@ -46,25 +45,16 @@ _UNDO, _REDO, _END_CUT = (
     KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ,
     KeyMod.Shift | KeyCode.KeyX,
 )
-_CLICK = 3  # pixels that the mouse may move within a click
 _COLUMNS = ("cut", "length", "gain")
 _GAIN = "By how much distances are further off without the cut, in a sketch of the map"
 
 
-class DrawCuts(QWidget):
-    """Cuts a surface where someone clicks on it in 3D.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+class DrawCuts(WorkingDock):
+    """Cuts a surface where someone clicks on it in 3D."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
-        Tab(self)
         self._viewer = napari_viewer
-        self._worker: JobWorker | None = None
         self._layer: Layer | None = None  # what is cut
         self._foreground: dict[str, Any] = {}  # and what of a volume is
         self.drawing: Drawing | None = None
@@ -125,27 +115,14 @@ class DrawCuts(QWidget):
         return button
 
     def _lay_out(self) -> None:
-        rows = (
-            (self.draw, self.end_cut, self.undo, self.redo),
-            (self.standard, self.automatic, self.of_map, self.load),
-        )
-        grid = QGridLayout()
-        for row, buttons in enumerate(rows):
-            for column, button in enumerate(buttons):
-                grid.addWidget(button, row, column)
-        below = QGridLayout()
-        below.addWidget(self.remove, 0, 0)
-        below.addWidget(self.weigh, 0, 1)
-        below.addWidget(self.save, 1, 0)
-        below.addWidget(self.template, 1, 1)
-        below.addWidget(self.use, 2, 0)
-        below.addWidget(self.again, 2, 1)
+        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.of_map, self.load)
+        below = (self.remove, self.weigh, self.save, self.template, self.use, self.again)
         layout = QVBoxLayout(self)
         layout.addWidget(self.form)
         layout.addWidget(self.begin)
-        layout.addLayout(grid)
+        layout.addLayout(_grid(above, 4))
         layout.addWidget(self.cuts, 1)
-        layout.addLayout(below)
+        layout.addLayout(_grid(below, 2))
         layout.addWidget(self.status)
 
     # ---------------------------------------------------------------------------------------- beginning
@@ -159,7 +136,7 @@ class DrawCuts(QWidget):
             return
         self._end()
         self._layer, self._foreground = layer, foreground
-        self._work(MakeSurface(source, foreground), "making the surface", self._on_made)
+        self._work(partial(make_surface, source, foreground), "making the surface", self._on_made)
 
     def _on_made(self, made: tuple[Any, Any]) -> None:
         surface, curvature = made
@@ -204,13 +181,9 @@ class DrawCuts(QWidget):
             callbacks.remove(self._on_click)
 
     def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Add a stop where the mouse is pressed and released without a move in between, which turns the view."""
-        pressed = np.asarray(event.pos)
-        yield
-        while event.type == "mouse_move":
-            if np.abs(event.pos - pressed).max() > _CLICK:
-                return
-            yield
+        """Add a stop where the mouse is pressed and released without a move in between."""
+        if not (yield from is_click(event)):
+            return
         if self._scene is None or not self._scene.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
             return
         layer = self._scene.surface
@@ -259,19 +232,19 @@ class DrawCuts(QWidget):
 
     def _find(self, by: str) -> None:
         if self.drawing is not None:
-            self._work(FindCuts(self.drawing.surface, by), "finding cuts", self._on_found)
+            self._work(partial(find_cuts, self.drawing.surface, by), "finding cuts", self._on_found)
 
     def _of_map(self) -> None:
         flat_map = Workbench.of(self._viewer).map_of(self._layer)
         if self.drawing is not None and flat_map is not None:
-            self._work(CutsOfMap(self.drawing.surface, flat_map), "finding cuts", self._on_found)
+            self._work(partial(cuts_of_map, self.drawing.surface, flat_map), "finding cuts", self._on_found)
 
     def _on_found(self, found: Found) -> None:
         self._do(lambda drawing: drawing.set_cuts(*found))
 
     def _on_weigh(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
-            work = WeighCuts(self.drawing.surface, paths, self.drawing.left_out)
+            work = partial(weigh_cuts, self.drawing.surface, paths, self.drawing.left_out)
             self._weighed = self.drawing.cuts
             self._work(work, "weighing the cuts", self._on_weighed)
 
@@ -311,7 +284,7 @@ class DrawCuts(QWidget):
         if path is None or drawing is None:
             return
         names = [cut.name for cut in drawing.cuts if cut.is_complete]
-        work = SaveTemplate(drawing.surface, drawing.paths(), names, drawing.left_out, path)
+        work = partial(save_template, drawing.surface, drawing.paths(), names, drawing.left_out, path)
         self._work(work, "making the template", self._on_template)
 
     def _on_template(self, path: Path) -> None:
@@ -338,31 +311,13 @@ class DrawCuts(QWidget):
 
     # ------------------------------------------------------------------------------------------- working
 
-    def _work(self, work: Any, what: str, returned: Callable[[Any], None]) -> None:
-        if self._worker is not None:
-            return
-        worker = JobWorker(work, what)
-        worker.returned.connect(returned)
-        worker.errored.connect(self._on_errored)
-        worker.finished.connect(self._on_finished)
-        self.destroyed.connect(worker.quit)
-        self._worker = worker
-        self.status.setText(f"{what}…")
-        self._enable()
-        worker.start()
-
-    def _on_errored(self, error: Exception) -> None:
-        if not isinstance(error, Cancelled):
-            self._fail(error)
-
-    def _on_finished(self) -> None:
-        self._worker = None
+    def _show_work(self, what: str | None) -> None:
+        if what is not None:
+            self.status.setText(f"{what}…")
         self._enable()
 
-    def _fail(self, error: Exception) -> None:
-        message = " ".join((str(error) or type(error).__name__).split())
+    def _say(self, message: str) -> None:
         self.status.setText(message)
-        show_error(message)
 
     def _update(self, status: str | None = None) -> None:
         cuts = () if self.drawing is None else self.drawing.cuts
@@ -402,16 +357,19 @@ class DrawCuts(QWidget):
         self._scene = self.drawing = self._layer = None
         self._update()
 
-    def event(self, event: Any) -> bool:
-        """End what is under way when napari closes the widget's dock, which takes the widget out of the window."""
-        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
-            if self._worker is not None:
-                self._worker.quit()
-            self._keys.release()
-            Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
-            self.form.release()
-            self._end()
-        return bool(super().event(event))
+    def _release(self) -> None:
+        super()._release()
+        self._keys.release()
+        Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
+        self.form.release()
+        self._end()
+
+
+def _grid(buttons: Sequence[QPushButton], columns: int) -> QGridLayout:
+    grid = QGridLayout()
+    for number, button in enumerate(buttons):
+        grid.addWidget(button, *divmod(number, columns))
+    return grid
 
 
 def _cell(text: str) -> QTableWidgetItem:

@@ -17,15 +17,7 @@ if TYPE_CHECKING:
 
 
 class CutsForm(LayerForm):
-    """Asks what is cut.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks what is cut."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -43,10 +35,7 @@ class CutsForm(LayerForm):
         self._on_surface()
 
     def layer(self) -> Layer:
-        """Return the layer that is cut.
-
-        Raises InputError if there is none.
-        """
+        """Return the layer that is cut; raises InputError if there is none."""
         layer = self._chosen()
         if isinstance(layer, Labels) and self.label.label is None:
             raise InputError(f"layer '{layer.name}' has no label to cut")

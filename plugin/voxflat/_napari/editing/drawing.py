@@ -20,15 +20,7 @@ Stops: TypeAlias = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Drawn:
-    """One cut.
-
-    Parameters
-    ----------
-    stops : tuple of int
-        Vertices of the surface.
-    name : str
-        What it is called.
-    """
+    """One cut."""
 
     stops: Stops
     name: str
@@ -48,13 +40,7 @@ class _State:
 
 @dataclass(eq=False)
 class Drawing:
-    """Cuts on a surface, and every state that they were in.
-
-    Parameters
-    ----------
-    surface : Surface
-        The whole surface.
-    """
+    """Cuts on a whole surface, and every state that they were in."""
 
     surface: Surface
     _done: list[_State] = field(default_factory=lambda: [_State()])
@@ -88,10 +74,7 @@ class Drawing:
         return bool(self._undone)
 
     def add_stop(self, vertex: int) -> None:
-        """Go on with the cut that is drawn, or begin one.
-
-        `vertex`: a vertex of the surface. Raises InputError if no way leads there.
-        """
+        """Go on with the cut that is drawn, or begin one; raises InputError if no way leads to the vertex."""
         now = self._done[-1]
         if not now.is_open:
             cut = Drawn((vertex,), f"drawn {self._next_number()}")
@@ -108,10 +91,7 @@ class Drawing:
             self._do(replace(self._done[-1], is_open=False))
 
     def remove(self, number: int) -> None:
-        """Take a cut away.
-
-        `number`: its place in `cuts`.
-        """
+        """Take a cut away, by its place in `cuts`."""
         now = self._done[-1]
         is_last = number == len(now.cuts) - 1
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
@@ -120,12 +100,7 @@ class Drawing:
     def set_cuts(
         self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64] | None = None
     ) -> None:
-        """Put other cuts in the place of all.
-
-        `paths`, sequence of array_like: vertices by what they are in the input, as `voxflat.cut` gives them. `names`,
-        sequence of str: one a cut. `left_out`, ndarray of int64: what no map shall show, in the same way. Raises
-        InputError if one is not on the surface.
-        """
+        """Put other cuts in the place of all, vertices as in the input; raises InputError if one is not there."""
         found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
         cuts = tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))
         beside = () if left_out is None else tuple(self.surface.find(left_out, "what is left out").tolist())
@@ -142,10 +117,7 @@ class Drawing:
             self._done.append(self._undone.pop())
 
     def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
-        """Return the vertices along a cut, neighbour by neighbour.
-
-        `cut`: one of `cuts`. Returns: uint32 (k,).
-        """
+        """Return the vertices along a cut, neighbour by neighbour."""
         first = np.array(cut.stops[:1], dtype=np.uint32)
         return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])
 

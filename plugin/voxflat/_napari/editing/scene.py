@@ -17,7 +17,8 @@ from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  #
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
-from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
+from voxflat._napari.results.listed import drop_controls, insert, make_controls
+from voxflat._napari.timers import BREATH
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -30,27 +31,7 @@ _WIDTH = 0.006  # of the surface's size
 
 
 class Scene(QObject):
-    """Shows a drawing in a viewer, a step at a time: between them the window lives.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    drawing : Drawing
-        What is shown.
-    curvature : ndarray, shape (N,)
-        Of the surface's vertices, 1/mm.
-    places : ndarray, shape (N, 3)
-        Where its vertices are shown, mm along the world's axes.
-    unit : str or None
-        Of the world; None for pixels.
-    name : str
-        Of what is cut.
-    world : str
-        What the viewer's axes mean.
-    parent : QObject
-        The parent.
-    """
+    """Shows a drawing in a viewer, a step at a time: between them the window lives."""
 
     appeared = Signal()
     """All of it is in the viewer, which is turned to it."""

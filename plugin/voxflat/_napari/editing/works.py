@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,149 +19,64 @@ from voxflat.surfaces.cutting import Where, cut_open, sketch_error
 from voxflat.surfaces.standard.sphere import sphere_beside
 from voxflat.unique_rows import in_rows
 
+Paths: TypeAlias = Sequence[NDArray[np.int64]]
+"""As `cuts` of `Surface.cut`."""
+
 Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
 """Cuts, by what their vertices are in the input, their names, and what is left out."""
 
 
-@dataclass(frozen=True, eq=False)
-class MakeSurface:
-    """Makes the surface that cuts are drawn on.
-
-    Parameters
-    ----------
-    source : LayerVolume or LayerMesh
-        What is cut.
-    foreground : dict
-        ``label`` and ``threshold``, as in `voxflat.flatten`.
-    """
-
-    source: LayerVolume | LayerMesh
-    foreground: dict[str, Any]
-
-    def run(self, progress: Progress) -> tuple[Surface, NDArray[np.float64]]:
-        """Make it.
-
-        Returns: (N,), its mean curvature, 1/mm.
-        """
-        made = surface(self.source.read(), **self.foreground, progress=progress)
-        return made, made.mean_curvature(progress=progress)
+def make_surface(
+    source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress
+) -> tuple[Surface, NDArray[np.float64]]:
+    """Make the surface that cuts are drawn on, and its mean curvature, 1/mm."""
+    made = surface(source.read(), **foreground, progress=progress)
+    return made, made.mean_curvature(progress=progress)
 
 
-@dataclass(frozen=True, eq=False)
-class FindCuts:
-    """Finds cuts to begin with.
-
-    Parameters
-    ----------
-    surface : Surface
-        What is cut.
-    by : str
-        "standard", "automatic" or a file of cuts.
-    """
-
-    surface: Surface
-    by: str
-
-    def run(self, progress: Progress) -> Found:
-        """Find them."""
-        found = self.surface.cut(self.by, progress=progress)
-        names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
-        return [one.ids for one in found.cuts], names, found.left_out
+def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
+    """Find cuts to begin with: "standard", "automatic" or those of a file."""
+    found = whole.cut(by, progress=progress)
+    names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
+    return [one.ids for one in found.cuts], names, found.left_out
 
 
-@dataclass(frozen=True, eq=False)
-class CutsOfMap:
-    """Finds the cuts that a map was made with, and what it leaves out.
-
-    Parameters
-    ----------
-    surface : Surface
-        The whole surface.
-    flat_map : FlatMap
-        A map of it.
-    """
-
-    surface: Surface
-    flat_map: FlatMap
-
-    def run(self, progress: Progress) -> Found:
-        """Find them."""
-        told = self.flat_map.metadata
-        paths = [np.asarray(path, dtype=np.int64) for path in told.get("cuts") or []]
-        names = [name or f"cut {number}" for number, name in enumerate(told.get("cut_names") or [None] * len(paths), 1)]
-        further = told.get("automatic_cuts") or []
-        names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
-        paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
-        shown, every = self.flat_map.ids[np.unique(self.flat_map.faces)], self.surface.ids
-        return paths, names, every[~in_rows(every, shown)]
+def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
+    """Find the cuts that a map was made with, and what it leaves out of the whole surface."""
+    told = flat_map.metadata
+    paths = [np.asarray(path, dtype=np.int64) for path in told.get("cuts") or []]
+    names = [name or f"cut {number}" for number, name in enumerate(told.get("cut_names") or [None] * len(paths), 1)]
+    further = told.get("automatic_cuts") or []
+    names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
+    paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
+    shown = flat_map.ids[np.unique(flat_map.faces)]
+    return paths, names, whole.ids[~in_rows(whole.ids, shown)]
 
 
-@dataclass(frozen=True, eq=False)
-class SaveTemplate:
-    """Turns cuts into a template for every brain, by the surface's sphere, or by its folds where it has none.
-
-    Parameters
-    ----------
-    surface : Surface
-        What is cut.
-    paths : sequence of ndarray of int64
-        As `cuts` of `Surface.cut`.
-    names : sequence of str
-        One a path.
-    left_out : ndarray of int64
-        As for `Surface.drop`; empty for nothing.
-    file : Path
-        Where it is written to.
-    """
-
-    surface: Surface
-    paths: Sequence[NDArray[np.int64]]
-    names: Sequence[str]
-    left_out: NDArray[np.int64]
-    file: Path
-
-    def run(self, progress: Progress) -> Path:
-        """Write it.
-
-        Returns: the file.
-        """
-        sphere = sphere_beside(self.surface) or self.surface.register(progress=progress)
-        part = self.surface.drop(self.left_out) if len(self.left_out) else self.surface
-        found = part.cut(list(self.paths), sphere=sphere, relax=False, progress=progress)
-        named = [replace(one, name=name) for one, name in zip(found.cuts, self.names, strict=False)]
-        replace(found, cuts=(*named, *found.cuts[len(named) :])).save_template(self.file, overwrite=True)
-        return self.file
+def save_template(
+    whole: Surface, paths: Paths, names: Sequence[str], left_out: NDArray[np.int64], file: Path, progress: Progress
+) -> Path:
+    """Turn cuts into a template for every brain, by the surface's sphere, or by its folds where it has none."""
+    sphere = sphere_beside(whole) or whole.register(progress=progress)
+    found = _without(whole, left_out).cut(list(paths), sphere=sphere, relax=False, progress=progress)
+    named = [replace(one, name=name) for one, name in zip(found.cuts, names, strict=False)]
+    replace(found, cuts=(*named, *found.cuts[len(named) :])).save_template(file, overwrite=True)
+    return file
 
 
-@dataclass(frozen=True, eq=False)
-class WeighCuts:
-    """Says what each cut is worth.
+def weigh_cuts(
+    whole: Surface, paths: Paths, left_out: NDArray[np.int64], progress: Progress
+) -> tuple[float, list[float]]:
+    """Return the mean relative error of distances in a sketch, and how much greater it is without each cut."""
+    part = _without(whole, left_out)
 
-    Parameters
-    ----------
-    surface : Surface
-        What is cut.
-    paths : sequence of ndarray of int64
-        As `cuts` of `Surface.cut`.
-    left_out : ndarray of int64
-        As for `Surface.drop`; empty for nothing.
-    """
-
-    surface: Surface
-    paths: Sequence[NDArray[np.int64]]
-    left_out: NDArray[np.int64]
-
-    def run(self, progress: Progress) -> tuple[float, list[float]]:
-        """Sketch the map with all cuts, and without each.
-
-        Returns: mean relative error of distances in a sketch of the map with all cuts; how much greater it is without
-        each of them.
-        """
-        with_all = self._error(self.paths, progress)
-        others = [[path for path in self.paths if path is not left_out] for left_out in self.paths]
-        return with_all, [self._error(paths, progress) - with_all for paths in others]
-
-    def _error(self, paths: Sequence[NDArray[np.int64]], progress: Progress) -> float:
-        part = self.surface.drop(self.left_out) if len(self.left_out) else self.surface
-        opened = cut_open(part, Where(list(paths) or "automatic", relax=False), progress=progress)
+    def error(cuts: Paths) -> float:
+        opened = cut_open(part, Where(list(cuts) or "automatic", relax=False), progress=progress)
         return sketch_error(opened.part, None, progress)
+
+    with_all = error(paths)
+    return with_all, [error([path for path in paths if path is not without]) - with_all for without in paths]
+
+
+def _without(whole: Surface, left_out: NDArray[np.int64]) -> Surface:
+    return whole.drop(left_out) if len(left_out) else whole

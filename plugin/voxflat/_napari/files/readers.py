@@ -30,8 +30,8 @@ _SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in wh
 def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
     """Offer to read a file, if it is a flat map or an atlas of voxflat.
 
-    `path`: the file, or files to be stacked, which flat maps are not. Without one, as napari's command palette calls
-    it, the user is asked for the file, and it is opened. Returns: takes the path, and returns layers.
+    Without a path, as napari's command palette calls it, the user is asked for the file, and it is opened. Several
+    files would be stacked, which flat maps are not.
     """
     if path is None:
         _ask("Read a flat map", _MAPS)
@@ -47,10 +47,7 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
 
 
 def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, if it holds a surface, values or labels on one, or a patch.
-
-    `path`: as in `map_reader`. Returns: takes the path, and returns layers.
-    """
+    """Offer to read a file, as `map_reader`, if it holds a surface, values or labels on one, or a patch."""
     if path is None:
         _ask("Read a surface, or values on one", _SURFACES)
     if not isinstance(path, str):
@@ -60,10 +57,7 @@ def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[
 
 
 def volume_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, if it holds a volume of voxels.
-
-    `path`: as in `map_reader`. Returns: takes the path, and returns layers.
-    """
+    """Offer to read a file, as `map_reader`, if it holds a volume of voxels."""
     if path is None:
         _ask("Read a volume", _VOLUMES)
     if not isinstance(path, str) or _holds_points(Path(path)):

@@ -5,30 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from voxflat._napari.results.flat_layers import LayerData, hidden
-from voxflat._napari.results.maps import map_layers
-from voxflat._napari.results.pages import page_layers
+from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.atlases.certified import load_atlas
 from voxflat.maps.flat_map import load
 
-__all__ = ["atlas_layers_of", "map_layers_of"]
-
 
 def map_layers_of(path: Path) -> list[LayerData]:
-    """Read a flat map that was saved.
-
-    `path`: an .npz or .voxflat file. Raises InputError if the file is damaged.
-    """
+    """Read a flat map that was saved; raises InputError if the file is damaged."""
     flat_map = load(path)
     flat_map.metadata.setdefault("napari", _origin(path))
     return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
-    """Read an atlas that was saved.
-
-    `path`: an .npz or .voxflat file. Returns: the page's images, and the surface. Raises InputError if the file is
-    damaged.
-    """
+    """Read an atlas that was saved, as the page's images and the surface; raises InputError if the file is damaged."""
     atlas = load_atlas(path)
     atlas.metadata["napari"] = _origin(path)
     drawn = page_layers(atlas)

@@ -17,8 +17,6 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import named_structure, read_mesh
 from voxflat.io.spaces import UNKNOWN, Space
 
-__all__ = ["Geometry", "geometries_for", "surface_layers"]
-
 _KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
 """On which surface values are shown, if several lie beside their file: those that are no cortex come last."""
 
@@ -27,43 +25,22 @@ _TRIED = 12  # files; a folder of a hundred surfaces is not read through
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A surface on which values are shown.
-
-    Parameters
-    ----------
-    vertices : ndarray, shape (V, 3)
-        Scanner RAS, mm.
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-    structure : str or None
-        Which side it is, as GIFTI says it.
-    path : Path or None
-        Its file.
-    space : Space
-        That of the file's coordinates.
-    """
+    """A surface on which values are shown, scanner RAS, mm."""
 
     vertices: NDArray[Any]
     faces: NDArray[Any]
-    structure: str | None
+    structure: str | None  # which side it is, as GIFTI says it
     path: Path | None
-    space: Space = UNKNOWN
+    space: Space = UNKNOWN  # of the file's coordinates
 
     @classmethod
     def read(cls, path: Path) -> Geometry:
-        """Read it.
-
-        `path`: a file that `voxflat.io.read_mesh` reads.
-        """
+        """Read it."""
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
 
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
-        """Return a layer of it.
-
-        `path`: the file that it shows. `values` (V,) or (K, V): values at the vertices. `**keywords`: more of the
-        layer.
-        """
+        """Return a layer of it that shows a file, with values at the vertices, (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
             about["surface_file"] = str(self.path)
@@ -73,19 +50,14 @@ class Geometry:
 
 
 def surface_layers(path: Path) -> list[LayerData]:
-    """Read a surface.
-
-    `path`: a file that `voxflat.io.read_mesh` reads. Returns: a Surface layer in scanner RAS, mm. Raises InputError if
-    the file is damaged.
-    """
+    """Read a surface as a layer in scanner RAS, mm; raises InputError if the file is damaged."""
     return [Geometry.read(path).layer(path)]
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Seek the surfaces that values in a file may lie on.
+    """Seek the surfaces that values in a file may lie on; those of the other side are left out.
 
-    `path`: the file of values. Yields: surfaces that are open and lie beside the file, then others that lie there, then
-    all that are open. Those of the other side are left out.
+    First come surfaces that are open and lie beside the file, then others that lie there, then all that are open.
     """
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]

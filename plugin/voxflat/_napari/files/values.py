@@ -18,8 +18,6 @@ from voxflat.io.overlays import read_overlay, read_region, refuse_other_side
 from voxflat.io.patches import patch_faces, read_patch
 from voxflat.maps.colours import label_colours
 
-__all__ = ["VALUES", "gifti_layers", "patch_layers", "value_layers"]
-
 _FOLDS = ("curv", "sulc")
 VALUES = frozenset(("avg_curv", "thickness", "area", "volume", *_FOLDS))
 """Words in the names of FreeSurfer's files of values, some of them before ``pial`` or ``mid``."""
@@ -30,19 +28,14 @@ _Read = TypeVar("_Read")
 
 
 def gifti_layers(path: Path) -> list[LayerData]:
-    """Read a GIFTI file: a surface, or what lies on one.
-
-    `path`: ``.gii`` or ``.gii.gz``. Raises InputError if it is damaged, or its surface is not to be found.
-    """
+    """Read a GIFTI file: a surface, or what lies on one."""
     return surface_layers(path) if holds_mesh(path) else value_layers(path)
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels at the vertices of a surface.
+    """Read values or labels at the vertices of a surface: that which is open or lies beside the file.
 
-    `path`: what `voxflat.io.read_overlay` reads, or a FreeSurfer ``.label``. Returns: a Surface layer: that which is
-    open or lies beside the file, with the values; of several maps with a slider. Raises InputError if it is damaged, or
-    its surface is not to be found.
+    Several maps come with a slider. Raises InputError if it is damaged, or its surface is not to be found.
     """
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
@@ -59,11 +52,9 @@ def value_layers(path: Path) -> list[LayerData]:
 
 
 def patch_layers(path: Path) -> list[LayerData]:
-    """Read a FreeSurfer patch.
+    """Read a FreeSurfer patch; a flat one lies in the plane, with v upwards, as flat maps are shown.
 
-    `path`: such as ``lh.cortex.patch.flat`` or ``lh.cortex.patch.3d``. Returns: a Surface layer; of a flat patch in the
-    plane, with v upwards, as flat maps are shown. Raises InputError if it is damaged, or its surface is not to be
-    found.
+    Raises InputError if it is damaged, or its surface is not to be found.
     """
     patch = read_patch(path)
     geometry, faces = _on_surface(

@@ -14,20 +14,17 @@ from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.volumes import read_volume
 
-__all__ = ["volume_layers"]
-
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
 _FEW = 64  # values: of more a volume is a picture, unless its name says something else
 _SPACE = ("mm",) * 3
 
 
 def volume_layers(path: Path) -> list[LayerData]:
-    """Read a volume, or a series of them.
+    """Read a volume, or a series of them, as labels or an image in scanner RAS, mm.
 
-    `path`: a file that `voxflat.io.read_volume` reads; of NIfTI and MGH series, too. Returns: a Labels or an Image
-    layer in scanner RAS, mm; of a series time comes first, and frames are read when they are seen. Where the file's
-    axes run along others of the body than its first along x, its second along y, they are exchanged, since napari shows
-    no slices of such. Raises InputError if the file is damaged, or holds no volume.
+    Of a series time comes first, and frames are read when they are seen. Where the file's axes run along others of the
+    body than its first along x, its second along y, they are exchanged, since napari shows no slices of such. Raises
+    InputError if the file is damaged, or holds no volume.
     """
     with naming(path, REMEDY):
         found = series_of(path)

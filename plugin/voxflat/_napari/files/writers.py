@@ -16,16 +16,12 @@ from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["write_flat_image", "write_flat_map"]
-
 
 def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
     """Save the flat map, or the atlas, of which layers are.
 
-    `path`: as `FlatMap.save` takes it. Without one, as napari's command palette calls it, the user is asked for it, and
-    the selected layers are saved. `layers`, sequence of LayerData: of one map. Returns: the path, if there is one.
-    Raises VoxflatError if the layers are of no map or of several, or the file's format cannot hold it; OSError if it
-    cannot be written.
+    Without a path, as napari's command palette calls it, the user is asked for it, and the selected layers are saved.
+    Raises VoxflatError if the layers are of no map or of several, or the file's format cannot hold it.
     """
     if path is None:
         return _ask("Save a flat map", MAP_ENDINGS)
@@ -35,12 +31,7 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
 
 
 def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
-    """Save a flat image.
-
-    `path`: as `FlatImage.save` takes it, or none as in `write_flat_map`. `layers`, sequence of LayerData: one image, or
-    one of labels, of a map or a page. Returns: the path, if there is one. Raises VoxflatError if the layers are of no
-    map or of several, or the file's format cannot hold it; OSError if it cannot be written.
-    """
+    """Save a flat image, of one layer of a map or a page; else as `write_flat_map`."""
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)
     with _told():

@@ -6,11 +6,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QComboBox, QWidget
 
-from voxflat._napari.errand import Errand
 from voxflat._napari.layers.volumes import finest
+from voxflat._napari.timers import once
+from voxflat._napari.worker import Errand
 from voxflat.surfaces.foreground import labels_in
 
 if TYPE_CHECKING:
@@ -25,21 +25,13 @@ class LabelChoice(QComboBox):
 
     Listing the labels of a volume takes up to a second, so another thread does it; until then, and for layers of very
     many labels or voxels, the selected label alone is offered.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The widget's parent.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._layer: Labels | None = None
         self._labels: dict[int, int] | None = None  # and their numbers of voxels, once they are known
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_PAUSE)
-        self._timer.timeout.connect(self.scan)
+        self._timer = once(self, _PAUSE, self.scan)
 
     @property
     def label(self) -> int | None:
@@ -48,17 +40,11 @@ class LabelChoice(QComboBox):
         return None if label is None else int(label)
 
     def choose(self, label: int) -> None:
-        """Choose a label.
-
-        `label`: one of those that are offered.
-        """
+        """Choose one of the labels that are offered."""
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
-        """Offer the labels of a layer, and follow its changes.
-
-        `layer`: the layer; None to follow none.
-        """
+        """Offer the labels of a layer, and follow its changes."""
         if self._layer is not None:
             self._layer.events.selected_label.disconnect(self._on_selected)
             self._layer.events.data.disconnect(self._rescan)

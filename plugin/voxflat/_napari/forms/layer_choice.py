@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from superqt.utils import signals_blocked
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -14,24 +15,12 @@ if TYPE_CHECKING:
 
 
 class LayerChoice(QComboBox):
-    """Chooses a layer, and follows the viewer's layers as they come, go and change their names.
+    """Chooses a layer, or `none`, and follows the viewer's layers as they come, go and change their names.
 
-    Until the user has chosen, the best layer is chosen, whatever the order in which layers come: of the greatest rank,
-    and of several the newest.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    rank : callable
-        How well a layer suits, or None if it does not at all. Layers of rank 0 are offered, and not chosen unasked.
-    none : str, optional
-        An entry for no layer; without it one layer is chosen as soon as there is one.
-    follows_selection : bool
-        Prefer the layer that the user selects in the viewer's list to better ones. napari selects each layer that
-        comes; that does not count.
-    parent : QWidget, optional
-        The widget's parent.
+    Until the user has chosen, the best layer is chosen, whatever the order in which layers come: of the greatest
+    `rank`, and of several the newest. Of rank None it is not offered, of 0 not chosen unasked. A layer that the user
+    selects in the viewer's list goes before better ones, if it `follows_selection`; napari selects each that comes,
+    which does not count.
     """
 
     chosen = Signal()
@@ -74,10 +63,7 @@ class LayerChoice(QComboBox):
         return self._layers[index] if 0 <= index < len(self._layers) else None
 
     def choose(self, layer: Layer | None) -> None:
-        """Choose a layer, as the user does.
-
-        `layer`: one of those that are offered.
-        """
+        """Choose one of the layers that are offered, as the user does."""
         self._by_user = True
         self.setCurrentIndex(self._layers.index(layer))
 
@@ -88,12 +74,11 @@ class LayerChoice(QComboBox):
         if before is not None and before not in offered:
             self._by_user = False  # what was chosen is gone
         wanted = before if self._by_user else self._best(offered)
-        self.blockSignals(True)
-        self.clear()
-        self._layers = offered if self._none is None else [None, *offered]
-        self.addItems([self._none or "" if layer is None else layer.name for layer in self._layers])
-        self.setCurrentIndex(self._layers.index(wanted) if wanted in self._layers else -1)
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.clear()
+            self._layers = offered if self._none is None else [None, *offered]
+            self.addItems([self._none or "" if layer is None else layer.name for layer in self._layers])
+            self.setCurrentIndex(self._layers.index(wanted) if wanted in self._layers else -1)
         self._tell()
 
     def keep(self) -> None:

@@ -27,15 +27,7 @@ if TYPE_CHECKING:
 
 
 class LayerForm(QWidget):
-    """Asks for a surface and for what its map shows; other forms add how it is flattened.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks for a surface and for what its map shows; other forms add how it is flattened."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -117,10 +109,7 @@ class LayerForm(QWidget):
         return self.surface.layer
 
     def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
-        """Return what is chosen, and what of a volume is foreground.
-
-        Raises InputError if the layer does not suit.
-        """
+        """Return what is chosen, and what of a volume is foreground; raises InputError if the layer does not suit."""
         layer, world = self._chosen(), self.world.currentData()
         if isinstance(layer, Surface):
             return LayerMesh.of(layer, world), {}
@@ -129,10 +118,7 @@ class LayerForm(QWidget):
     def _foreground(self, layer: Layer) -> dict[str, Any]:
         """Return what of a volume is foreground."""
         labels = isinstance(layer, Labels)
-        return {
-            "label": self.label.label if labels else None,
-            "threshold": None if labels else self.threshold.value(),
-        }
+        return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
         """Return what the map of a layer shall show."""

@@ -73,13 +73,7 @@ def usual(option: str, method: str) -> Any:
 
 
 class OptionsForm(QWidget):
-    """Asks for a method's options; `options` are those that were changed.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks for a method's options; `options` are those that were changed."""
 
     changed = Signal()
     """Other cuts are chosen."""
@@ -131,10 +125,7 @@ class OptionsForm(QWidget):
         return cuts
 
     def offer_drawn(self, drawn: DrawnCuts | None, chosen: bool = False) -> None:
-        """Offer cuts that someone drew, or none.
-
-        `drawn`: the cuts. `chosen`: whether they are chosen at once.
-        """
+        """Offer cuts that someone drew, or none; they may be chosen at once."""
         self._drawn = drawn
         offer(self._cuts, {_DRAWN: ""}, _DRAWN, drawn is not None)
         if drawn is not None:
@@ -149,11 +140,7 @@ class OptionsForm(QWidget):
             show_row(self.rows, field, takes(method, name))
 
     def options(self, method: str) -> dict[str, Any]:
-        """Return what differs from what is usual.
-
-        `method`: the method, whose options alone are returned. Returns: options of the method, and keywords of
-        `Surface.flatten`.
-        """
+        """Return what differs from what is usual: options of a method, and keywords of `Surface.flatten`."""
         values: dict[str, Any] = {
             name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)
         }

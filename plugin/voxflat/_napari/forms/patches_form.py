@@ -24,15 +24,7 @@ _LIMITS = {
 
 
 class PatchesForm(LayerForm):
-    """Asks what to flatten in patches and how; `job` says it.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks what to flatten in patches and how; `job` says it."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -79,10 +71,7 @@ class PatchesForm(LayerForm):
             self._show_row(field, name == self.limit.currentData())
 
     def job(self) -> PatchesJob:
-        """Return what the fields ask for.
-
-        Raises InputError if something is still to be chosen, or a layer does not suit.
-        """
+        """Return what the fields ask for; raises InputError if something is to be chosen, or does not suit."""
         layer, world = self._chosen(), self.world.currentData()
         is_mesh = isinstance(layer, Surface)
         name = self.limit.currentData()

@@ -10,11 +10,11 @@ import numpy as np
 import scipy
 from napari.layers import Surface
 from numpy.typing import NDArray
-from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QLabel, QWidget
 
-from voxflat._napari.errand import Errand
 from voxflat._napari.layers.volumes import finest
+from voxflat._napari.timers import once
+from voxflat._napari.worker import Errand
 from voxflat.surfaces.standard.sphere import sphere_at
 
 if TYPE_CHECKING:
@@ -49,13 +49,7 @@ class _Asked:
 
 
 class Plan(QLabel):
-    """Says what will be done, how many points there are, and about how long it takes.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Says what will be done, how many points there are, and about how long it takes."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -64,16 +58,10 @@ class Plan(QLabel):
         self._asked: _Asked | None = None
         self._counted: tuple[Any, ...] = ()  # of what
         self._count: int | None = None
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_PAUSE)
-        self._timer.timeout.connect(self._start_counting)
+        self._timer = once(self, _PAUSE, self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
-        """Tell the plan for a layer.
-
-        `layer`: what is flattened; None for no plan. `**asked`: what else the form asks for.
-        """
+        """Tell the plan for a layer and what else the form asks for; none for no layer."""
         if layer is None:
             self._asked, self._counted, self._count = None, (), None
             self._timer.stop()

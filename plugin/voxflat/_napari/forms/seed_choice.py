@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from napari.layers import Points, Surface
 from napari.utils.notifications import show_warning
 from numpy.typing import NDArray
@@ -15,27 +14,18 @@ from qtpy.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, seed_along, seed_at, seed_of
 from voxflat._napari.layers.world import data_to_world, in_units_of
+from voxflat._napari.map_viewer.viewer_parts import is_click
 
 if TYPE_CHECKING:
     from napari import Viewer
     from napari.layers import Layer
 
-_CLICK = 3  # pixels that the mouse may move within a click
-
 
 class SeedChoice(QWidget):
     """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click.
 
-    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    inside : callable
-        Whether values of a volume are foreground: in 3D a click means the first such voxel.
-    parent : QWidget, optional
-        The widget's parent.
+    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it. In 3D a click means
+    the first voxel whose values are `inside`.
     """
 
     picking = Signal()
@@ -82,10 +72,7 @@ class SeedChoice(QWidget):
         self._on_changed()
 
     def set_point(self, seed: Seed) -> None:
-        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own.
-
-        `seed`: the seed.
-        """
+        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own."""
         surface = self._surface
         assert surface is not None
         point = data_place(surface, seed)
@@ -142,13 +129,9 @@ class SeedChoice(QWidget):
             callbacks.remove(self._on_click)
 
     def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Set the seed where the mouse is pressed and released without a move in between, which turns the view."""
-        pressed = np.asarray(event.pos)
-        yield
-        while event.type == "mouse_move":
-            if np.abs(event.pos - pressed).max() > _CLICK:
-                return
-            yield
+        """Set the seed where the mouse is pressed and released without a move in between."""
+        if not (yield from is_click(event)):
+            return
         if self._surface is None or not self._surface.visible:
             show_warning("The surface's layer is hidden: show it, then click on it")
             return

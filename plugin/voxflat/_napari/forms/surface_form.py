@@ -43,15 +43,7 @@ _PARTS = {
 
 
 class SurfaceForm(LayerForm):
-    """Asks what to flatten and how; `job` says it.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Asks what to flatten and how; `job` says it."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -94,10 +86,7 @@ class SurfaceForm(LayerForm):
         self._on_sampled()
 
     def _make_fields(self, viewer: Viewer) -> None:
-        self.method = choice(
-            _METHODS,
-            "How the surface is flattened: voxflat's own method, or the method of a paper",
-        )
+        self.method = choice(_METHODS, "How the surface is flattened: voxflat's own method, or the method of a paper")
         self.pial = LayerChoice(viewer, self._pial_rank, none="none: distances on the surface itself")
         self.pial.setToolTip("Of a white surface its pial one: distances are then measured midway between them")
         self.patch = choice(
@@ -171,10 +160,7 @@ class SurfaceForm(LayerForm):
         return self._workbench.map_of(self.surface.layer) if is_known else None
 
     def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
-        """Ask for a layer's surface along the cuts that were drawn, from the map that is shown.
-
-        `layer`: one of those that can be chosen. `label`, `threshold`: what of a volume is foreground.
-        """
+        """Ask for a layer's surface along the cuts that were drawn, from the map that is shown."""
         self.surface.choose(layer)
         if label is not None:
             self.label.choose(label)
@@ -202,10 +188,6 @@ class SurfaceForm(LayerForm):
             **({} if is_mesh else self._foreground(layer)),
         )
 
-    @property
-    def _on_disk(self) -> bool:
-        return bool(self.patch.currentData() == "disk")
-
     def _inside(self, values: NDArray[Any]) -> NDArray[Any]:
         """Say which values are foreground."""
         labels = isinstance(self.surface.layer, Labels)
@@ -231,10 +213,7 @@ class SurfaceForm(LayerForm):
     # ------------------------------------------------------------------------------------------ asking
 
     def job(self) -> Job:
-        """Return what the fields ask for.
-
-        Raises InputError if something is still to be chosen, or a layer does not suit.
-        """
+        """Return what the fields ask for; raises InputError if something is to be chosen, or does not suit."""
         layer, world = self._chosen(), self.world.currentData()
         surface, how = self._of_mesh(layer, world) if isinstance(layer, Surface) else self._of_volume(layer, world)
         method = self.method.currentData()

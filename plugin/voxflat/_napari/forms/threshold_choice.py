@@ -9,6 +9,7 @@ from napari.layers import Image
 from napari.utils.colormaps import Colormap
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
+from superqt.utils import signals_blocked
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -23,13 +24,6 @@ class ThresholdChoice(QWidget):
 
     The preview is an Image layer of the same array whose contrast limits lie at the threshold, so that the graphics
     card does the work and no voxel is read again.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The widget's parent.
     """
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
@@ -64,17 +58,11 @@ class ThresholdChoice(QWidget):
         return float(self.box.value())
 
     def setValue(self, value: float) -> None:  # noqa: N802 - as Qt's boxes have it
-        """Choose a threshold.
-
-        `value`: in the layer's values.
-        """
+        """Choose a threshold, in the layer's values."""
         self.box.setValue(value)
 
     def follow(self, layer: Image | None) -> None:
-        """Offer thresholds amid the contrast limits of a layer.
-
-        `layer`: the layer; None to follow none.
-        """
+        """Offer thresholds amid the contrast limits of a layer, or follow none."""
         if layer is self._layer:
             return
         self.preview.setChecked(False)
@@ -90,9 +78,8 @@ class ThresholdChoice(QWidget):
 
     def _on_box(self, value: float) -> None:
         low, high = self._limits
-        self.slider.blockSignals(True)
-        self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
-        self.slider.blockSignals(False)
+        with signals_blocked(self.slider):
+            self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
         self._show()
 
     def _on_pressed(self) -> None:

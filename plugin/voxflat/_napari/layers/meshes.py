@@ -26,34 +26,17 @@ class LayerMesh:
     """A Surface layer's triangles and the values at its vertices, and where they lie.
 
     It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
-
-    Parameters
-    ----------
-    vertices : ndarray, shape (V, 3)
-        In the layer's data coordinates.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of vertices.
-    values : ndarray, shape (V,)
-        One a vertex; napari gives each 1 where there are none.
-    place : LayerPlace
-        Where data coordinates lie.
-    structure : str or None
-        What it is, as in `Mesh`: told by its file, or by that file's name.
     """
 
-    vertices: NDArray[Any] = field(repr=False)
+    vertices: NDArray[Any] = field(repr=False)  # (V, 3), in data coordinates
     faces: NDArray[Any] = field(repr=False)
-    values: NDArray[Any] = field(repr=False)
+    values: NDArray[Any] = field(repr=False)  # (V,); napari gives each 1 where there are none
     place: LayerPlace
     structure: str | None = None
 
     @classmethod
     def of(cls, layer: Surface, world: str = "RAS") -> LayerMesh:
-        """Take a Surface layer.
-
-        `layer`: of triangles in three dimensions. `world`: one of `WORLDS`. Raises InputError: for a layer of other
-        than three dimensions, faces that are no triangles, or axes that are no lengths.
-        """
+        """Take a Surface layer; raises InputError unless it has triangles in space, in lengths, a value a vertex."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
             raise InputError(
@@ -77,12 +60,10 @@ class LayerMesh:
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Carry the vertices to RAS+ mm.
+        """Carry the vertices to RAS+ mm; raises InputError if they are not finite, or triangles name others.
 
         A layer that is mirrored on its way has its triangles turned over, so that outside stays outside. Of one in
         pixels nobody knows the space.
-
-        Raises InputError if vertices are not finite, or triangles name vertices that are not there.
         """
         affine = self.place.affine
         is_mirrored = np.linalg.det(affine[:3, :3]) < 0
@@ -91,10 +72,7 @@ class LayerMesh:
         return Mesh(moved(self.vertices, affine), faces, self.place.path, self.structure, space=space)
 
     def kept(self) -> NDArray[np.bool_]:
-        """Return which vertices have a value: neither 0 nor NaN.
-
-        Returns: bool (V,). Raises InputError if none has.
-        """
+        """Return which vertices have a value, neither 0 nor NaN; raises InputError if none has."""
         kept = np.nan_to_num(self.values) != 0
         if not kept.any():
             raise InputError(f"layer '{self.origin['layer']}' has no value that is not 0: choose another patch")
@@ -102,26 +80,17 @@ class LayerMesh:
 
 
 def vary(values: NDArray[Any]) -> bool:
-    """Whether values differ from each other, NaN aside.
-
-    `values`: some.
-    """
+    """Whether values differ from each other, NaN aside."""
     known = values[values == values]
     return bool(known.size and (known != known[0]).any())
 
 
 def surface_name(layer: Surface) -> str:
-    """Return what the surface of a layer is called: its file, of values the one that they lie on, or the layer.
-
-    Returns: such as lh.white.
-    """
+    """Return what a layer's surface is called: its file (lh.white), of values the one they lie on, or the layer."""
     path = layer.metadata.get("surface_file") or layer.source.path
     return Path(path).name if path else str(layer.name)
 
 
 def is_elsewhere(name: str) -> bool:
-    """Tell by a file's name whether its surface lies elsewhere than in the head, as the inflated one.
-
-    `name`: such as lh.inflated.
-    """
+    """Tell by a file's name whether its surface lies elsewhere than in the head, as the inflated one."""
     return not _ELSEWHERE.isdisjoint(re.split(r"[._]", name.lower().replace("very_inflated", "inflated")))

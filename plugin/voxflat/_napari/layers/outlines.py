@@ -18,11 +18,9 @@ _FEWEST = 3
 
 
 def corners(drawn: Points | Shapes, surface: Layer, world: str) -> NDArray[np.float64]:
-    """Return where the corners of a drawn polygon lie.
+    """Return the corners of a drawn polygon, RAS+ mm: points in their order, or a shape, the selected or last one.
 
-    `drawn`: points are the corners, in their order; of shapes the selected one, else the last, is the polygon.
-    `surface`: what the polygon is drawn on. `world`: one of `WORLDS`. Returns: (k, 3), RAS+ mm. Raises InputError: for
-    fewer than three corners, or axes that are no lengths.
+    Raises InputError for fewer than three corners, or axes that are no lengths.
     """
     if isinstance(drawn, Shapes):
         chosen = sorted(drawn.selected_data)

@@ -29,27 +29,13 @@ _FINE = 2.0  # mm, voxels in which cortex is seen
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A volume that the map is to show.
-
-    Parameters
-    ----------
-    volume : LayerVolume
-        The values, and where they lie.
-    depth : float
-        How far outside the surface to sample, mm.
-    kind : {"image", "labels"}
-        The layer's type.
-    display : mapping
-        Keywords that make the map look as the layer does: colormap, contrast limits, gamma.
-    fraction : float or None
-        Instead of the depth, how much of the cortex lies below, where white and pial surface are known.
-    """
+    """A volume that the map is to show."""
 
     volume: LayerVolume
-    depth: float = 0.0
-    kind: str = "image"
-    display: Mapping[str, Any] = field(default_factory=dict)
-    fraction: float | None = None
+    depth: float = 0.0  # mm outside the surface
+    kind: str = "image"  # or "labels": the layer's type
+    display: Mapping[str, Any] = field(default_factory=dict)  # keywords that make the map look as the layer does
+    fraction: float | None = None  # instead of the depth, how much of the cortex lies below
 
     @property
     def name(self) -> str:
@@ -71,23 +57,11 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Values at a mesh's vertices that the map is to show.
-
-    Parameters
-    ----------
-    name : str
-        The layer's name.
-    values : ndarray, shape (V,)
-        One a vertex of the mesh that is flattened.
-    display : mapping
-        As in `Sampled`.
-    path : Path, optional
-        The layer's file.
-    """
+    """Values at a mesh's vertices that the map is to show."""
 
     name: str
     values: NDArray[Any]
-    display: Mapping[str, Any] = field(default_factory=dict)
+    display: Mapping[str, Any] = field(default_factory=dict)  # as in `Sampled`
     path: Path | None = None
     kind = "image"
 
@@ -107,11 +81,10 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Take a layer's values, and how they look.
+    """Take a layer's values, and how they look; raises InputError if it does not suit.
 
-    `world`: one of `WORLDS`. `depth`: how far outside the surface to sample a volume, mm. `fraction`: instead of the
-    depth, as of `Sampled`. `step`: the index along each axis of a volume before the three of space. Raises InputError
-    if the layer does not suit.
+    A volume is sampled at a `depth`, mm outside the surface, or a `fraction`, as in `Sampled`; `step` is the index
+    along each of its axes before the three of space.
     """
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
@@ -122,10 +95,9 @@ def shown(
 
 
 def usual_depth(layer: Layer | None) -> float:
-    """Return how far outside a surface a volume is usually looked at.
+    """Return how far outside a surface a volume is usually looked at, mm.
 
-    `layer`: what is flattened. Returns: of white matter, which a volume as large as a head and a white surface are
-    taken for, the demo's depth in grey matter, mm; else 0.
+    Of white matter, which a volume as large as a head and a white surface are taken for, the demo's depth; else 0.
     """
     if layer is None or layer.ndim != 3:
         return 0.0
@@ -137,10 +109,7 @@ def usual_depth(layer: Layer | None) -> float:
 
 
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
-    """Take the values of a Surface layer, and how they look.
-
-    `mesh`: made of it.
-    """
+    """Take the values of a Surface layer, of which a mesh was made, and how they look."""
     path = layer.source.path
     return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None)
 

@@ -32,47 +32,30 @@ MARKER = {
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:
-    """Look up what of a layer a Points layer names: at its selected point, else at the last one.
-
-    `points`: the points. `layer`: of three dimensions. Returns: none if there is no point, or it lies outside the
-    volume.
-    """
+    """Look up what of a layer a Points layer names: at its selected point, else at the last one; none outside of it."""
     place = _chosen(points, layer)
     return None if place is None else seed_at(layer, place)
 
 
 def seed_at(layer: Layer, position: NDArray[np.float64]) -> Seed | None:
-    """Look up which voxel lies at a place, or which vertex is nearest to it.
-
-    `layer`: of three dimensions. `position` (3,): in the world, in the layer's units. Returns: none outside the volume.
-    """
+    """Look up which voxel lies at a place, or which vertex is nearest to it; the place is in the layer's units."""
     return nearest_vertex(layer, position) if isinstance(layer, Surface) else voxel_at(layer, position)
 
 
 def seed_along(
     layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> Seed | None:
-    """Look up where a ray meets the surface first.
-
-    `layer`: of three dimensions. `start`, `end` (3,): the ray's ends in data coordinates. `inside`: whether values of a
-    volume are foreground.
-    """
+    """Look up where a ray, by its ends in data coordinates, meets the surface first."""
     return first_vertex(layer, start, end) if isinstance(layer, Surface) else first_voxel(layer, start, end, inside)
 
 
 def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
-    """Return where a seed lies.
-
-    `seed`: a voxel or a vertex of it. Returns: (3,), in the layer's data coordinates.
-    """
+    """Return where a seed lies, in the layer's data coordinates."""
     return np.asarray(layer.vertices[seed] if isinstance(layer, Surface) else seed)
 
 
 def describe(points: Points, layer: Layer) -> str:
-    """Say in words what of a layer a Points layer names.
-
-    `points`: the points. `layer`: of three dimensions.
-    """
+    """Say in words what of a layer a Points layer names."""
     place = _chosen(points, layer)
     seed = None if place is None else seed_at(layer, place)
     if seed is None:
@@ -96,11 +79,7 @@ def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
 
 
 def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> Voxel | None:
-    """Look up which voxel of a layer lies at a place.
-
-    `layer`: of three dimensions. `position`, sequence of 3 floats: in the world, in the layer's units. Returns: none
-    outside the layer.
-    """
+    """Look up which voxel of a layer lies at a place, in the layer's units; none outside the layer."""
     index = np.round(layer.world_to_data(position)).astype(int)
     return _triple(index) if np.all((index >= 0) & (index < finest(layer).shape[:3])) else None
 
@@ -108,11 +87,7 @@ def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> V
 def first_voxel(
     layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> Voxel | None:
-    """Look up which voxel of the foreground a ray meets first.
-
-    `layer`: of three dimensions. `start`, `end` (3,): the ray's ends in voxel indices. `inside`: whether values are
-    foreground.
-    """
+    """Look up which voxel of the foreground a ray meets first, by its ends in voxel indices."""
     data = finest(layer)
     steps = np.linspace(0, 1, 2 + int(4 * np.linalg.norm(end - start)))[:, None]
     voxels = np.round(start + steps * (end - start)).astype(int)
@@ -131,11 +106,7 @@ def _triple(index: NDArray[Any]) -> Voxel:
 
 
 def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float64]) -> int | None:
-    """Look up which vertex of a mesh is nearest to a place, among those that a face uses.
-
-    `layer`: of three dimensions. `position`, sequence of 3 floats: in the world, in the layer's units. Returns: none if
-    the mesh has no vertex in use.
-    """
+    """Look up which vertex of a mesh, among those that a face uses, is nearest to a place, in the layer's units."""
     vertices, faces = layer.vertices, np.asarray(layer.faces)
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # what is wrong is told when it is flattened
@@ -145,10 +116,7 @@ def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float6
 
 
 def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.float64]) -> int | None:
-    """Look up the corner nearest to where a ray meets the first triangle of a mesh.
-
-    `layer`: of three dimensions. `start`, `end` (3,): the ray's ends in data coordinates.
-    """
+    """Look up the corner nearest to where a ray, by its ends in data coordinates, meets a mesh first."""
     vertices, faces = np.asarray(layer.vertices, dtype=np.float64), np.asarray(layer.faces)
     along = (end - start) / np.linalg.norm(end - start)
     face, place = find_nearest_triangle_intersection(start, along, vertices[faces])

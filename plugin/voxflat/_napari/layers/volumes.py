@@ -22,32 +22,16 @@ class LayerVolume:
     """Where a layer's voxels are, and where they lie.
 
     It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
-
-    Parameters
-    ----------
-    data : array_like
-        numpy, dask, zarr: whatever the layer holds; of a multiscale layer its finest level.
-    place : LayerPlace
-        Where voxel indices lie.
-    rgb : bool
-        Whether the last axis holds colours.
-    step : tuple of int
-        Which of the axes before the three of space is meant: time points, channels.
     """
 
-    data: Any = field(repr=False)
+    data: Any = field(repr=False)  # numpy, dask, zarr; of a multiscale layer its finest level
     place: LayerPlace
     rgb: bool
-    step: tuple[int, ...] = ()
+    step: tuple[int, ...] = ()  # index along each axis before the three of space: time, channels
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> LayerVolume:
-        """Take an Image or Labels layer.
-
-        `layer`: of three dimensions, beside those of `step`. `world`: one of `WORLDS`. `step`: the index along each
-        axis before the three of space. Raises InputError: for a layer of other than three dimensions, or axes that are
-        no lengths.
-        """
+        """Take an Image or Labels layer; raises InputError unless it has three dimensions beside `step`, in lengths."""
         if layer.ndim - len(step) > 3:
             raise InputError(
                 f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3: split it "
@@ -62,18 +46,12 @@ class LayerVolume:
         return self.place.origin
 
     def read(self) -> Volume:
-        """Fetch the voxels: long for dask and zarr.
-
-        Raises InputError if the values are no volume.
-        """
+        """Fetch the voxels, long for dask and zarr; raises InputError if the values are no volume."""
         data = np.asarray(self.data[self.step] if self.step else self.data)
         return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path)
 
     def lazily(self) -> Volume:
-        """Return the volume, of dask and zarr without fetching it: what samples it reads the chunks that it meets.
-
-        Raises InputError if the values are no volume.
-        """
+        """Return the volume, of dask and zarr without fetching it: what samples it reads the chunks that it meets."""
         if self.rgb or not is_chunked(self.data):
             return self.read()
         data = self.data
@@ -85,10 +63,7 @@ class LayerVolume:
 
 
 def finest(layer: Layer) -> Any:
-    """Return a layer's voxels, of a multiscale layer those of its finest level.
-
-    `layer`: image or Labels. Returns: numpy, dask, zarr: whatever the layer holds.
-    """
+    """Return a layer's voxels, of a multiscale layer those of its finest level: numpy, dask, zarr."""
     return layer.data[0] if layer.multiscale else layer.data
 
 

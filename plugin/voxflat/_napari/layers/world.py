@@ -30,29 +30,15 @@ Nothing in a layer says which one it is, and a wrong one shows the map from insi
 
 @dataclass(frozen=True, eq=False)
 class LayerPlace:
-    """Where a layer lies, and where it came from.
+    """Where a layer lies, and where it came from."""
 
-    Parameters
-    ----------
-    affine : ndarray, shape (4, 4)
-        From the layer's data coordinates to RAS+ mm.
-    path : Path or None
-        The file that the layer came from.
-    origin : dict
-        For the map's metadata: the layer's name, the world's axes, the unit of length.
-    """
-
-    affine: NDArray[np.float64]
-    path: Path | None
-    origin: dict[str, str]
+    affine: NDArray[np.float64]  # from the layer's data coordinates to RAS+ mm
+    path: Path | None  # of values their surface's
+    origin: dict[str, str]  # for the map's metadata: layer, world_axes, unit
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> LayerPlace:
-        """Read it off a layer.
-
-        `layer`: any. `world`: one of `WORLDS`. `leading`: how many axes before the three of space are left out: time,
-        channels. Raises InputError: for a layer of other than three dimensions, or axes that are no lengths.
-        """
+        """Read it off a layer, without its leading axes; raises InputError if others are not three, or no lengths."""
         if layer.ndim - leading != 3:
             raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")
         factors, unit = _millimetres(layer)
@@ -71,11 +57,7 @@ class LayerPlace:
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
-    """Return a layer's affine, its scale, rotation, shear, translation and affine in one.
-
-    `layer`: of three dimensions or more, the last three of which are taken. Returns: (4, 4), from data coordinates to
-    the viewer's world, in the layer's units.
-    """
+    """Return the affine of a layer's last three axes, from data coordinates to the world, in the layer's units."""
     steps = np.zeros((4, layer.ndim))
     steps[1:, -3:] = np.eye(3)
     corner, *ends = (np.asarray(layer.data_to_world(step), dtype=np.float64)[-3:] for step in steps)
@@ -86,35 +68,23 @@ def data_to_world(layer: Layer) -> NDArray[np.float64]:
 
 
 def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Carry points over by an affine.
-
-    `points` (N, 3): the points. `affine` (4, 4): from where they are to where they go. Returns: (N, 3).
-    """
+    """Carry points (N, 3) over by an affine."""
     moved: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
     return moved
 
 
 def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
-    """Carry points from RAS+ mm to a viewer's world.
-
-    `points` (N, 3): RAS+ mm. `world`: one of `WORLDS`. Returns: (N, 3), in mm along the world's axes.
-    """
+    """Carry points from RAS+ mm to a viewer's world, mm along its axes."""
     return moved(points, _to_ras(world).T)  # a permutation of axes, some of them turned
 
 
 def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
-    """Carry points from a viewer's world to RAS+ mm: `from_ras` the other way.
-
-    `points` (N, 3): in mm along the world's axes. `world`: one of `WORLDS`. Returns: (N, 3).
-    """
+    """Carry points from a viewer's world to RAS+ mm: `from_ras` the other way."""
     return moved(points, _to_ras(world))
 
 
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
-    """Return the factors from some units to others; as napari does, 1 where they cannot be compared (pixels).
-
-    `units`, `target`, sequence of pint.Unit: one an axis.
-    """
+    """Return the factors from some units to others; as napari does, 1 where they cannot be compared (pixels)."""
     return np.array(
         [
             float((1 * unit).to(other).magnitude) if unit.is_compatible_with(other) else 1.0
@@ -124,21 +94,13 @@ def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float6
 
 
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
-    """Convert a place in the viewer to a layer's units.
-
-    `layer`: of three dimensions. `position`, sequence of floats: in the world; of more than three numbers the last
-    three are taken. `units`, sequence of pint.Unit, or None: the position's units; None where they cannot be compared,
-    so that nothing is converted. Returns: (3,).
-    """
+    """Convert a place in the viewer, its last three numbers, to a layer's units; without units nothing is converted."""
     place = np.asarray(position, dtype=np.float64)[-3:]
     return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
 
 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:
-    """Whether two layers are both in lengths or both in pixels, so that they lie in one world.
-
-    `a`, `b`: of three dimensions.
-    """
+    """Whether two layers are both in lengths or both in pixels, so that they lie in one world."""
     return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
 
 

@@ -30,10 +30,7 @@ class AnnotationItem(QGraphicsItem):
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
 
     def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
-        """Show what is drawn.
-
-        `found`: none for nothing. `around`: where all of it lies, in the scene.
-        """
+        """Show what is drawn, or nothing; all of it lies within a rectangle of the scene."""
         self.prepareGeometryChange()
         self._around = around
         self._lines, self._dots = [], []

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.layers import Points, Shapes
 from numpy.typing import NDArray
-from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat._napari.map_viewer.sheet import FAR, Sheet
+from voxflat._napari.timers import once
 from voxflat.maps.lines import ellipse
 
 if TYPE_CHECKING:
@@ -30,32 +31,16 @@ _JUMP = 4.0  # of the usual step; a line that jumps farther crosses a cut
 
 @dataclass(frozen=True, eq=False)
 class Annotation:
-    """What a layer has drawn in space, at the time that is shown.
+    """What a layer has drawn in space, at the time that is shown; places are RAS+ mm in scanner space."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (P, 3)
-        RAS+ mm in scanner space.
-    colours : ndarray of uint8, shape (P, 4)
-        One a point.
-    lines : list of ndarray, shape (k, 3)
-        RAS+ mm; of what is closed the last place is the first.
-    line_colours : ndarray of uint8, shape (L, 4)
-        One a line.
-    """
-
-    points: NDArray[np.float64]
-    colours: NDArray[np.uint8]
-    lines: list[NDArray[np.float64]]
-    line_colours: NDArray[np.uint8]
+    points: NDArray[np.float64]  # (P, 3)
+    colours: NDArray[np.uint8]  # (P, 4), one a point
+    lines: list[NDArray[np.float64]]  # (k, 3) each; of what is closed the last place is the first
+    line_colours: NDArray[np.uint8]  # (L, 4), one a line
 
     @classmethod
     def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> Annotation:
-        """Take what a layer shows.
-
-        `layer`: of three dimensions or more, the last three of which are space. `world`: one of `WORLDS`. `point`,
-        sequence of float: where the viewer is, in its world. Raises InputError if its axes are no lengths.
-        """
+        """Take what a layer shows where the viewer is; raises InputError if its last three axes are no lengths."""
         leading = layer.ndim - 3
         affine = LayerPlace.of(layer, world, leading).affine
         now = np.asarray(layer.world_to_data(np.asarray(point)[-layer.ndim :]))[:leading]
@@ -70,10 +55,7 @@ class Annotation:
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
     def is_same(self, other: Annotation) -> bool:
-        """Say whether another one would be shown alike.
-
-        `other`: the other one.
-        """
+        """Say whether another one would be shown alike."""
         own, others = self._arrays, other._arrays
         return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
 
@@ -84,34 +66,19 @@ class Annotation:
 
 @dataclass(frozen=True, eq=False)
 class OnMap:
-    """What is drawn in the volume, on the map.
-
-    Parameters
-    ----------
-    dots : ndarray, shape (P, 2)
-        mm.
-    colours : ndarray of uint8, shape (P, 4)
-        One a dot.
-    lines : list of ndarray, shape (k, 2)
-        mm.
-    line_colours : ndarray of uint8, shape (L, 4)
-        One a line.
-    left_out : str
-        What lies too far from the surface, in words; empty if nothing does.
-    """
+    """What is drawn in the volume, on the map; places are (u, v), mm."""
 
     dots: NDArray[np.float64]
     colours: NDArray[np.uint8]
     lines: list[NDArray[np.float64]]
     line_colours: NDArray[np.uint8]
-    left_out: str
+    left_out: str  # what lies too far from the surface, in words; empty if nothing does
 
 
 def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
-    """Carry annotations to the nearest places of a map's surface; called by a thread.
+    """Carry annotations to the nearest places of a map's surface, none farther than `FAR`; called by a thread.
 
-    `annotations`, sequence of Annotation: what is drawn. Returns: without what lies farther than `FAR` from the
-    surface. Lines follow the surface between their corners, and are broken where the map is cut.
+    Lines follow the surface between their corners, and are broken where the map is cut.
     """
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
@@ -135,11 +102,7 @@ def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
-    """Break a line of the map where it is unknown, and where it jumps over a cut.
-
-    `places` (k, 2): mm; NaN where there is none. `spacing`: how far apart the surface's points are, mm. Returns: list
-    of ndarray, shape (m, 2), lines of two places or more.
-    """
+    """Break a line of the map (k, 2) where it is NaN, and where it jumps over a cut; none is left of a single place."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1
@@ -186,15 +149,7 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class VolumeAnnotations(QObject):
-    """Follows the viewer's Points and Shapes layers that can be seen.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QObject
-        The parent.
-    """
+    """Follows the viewer's Points and Shapes layers that can be seen."""
 
     changed = Signal()
     """Something may have been drawn, moved, coloured, shown or hidden; several changes at once are one."""
@@ -203,10 +158,7 @@ class VolumeAnnotations(QObject):
         super().__init__(parent)
         self._viewer = viewer
         self._events: list[Any] = []
-        self._soon = QTimer(self)
-        self._soon.setSingleShot(True)
-        self._soon.setInterval(0)
-        self._soon.timeout.connect(self.changed)
+        self._soon = once(self, 0, self.changed)
         for event in self._of_list:
             event.connect(self._on_layers)
         self._on_layers()
@@ -230,11 +182,7 @@ class VolumeAnnotations(QObject):
         return bool(self._soon.isActive())
 
     def taken(self, world: str) -> list[Annotation]:
-        """Take what is drawn now.
-
-        `world`: one of `WORLDS`. Returns: one a layer that can be seen. Raises InputError if the axes of a layer are no
-        lengths.
-        """
+        """Take what is drawn now in layers that can be seen; raises InputError if axes of one are no lengths."""
         point = self._viewer.dims.point
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
 

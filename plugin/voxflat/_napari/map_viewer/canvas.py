@@ -32,13 +32,7 @@ _RIM, _LINE, _HALO = QColor(64, 64, 64), QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 class MapCanvas(QGraphicsView):
-    """Shows a map: mm to the right and, as on screens, downwards, so that y is −v.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The parent.
-    """
+    """Shows a map: mm to the right and, as on screens, downwards, so that y is −v."""
 
     pointed = Signal(float, float)
     """The mouse is at this place (u, v), mm."""
@@ -106,10 +100,7 @@ class MapCanvas(QGraphicsView):
     # ---------------------------------------------------------------------------------------- showing
 
     def show_map(self, folds: Picture, rim: list[NDArray[np.float64]]) -> None:
-        """Show another map, as large as it can be.
-
-        `folds`: what lies under all else. `rim`, list of ndarray, shape (k, 2): its outline, mm.
-        """
+        """Show another map, its outline over the folds, as large as it can be."""
         self._put(self.folds, folds)
         self.show_picture(None)
         self.show_annotations(None)
@@ -127,19 +118,13 @@ class MapCanvas(QGraphicsView):
         self.show_annotations(None)
 
     def show_picture(self, picture: Picture | None) -> None:
-        """Show a picture over the folds.
-
-        `picture`: none for the folds alone.
-        """
+        """Show a picture over the folds, or the folds alone."""
         self.picture.setVisible(picture is not None)
         if picture is not None:
             self._put(self.picture, picture)
 
     def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
-        """Show what was drawn.
-
-        `lines`, list of ndarray, shape (k, 2): mm. `dots`, sequence of (u, v): places, mm.
-        """
+        """Show what was drawn, mm."""
         path, radius = _path(lines), 3 / self.scale_factor
         for u, v in dots:
             path.addEllipse(QPointF(u, -v), radius, radius)
@@ -147,17 +132,11 @@ class MapCanvas(QGraphicsView):
             item.setPath(path)
 
     def show_annotations(self, found: OnMap | None) -> None:
-        """Show what is drawn in the volume.
-
-        `found`: none for nothing.
-        """
+        """Show what is drawn in the volume."""
         self.annotations.show_annotations(found, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
-        """Mark a place.
-
-        `place` (u, v) in mm, or None: none for no place.
-        """
+        """Mark a place (u, v), mm, or none."""
         self.ring.setVisible(place is not None)
         if place is not None:
             self.ring.setPos(place[0], -place[1])
@@ -172,10 +151,7 @@ class MapCanvas(QGraphicsView):
             self.zoomed.emit()
 
     def centre(self, place: tuple[float, float]) -> None:
-        """Move the map until a place is in the middle.
-
-        `place` (u, v): mm.
-        """
+        """Move the map until a place (u, v), mm, is in the middle."""
         self._is_fitted = False
         self.centerOn(place[0], -place[1])
 
@@ -185,10 +161,7 @@ class MapCanvas(QGraphicsView):
         return float(self.transform().m11())
 
     def position(self, u: float, v: float) -> Any:
-        """Return where a place is on the viewport, pixels.
-
-        `u`, `v`: mm.
-        """
+        """Return where a place, mm, is on the viewport, pixels."""
         return self.mapFromScene(QPointF(u, -v))
 
     def _put(self, item: QGraphicsPixmapItem, picture: Picture) -> None:

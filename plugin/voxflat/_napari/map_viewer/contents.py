@@ -10,13 +10,13 @@ from napari.layers import Image, Labels, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from superqt.utils import signals_blocked
 
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.results.flat_layers import limits
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.flat_layers import Run, limits
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -29,11 +29,7 @@ FOLDS = "Folds only"
 
 
 def suits(layer: Layer, run: Run) -> bool:
-    """Say whether a layer lies on a run's surface.
-
-    `layer`: a layer of the viewer. `run`: the run. Returns: a volume may lie elsewhere in space; then its picture is
-    empty.
-    """
+    """Say whether a layer lies on a run's surface; a volume may lie elsewhere in space: then its picture is empty."""
     if "voxflat" in layer.metadata:
         return False
     if isinstance(layer, Image | Labels):
@@ -43,10 +39,7 @@ def suits(layer: Layer, run: Run) -> bool:
 
 
 def drawing(shown: Shown) -> Callable[[Sheet], Picture]:
-    """Return what draws a layer on a sheet, in any thread.
-
-    `shown`: the layer's values, and how they look.
-    """
+    """Return what draws a layer's values on a sheet, in any thread."""
 
     def draw(sheet: Sheet) -> Picture:
         image = shown.image(sheet.planar, sheet.pixel_size)
@@ -84,15 +77,7 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class ContentChoice(QComboBox):
-    """Chooses what the map shows, and follows the viewer's layers.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QWidget, optional
-        The parent.
-    """
+    """Chooses what the map shows, and follows the viewer's layers."""
 
     chosen = Signal()
     """Something else is chosen."""
@@ -116,25 +101,16 @@ class ContentChoice(QComboBox):
         return self._offered[index] if 0 <= index < len(self._offered) else None
 
     def choose(self, content: Content) -> None:
-        """Choose something.
-
-        `content`: one of those that are offered.
-        """
+        """Choose something that is offered."""
         self.setCurrentIndex(self._offered.index(content))
 
     def step(self, steps: int) -> None:
-        """Choose what stands so many places farther down; after the last comes the first.
-
-        `steps`: how many.
-        """
+        """Choose what stands so many places farther down; after the last comes the first."""
         if self._offered:
             self.setCurrentIndex((self.currentIndex() + steps) % len(self._offered))
 
     def show_run(self, run: Run | None) -> None:
-        """Offer what a run's map may show, and choose what it was made to show, or the first measure.
-
-        `run`: the run.
-        """
+        """Offer what a run's map may show, and choose what it was made to show, or the first measure."""
         self._run = run
         own = [] if run is None else measures(run.flat_map)
         self._fill(own)
@@ -142,9 +118,8 @@ class ContentChoice(QComboBox):
         shown = None if run is None else run.layers.shown
         if shown is not None:
             wanted = next((one for one in self._offered if getattr(one, "name", None) == shown.name), wanted)
-        self.blockSignals(True)
-        self.setCurrentIndex(self._offered.index(wanted) if self._offered else -1)
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.setCurrentIndex(self._offered.index(wanted) if self._offered else -1)
         self.chosen.emit()
 
     def release(self) -> None:
@@ -161,9 +136,8 @@ class ContentChoice(QComboBox):
         before, own = self.content, [one for one in self._offered if isinstance(one, Measure)]
         self._fill(own)
         is_there = before in self._offered
-        self.blockSignals(True)
-        self.setCurrentIndex(self._offered.index(before if is_there else own[0]))
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.setCurrentIndex(self._offered.index(before if is_there else own[0]))
         if not is_there:
             self.chosen.emit()
 
@@ -171,8 +145,7 @@ class ContentChoice(QComboBox):
         """Offer measures, then layers, then nothing but folds."""
         run = self._run
         layers = [] if run is None else [layer for layer in reversed(self._viewer.layers) if suits(layer, run)]
-        self.blockSignals(True)
-        self.clear()
-        self._offered = [] if run is None else [*own, *layers, None]
-        self.addItems([FOLDS if one is None else one.name for one in self._offered])
-        self.blockSignals(False)
+        with signals_blocked(self):
+            self.clear()
+            self._offered = [] if run is None else [*own, *layers, None]
+            self.addItems([FOLDS if one is None else one.name for one in self._offered])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from qtpy.QtCore import QEvent, QPointF, QRectF, Qt, QTimer
+from qtpy.QtCore import QEvent, QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPen
 from qtpy.QtWidgets import QGraphicsItem, QWidget
+
+from voxflat._napari.timers import once
 
 SIZE = 25.0
 """Side of the square that holds it, pixels."""
@@ -17,10 +19,7 @@ _COLOUR, _HALO = QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 def paint_ring(painter: QPainter, centre: QPointF) -> None:
-    """Paint the ring: seen on light and dark.
-
-    `painter`: paints in pixels. `centre`: its middle.
-    """
+    """Paint the ring, in pixels: seen on light and dark."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     for colour, width in ((_HALO, 4.0), (_COLOUR, 2.0)):
         painter.setPen(QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
@@ -48,13 +47,7 @@ class RingItem(QGraphicsItem):
 
 
 class RingWidget(QWidget):
-    """The ring over the viewer's canvas: no layer, so that to move it costs no drawing of the scene.
-
-    Parameters
-    ----------
-    canvas : QWidget
-        The canvas.
-    """
+    """The ring over the viewer's canvas: no layer, so that to move it costs no drawing of the scene."""
 
     def __init__(self, canvas: QWidget) -> None:
         super().__init__(canvas)
@@ -63,18 +56,12 @@ class RingWidget(QWidget):
         self.setFixedSize(int(SIZE), int(SIZE))
         self.is_near = True
         self._has_moved = False
-        self._rest = QTimer(self)
-        self._rest.setSingleShot(True)
-        self._rest.setInterval(_REST)
-        self._rest.timeout.connect(canvas.update)
+        self._rest = once(self, _REST, canvas.update)
         self.hide()
         canvas.installEventFilter(self)
 
     def show_at(self, x: float, y: float, *, near: bool) -> None:
-        """Mark a place of the canvas.
-
-        `x`, `y`: pixels. `near`: whether the place lies in what is seen; in a slice far from it the ring is faint.
-        """
+        """Mark a place of the canvas, pixels; where it is not near, as in a slice far from it, the ring is faint."""
         self._has_moved = True
         self.is_near = near
         self.move(round(x - SIZE / 2), round(y - SIZE / 2))

@@ -9,9 +9,10 @@ import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
-from qtpy.QtCore import QEvent, Qt, QTimer
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QLabeledDoubleSlider
+from superqt.utils import signals_blocked
 
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
@@ -19,7 +20,6 @@ from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
-from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.link import ViewerLink
 from voxflat._napari.map_viewer.measures import DISTANCES, Measure
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
@@ -28,9 +28,11 @@ from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.sheet import Sheet, Spot
 from voxflat._napari.map_viewer.strip import Strip
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
-from voxflat._napari.results.run import Run
-from voxflat._napari.tabs import Tab
+from voxflat._napari.results.flat_layers import Run
+from voxflat._napari.tabs import Dock
+from voxflat._napari.timers import once
 from voxflat._napari.workbench import Workbench
+from voxflat._napari.worker import Latest
 from voxflat.errors import VoxflatError
 
 if TYPE_CHECKING:
@@ -44,12 +46,7 @@ _CLEAR = 0.85  # the folds show through a little
 
 _Drawn: TypeAlias = tuple[Sheet, Picture | None, NDArray[np.uint8] | None]
 
-GO, MARK, REGION, MEASURE = _CLICKS = (
-    "goes there",
-    "marks a point",
-    "draws a region",
-    "measures a distance",
-)
+GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
 """What a click on the map may do."""
 
 _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
@@ -72,18 +69,11 @@ def open_flat_map(viewer: Viewer) -> FlatMapDock:
     return found
 
 
-class FlatMapDock(QWidget):
-    """Shows the current run's map on a canvas of its own; the viewer is left as it is.
-
-    Parameters
-    ----------
-    napari_viewer : Viewer
-        The viewer, which napari gives by this parameter's name.
-    """
+class FlatMapDock(Dock):
+    """Shows the current run's map on a canvas of its own; the viewer is left as it is."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
-        Tab(self)
         self._viewer = napari_viewer
         self._workbench = Workbench.of(napari_viewer)
         self._run: Run | None = None
@@ -97,19 +87,10 @@ class FlatMapDock(QWidget):
         self._points: list[drawings.Place] = []  # that are about to be in the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
-        self._carrier = Latest(self)
-        self._carrier.done.connect(self._on_carried)
-        self._carrier.failed.connect(self._on_not_carried)
-        self._annotator = Latest(self)
-        self._annotator.done.connect(self._on_annotated)
-        self._annotator.failed.connect(self._on_not_annotated)
-        self._painter = Latest(self)
-        self._painter.done.connect(self._on_drawn)
-        self._painter.failed.connect(self._on_failed)
-        self._soon = QTimer(self)  # several changes at once are one
-        self._soon.setSingleShot(True)
-        self._soon.setInterval(0)
-        self._soon.timeout.connect(self._draw)
+        self._carrier = Latest(self, self._on_carried, self._on_not_carried)
+        self._annotator = Latest(self, self._on_annotated, self._on_not_annotated)
+        self._painter = Latest(self, self._on_drawn, self._on_failed)
+        self._soon = once(self, 0, self._draw)  # several changes at once are one
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -174,12 +155,8 @@ class FlatMapDock(QWidget):
         top.setContentsMargins(0, 0, 0, 0)
         top.addWidget(self.runs, 1)
         first, second = QHBoxLayout(), QHBoxLayout()
-        first.addWidget(QLabel("Shows"))
-        first.addWidget(self.contents, 1)
-        first.addWidget(self.on_surface)
-        first.addWidget(self.outlined)
-        first.addWidget(self.whole)
-        first.addWidget(self.keep)
+        for part in (QLabel("Shows"), self.contents, self.on_surface, self.outlined, self.whole, self.keep):
+            first.addWidget(part, int(part is self.contents))
         self._depth_row = QWidget()
         row = QHBoxLayout(self._depth_row)
         row.setContentsMargins(0, 0, 0, 0)
@@ -244,11 +221,10 @@ class FlatMapDock(QWidget):
     def _on_runs(self) -> None:
         """Offer the runs that there are, and show the current one."""
         runs, current = self._workbench.runs, self._workbench.current
-        self.runs.blockSignals(True)
-        self.runs.clear()
-        self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
-        self.runs.setCurrentIndex(runs.index(current) if current in runs else -1)
-        self.runs.blockSignals(False)
+        with signals_blocked(self.runs):
+            self.runs.clear()
+            self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
+            self.runs.setCurrentIndex(runs.index(current) if current in runs else -1)
         self._run_row.setVisible(len(runs) > 1)
         if current is not self._run or current is None:
             self._show_run(current)
@@ -280,9 +256,8 @@ class FlatMapDock(QWidget):
     def _set_depth(self, run: Run | None) -> None:
         """Start at the depth at which the run was asked to sample, and offer fractions where they are known."""
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
-        self.depth_unit.blockSignals(True)
-        self.depth_unit.setCurrentText(_MM)
-        self.depth_unit.blockSignals(False)
+        with signals_blocked(self.depth_unit):
+            self.depth_unit.setCurrentText(_MM)
         self.depth_unit.setVisible(known)
         self._limit_depth()
         asked = None if run is None else run.layers.shown
@@ -328,12 +303,11 @@ class FlatMapDock(QWidget):
 
     def _limit_depth(self) -> None:
         in_mm = self.depth_unit.currentText() == _MM
-        self.depths.blockSignals(True)
-        self.depths.setRange(_DEEPEST if in_mm else 0.0, _HIGHEST if in_mm else 1.0)
-        self.depths.setDecimals(1 if in_mm else 2)
-        self.depths.setSingleStep(0.1 if in_mm else 0.05)  # type: ignore[arg-type]  # superqt's are floats
-        self.depths.setValue(0.0 if in_mm else 0.5)
-        self.depths.blockSignals(False)
+        with signals_blocked(self.depths):
+            self.depths.setRange(_DEEPEST if in_mm else 0.0, _HIGHEST if in_mm else 1.0)
+            self.depths.setDecimals(1 if in_mm else 2)
+            self.depths.setSingleStep(0.1 if in_mm else 0.05)  # type: ignore[arg-type]  # superqt's are floats
+            self.depths.setValue(0.0 if in_mm else 0.5)
 
     def _draw(self) -> None:
         """Have what is chosen drawn in a thread."""
@@ -536,12 +510,6 @@ class FlatMapDock(QWidget):
         self.strip.set_ink(ink)
 
     # ------------------------------------------------------------------------------------------ ending
-
-    def event(self, event: Any) -> bool:
-        """Let go of the viewer when napari closes the dock, which takes the widget out of the window."""
-        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self._release()
-        return bool(super().event(event))
 
     def _release(self) -> None:
         self._soon.stop()

@@ -31,25 +31,14 @@ _CORTEX = (-0.5, 3.0)  # mm outside the surface: where a region lies unless whit
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a drawing has become.
-
-    Parameters
-    ----------
-    layer : LayerData
-        In the viewer.
-    told : str
-        In words.
-    """
+    """What a drawing has become: a layer of the viewer, and words."""
 
     layer: LayerData
     told: str = ""
 
 
 def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
-    """Carry points to the surface.
-
-    `places`, sequence of (u, v): on the map, mm.
-    """
+    """Carry points (u, v) of the map to the surface."""
     spots = [spot for spot in (sheet.spot(*place) for place in places) if spot is not None]
     keywords = {
         "name": "points of the map",
@@ -62,11 +51,7 @@ def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
 
 
 def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
-    """Carry regions to the voxels, or to the vertices, of what was flattened.
-
-    `sheet`: a map; a page has no regions. `polygons`, sequence of sequence of (u, v): their corners, mm. Raises
-    InputError if no voxel lies in one, or the map is an atlas's page.
-    """
+    """Carry polygons of a map to voxels or vertices; raises InputError if none lies in one, or for a page."""
     flat_map = _map(sheet)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     told = f"{len(polygons)} region{'s' * (len(polygons) > 1)}"
@@ -90,7 +75,7 @@ def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
 def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
     """Find the shortest way between two places over the surface that is on the map; of a mesh across cuts, too.
 
-    `a`, `b` (u, v): mm. Raises InputError if a place lies beside the map, or no way leads there.
+    Raises InputError if a place lies beside the map, or no way leads there.
     """
     flat_map = _map(sheet)
     ends = [sheet.place_row(*end) for end in (a, b)]
@@ -151,4 +136,4 @@ def _world(sheet: Sheet, of: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _placement(sheet: Sheet) -> dict[str, Any]:
-    return {"units": None if units(sheet.run.flat_map) is None else ("mm",) * 3}
+    return {"units": units(sheet.run.flat_map, 3)}

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, mm_per_unit, projected
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
+from voxflat._napari.timers import once
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -23,15 +24,7 @@ _IN_SLICE = 1.0  # mm from the slice that is shown
 
 
 class ViewerLink(QObject):
-    """Follows the mouse in the viewer, and marks places there.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    inside : QWidget
-        A widget that is, or will be, in the viewer's window; the parent.
-    """
+    """Follows the mouse in the viewer, and marks places there; its parent is, or will be, in the viewer's window."""
 
     pointed = Signal(object)
     """The mouse is at this place of the map, (u, v), or beside the surface: None."""
@@ -47,10 +40,9 @@ class ViewerLink(QObject):
         self._marked: NDArray[np.float64] | None = None
         self.ring: RingWidget | None = None
         """The mark in the viewer, once there was something to mark."""
-        self._drawn = QTimer(self)  # once the viewer has turned, and not for each of the events that tell of it
-        self._drawn.setSingleShot(True)
-        self._drawn.setInterval(15)
-        self._drawn.timeout.connect(self._draw)
+        self._drawn = once(
+            self, 15, self._draw
+        )  # once the viewer has turned, and not for each of the events that tell of it
         self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
         for event in self._events:
             event.connect(self._on_view)
@@ -81,11 +73,7 @@ class ViewerLink(QObject):
         return self.sheet is not None and bool(self.sheet.origin) and self._viewer.dims.ndim >= 3
 
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where a point lies in the viewer's world.
-
-        `point` (3,): RAS+ mm. Returns: as many numbers as the world has axes: before the last three those that are
-        shown.
-        """
+        """Return where a point, RAS+ mm, lies in the viewer's world; axes before the last three stay as shown."""
         assert self.sheet is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
         world[-3:] = from_ras(point[None], self.sheet.origin["world_axes"])[0] / mm_per_unit(self._viewer)
@@ -114,30 +102,20 @@ class ViewerLink(QObject):
             self.pointed.emit(self._place(event))
 
     def _on_press(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Tell of a click; what moves in between turns the view."""
-        pressed = np.asarray(event.pos)
-        yield
-        while event.type == "mouse_move":
-            if np.abs(np.asarray(event.pos) - pressed).max() > _CLICK:
-                return
-            yield
+        """Tell of a click."""
+        if not (yield from is_click(event, _CLICK)):
+            return
         place = self._place(event)
         if place is not None:
             self.clicked.emit(place)
 
     def mark(self, point: NDArray[np.float64] | None) -> None:
-        """Put the ring at a place.
-
-        `point` (3,), or None: RAS+ mm; None for nowhere.
-        """
+        """Put the ring at a place, RAS+ mm, or nowhere."""
         self._marked = point
         self._draw()
 
     def centre(self, point: NDArray[np.float64]) -> None:
-        """Turn the viewer to a place: its slices go there, and it comes to the middle.
-
-        `point` (3,): RAS+ mm.
-        """
+        """Turn the viewer to a place, RAS+ mm: its slices go there, and it comes to the middle."""
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)

@@ -22,17 +22,7 @@ DISTANCES = "Distances"
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure of a map.
-
-    Parameters
-    ----------
-    name : str
-        As it is listed.
-    unit : str
-        Of its values.
-    draw : callable
-        Returns its picture on a sheet; of long duration.
-    """
+    """A measure of a map, as it is listed; drawing its picture takes long."""
 
     name: str
     unit: str
@@ -40,10 +30,7 @@ class Measure:
 
 
 def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
-    """Return the measures that a map or an atlas has.
-
-    `flat_map`: the map, or the atlas. Returns: the first says most.
-    """
+    """Return the measures that a map or an atlas has; the first says most."""
     if not isinstance(flat_map, FlatMap):
         return [
             Measure("Patches", "", _patches),
@@ -59,10 +46,7 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
 
 
 def colours(name: str) -> NDArray[np.uint8]:
-    """Return a colour map of matplotlib as 256 colours.
-
-    Returns: uint8 (256, 4).
-    """
+    """Return a colour map of matplotlib as 256 colours, (256, 4)."""
     from matplotlib import colormaps
 
     return np.asarray(colormaps[name](np.linspace(0, 1, 256), bytes=True))

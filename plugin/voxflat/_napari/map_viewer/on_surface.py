@@ -20,15 +20,7 @@ if TYPE_CHECKING:
 
 
 class PaintedSurface(SwitchedLayer[Surface]):
-    """A Surface layer that has the map's colours, to be seen in 3D in the place of what was flattened.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QObject
-        The parent.
-    """
+    """A Surface layer that has the map's colours, to be seen in 3D in the place of what was flattened."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
@@ -37,10 +29,7 @@ class PaintedSurface(SwitchedLayer[Surface]):
         self._was_visible = True
 
     def show(self, sheet: Sheet, colours: NDArray[np.uint8]) -> None:
-        """Paint the surface of a map.
-
-        `colours` uint8 (N, 4): one a point of it.
-        """
+        """Paint the surface of a map, in a colour a point of it."""
         if self.there is not None:
             self.take_up(sheet)
             self.there.vertex_colors = colours / 255
@@ -97,7 +86,7 @@ def _of(sheet: Sheet) -> tuple[Any, dict[str, Any]]:
     points = from_ras(sheet.points, sheet.origin.get("world_axes", "RAS"))
     described = {
         "name": f"{sheet.run.name} in the map's colours",
-        "units": None if units(flat_map) is None else ("mm",) * 3,
+        "units": units(flat_map, 3),
         "metadata": {"voxflat": flat_map},
     }
     return (points, of.faces[~of.torn]), described

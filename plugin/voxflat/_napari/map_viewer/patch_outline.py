@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import from_ras, to_ras
-from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.switched import SwitchedLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
+from voxflat._napari.worker import Latest
 from voxflat.unique_rows import distinct
 
 if TYPE_CHECKING:
@@ -36,10 +36,7 @@ def width(sheet: Sheet) -> float:
 
 
 def edges(sheet: Sheet) -> tuple[Segments, Segments]:
-    """Return the border of the part that is on a map, and the cuts, which are there from both sides.
-
-    Returns: `border, cuts`, (S, 2, 3), RAS+ mm. Of the page of an atlas its seams are cuts.
-    """
+    """Return the border of the part on a map, and the cuts (of a page its seams), which are there from both sides."""
     pairs = np.concatenate(
         [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in sheet.rim)]
     )
@@ -51,21 +48,14 @@ def edges(sheet: Sheet) -> tuple[Segments, Segments]:
 
 
 def lifted(sheet: Sheet, segments: Segments) -> Segments:
-    """Return segments a little outside of a surface on which they lie, so that it does not hide them.
-
-    `segments` (S, 2, 3): between its points, mm. Returns: (S, 2, 3).
-    """
+    """Return segments a little outside of a surface on which they lie, so that it does not hide them."""
     rows = scipy.spatial.cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
     outwards = np.nan_to_num(sheet.planar._triangles.on_surface.normals[rows])  # a thin sheet has no outside
     return np.asarray(segments + width(sheet) / 2 * outwards.reshape(segments.shape))
 
 
 def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
-    """Return where the surface of a map meets a plane, and marks across it where the plane meets cuts.
-
-    `cuts` (S, 2, 3): of `edges`. `axis`: across which of R, A, S the plane lies. `level`: where, mm. Returns: `surface,
-    marks`, (S, 2, 3), RAS+ mm, in the plane.
-    """
+    """Return where a surface meets a plane across an axis of RAS, at a level, mm, and marks where cuts meet it."""
     of, points = sheet.planar._triangles, sheet.points
     height = points[:, axis] - level
     above = height > 0
@@ -122,15 +112,7 @@ def _drawn(
 
 
 class PatchOutline(SwitchedLayer[Vectors]):
-    """A Vectors layer that shows, in slices, the surface that is on the map, and its cuts; in 3D its border and cuts.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QObject
-        The parent.
-    """
+    """A Vectors layer that shows, in slices, the surface on the map, and its cuts; in 3D its border and cuts."""
 
     failed = Signal(object)
     """It could not be found, for this error."""
@@ -141,9 +123,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
         self._known: tuple[Segments, Segments] | None = None
         self._view: _View | str = "none yet"
         self._is_wanted = False
-        self._finder = Latest(self)
-        self._finder.done.connect(self._on_found)
-        self._finder.failed.connect(self.failed)
+        self._finder = Latest(self, self._on_found, self.failed)
         self._events = (viewer.dims.events.point, viewer.dims.events.ndisplay, viewer.dims.events.order)
         for event in self._events:
             event.connect(self._on_view)
@@ -232,7 +212,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
             edge_width=seen / step,
             edge_color=colours if len(colours) else _PART,
             scale=(step,) * 3,
-            units=None if units(sheet.run.flat_map) is None else ("mm",) * 3,
+            units=units(sheet.run.flat_map, 3),
             vector_style="line",
         )
         self._describe(layer)

@@ -12,27 +12,14 @@ from voxflat.maps.raster import FlatImage
 
 @dataclass(frozen=True, eq=False)
 class ColourScale:
-    """What colours mean.
-
-    Parameters
-    ----------
-    title : str
-        Quantity and unit.
-    colours : ndarray of uint8, shape (256, 4)
-        From the lowest to the highest value.
-    limits : tuple of 2 floats
-        These values.
-    """
+    """What colours mean."""
 
     title: str
-    colours: NDArray[np.uint8]
+    colours: NDArray[np.uint8]  # (256, 4), from the lower to the upper limit
     limits: tuple[float, float]
 
     def paint(self, data: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Return values as colours.
-
-        `data` (H, W): values, NaN where there is none. Returns: uint8 (H, W, 4).
-        """
+        """Return values (H, W), NaN where there is none, as colours (H, W, 4)."""
         low, high = self.limits
         known = np.isfinite(data)
         level = np.clip((np.where(known, data, low) - low) * (255 / ((high - low) or 1.0)), 0, 255)
@@ -43,41 +30,21 @@ class ColourScale:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture of the map.
+    """A picture of the map."""
 
-    Parameters
-    ----------
-    pixels : ndarray of uint8, shape (H, W, 4)
-        Row 0 is at the top.
-    origin : tuple of 2 floats
-        (u, v) of the centre of pixel (0, 0), mm.
-    pixel_size : float
-        mm.
-    data : ndarray, shape (H, W), or None
-        The values.
-    scale : ColourScale or None
-        What the colours mean, where a bar can tell.
-    """
-
-    pixels: NDArray[np.uint8]
-    origin: tuple[float, float]
-    pixel_size: float
+    pixels: NDArray[np.uint8]  # (H, W, 4); row 0 is at the top
+    origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
+    pixel_size: float  # mm
     data: NDArray[np.floating] | None = None
-    scale: ColourScale | None = None
+    scale: ColourScale | None = None  # where a bar can tell
 
     @classmethod
     def of(cls, image: FlatImage, scale: ColourScale) -> Picture:
-        """Paint an image of values.
-
-        `image`: the values. `scale`: their colours.
-        """
+        """Paint an image of values."""
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:
-        """Return the value at a place, None where there is none.
-
-        `u`, `v`: mm.
-        """
+        """Return the value at a place, mm; None where there is none."""
         if self.data is None:
             return None
         row = round((self.origin[1] - v) / self.pixel_size)

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import Picture
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.flat_layers import Run
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.plane import LIMIT, Planar
@@ -31,62 +31,29 @@ _NEAR = 0.8  # of the spacing: so far beside a ray a point may lie to be met
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A place of the map, looked up on the surface.
+    """A place of the map, looked up on the surface."""
 
-    Parameters
-    ----------
-    point : ndarray, shape (3,)
-        Where it is, RAS+ mm in scanner space.
-    vertex : int or tuple of 3 ints
-        The nearest vertex or voxel of what was flattened.
-    distortion : str
-        What flattening did there.
-    """
-
-    point: NDArray[np.float64]
-    vertex: int | tuple[int, ...]
-    distortion: str
+    point: NDArray[np.float64]  # (3,), RAS+ mm in scanner space
+    vertex: int | tuple[int, ...]  # the nearest vertex or voxel of what was flattened
+    distortion: str  # what flattening did there, in words
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """What lies in the plane, made once for a run, outside the GUI's thread; then each look-up takes a moment.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    planar : Planar
-        Its map, or the page of its atlas.
-    pixel_size : float
-        Of what is shown, mm: finer than the run's own pixels, so that nothing looks blocky.
-    folds : Picture
-        Sulci and gyri in two greys.
-    rim : list of ndarray of int64, shape (k,)
-        The map's rim: points, in order.
-    directions : list of Direction
-        Where right, anterior and superior are.
-    side : {"L", "R", None}
-        Which hemisphere it is, where that is known.
-    points : ndarray, shape (N, 3)
-        The map's points, RAS+ mm in scanner space.
-    """
+    """What lies in the plane, made once for a run, outside the GUI's thread; then each look-up takes a moment."""
 
     run: Run
-    planar: Planar
-    pixel_size: float
+    planar: Planar  # the run's map, or the page of its atlas
+    pixel_size: float  # mm: finer than the run's own, so that nothing looks blocky
     folds: Picture
-    rim: list[NDArray[np.int64]]
+    rim: list[NDArray[np.int64]]  # rows of points, in order
     directions: list[Direction]
-    side: str | None
-    points: NDArray[np.float64]
+    side: str | None  # L or R, where that is known
+    points: NDArray[np.float64]  # (N, 3), RAS+ mm in scanner space
 
     @classmethod
     def of(cls, run: Run) -> Sheet:
-        """Prepare a run.
-
-        `run`: the run.
-        """
+        """Prepare a run."""
         from voxflat.figures.flat_maps import folds
         from voxflat.figures.marks import directions, side
 
@@ -135,10 +102,7 @@ class Sheet:
         return self.planar._triangles.on_surface.pial_points is not None
 
     def spot(self, u: float, v: float) -> Spot | None:
-        """Look up a place of the map on the surface.
-
-        `u`, `v`: mm. Returns: none beside the map.
-        """
+        """Look up a place of the map, mm, on the surface; None beside the map."""
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
         if face < 0:
@@ -150,10 +114,7 @@ class Sheet:
         return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
     def place_row(self, u: float, v: float) -> int | None:
-        """Return which of the map's points is nearest to a place; None beside the map.
-
-        `u`, `v`: mm.
-        """
+        """Return which of the map's points is nearest to a place, mm; None beside the map."""
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
         return None if face < 0 else int(self.planar._triangles.faces[face][int(found.weights.argmax())])
@@ -166,27 +127,16 @@ class Sheet:
         return f"lengths ± {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
 
     def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
-        """Look up a point in space on the map.
-
-        `point` (3,): RAS+ mm in scanner space. Returns: (u, v) in mm, or None, none farther from the surface than
-        cortex is thick.
-        """
+        """Look up a point in space, RAS+ mm, on the map; None farther from the surface than `FAR`."""
         u, v = self.places(np.asarray(point)).tolist()
         return None if np.isnan(u) else (u, v)
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Look up points in space on the map.
-
-        `points` (..., 3): RAS+ mm in scanner space. Returns: (..., 2), (u, v) of the nearest place of the surface, mm;
-        NaN farther from it than `FAR`.
-        """
+        """Return (u, v), mm, of the surface's nearest places to points (..., 3), RAS+ mm; NaN beyond `FAR`."""
         return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
-        """Find where a ray meets the surface first.
-
-        `start`, `along` (3,): a place on the ray and its direction, RAS+ mm. Returns: (3,), or None.
-        """
+        """Find where a ray, by a place on it and its direction, RAS+ mm, meets the surface first."""
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
         beside = np.zeros(len(self.points))  # its square; axis by axis, which is faster than products of matrices
         for across in np.linalg.svd(along[None])[2][1:]:
@@ -232,10 +182,7 @@ class Sheet:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
     def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
-        """Return the colour of each of the map's points, as it is shown.
-
-        `picture`: what lies over the folds. `opacity`: of it. Returns: uint8 (N, 4).
-        """
+        """Return the colour of each of the map's points, (N, 4), under a picture that lies over the folds."""
         rows, columns = self._pixels
         under = self.folds.pixels[rows, columns].astype(np.float64)
         if picture is not None:

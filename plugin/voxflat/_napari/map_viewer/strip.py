@@ -23,13 +23,7 @@ _BAR, _THICK = 240.0, 9.0  # the colour bar, or shorter
 
 
 class Strip(QWidget):
-    """Paints the marks of a map.
-
-    Parameters
-    ----------
-    parent : QWidget, optional
-        The parent.
-    """
+    """Paints the marks of a map."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -45,34 +39,22 @@ class Strip(QWidget):
         return QSize(160, _HEIGHT)
 
     def show_marks(self, directions: list[Direction], side: str | None) -> None:
-        """Show how a map lies.
-
-        `directions`: of the body. `side`, {"L", "R", None}: the hemisphere.
-        """
+        """Show how a map lies: the body's directions, and the hemisphere, L or R, if that is known."""
         self._directions, self._side = directions, side
         self.update()
 
     def show_length(self, pixels: float) -> None:
-        """Show how large the map is.
-
-        `pixels`: on the screen, a mm.
-        """
+        """Show how large the map is: pixels of the screen a mm."""
         self._pixels = pixels
         self.update()
 
     def show_colours(self, scale: ColourScale | None) -> None:
-        """Show what the colours mean.
-
-        `scale`: none where no bar can tell.
-        """
+        """Show what the colours mean; nothing where no bar can tell."""
         self.scale = scale
         self.update()
 
     def set_ink(self, colour: QColor) -> None:
-        """Paint in another colour.
-
-        `colour`: the theme's colour of text.
-        """
+        """Paint in the theme's colour of text."""
         self._ink = colour
         self.update()
 

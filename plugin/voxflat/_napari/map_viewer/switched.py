@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from napari.layers import Layer
-from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
-from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
+from voxflat._napari.results.listed import drop_controls, insert, make_controls
+from voxflat._napari.timers import BREATH, once
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -20,13 +21,6 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
     """A layer that is hidden where it is not wanted, and takes up other maps.
 
     napari takes a quarter of a second for a layer that goes, and a tenth for one that comes.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    parent : QObject
-        The parent.
     """
 
     switched = Signal(bool)
@@ -36,10 +30,7 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
         super().__init__(parent)
         self._viewer = viewer
         self.layer: OfLayer | None = None
-        self._coming = QTimer(self)
-        self._coming.setSingleShot(True)
-        self._coming.setInterval(BREATH)
-        self._coming.timeout.connect(self._arrive)
+        self._coming = once(self, BREATH, self._arrive)
 
     @property
     def there(self) -> OfLayer | None:

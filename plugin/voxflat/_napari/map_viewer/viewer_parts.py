@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,10 +26,7 @@ def camera(viewer: Viewer) -> Any:
 
 
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
-    """Turn what is seen in 3D to show all of a hemisphere as atlases do: upright, and from its own side.
-
-    `right`: whether it is seen from the right. `world`: what the viewer's axes mean.
-    """
+    """Turn what is seen in 3D to show all of a hemisphere as atlases do: upright, and from its own side."""
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     _in_their_order(viewer)
     viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
@@ -44,9 +42,7 @@ def _in_their_order(viewer: Viewer) -> None:
 def show_sagittal(viewer: Viewer) -> None:
     """Show slices of a world of RAS from the side, as atlases do: what is superior is above, what is anterior right.
 
-    It holds for slices, and until the viewer is empty, since napari then forgets the order of axes.
-
-    `viewer`: the viewer, which shows three axes.
+    It holds for slices of three axes, and until the viewer is empty, since napari then forgets their order.
     """
     slices = (0, 2, 1), ("up", "right")
 
@@ -74,14 +70,21 @@ def show_sagittal(viewer: Viewer) -> None:
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
-    """Zoom until what is seen in 3D from the side fills the canvas.
-
-    `viewer`: the viewer, after `look_from_side`. `places` (N, 3): what is to be seen, in the world's units. `size`:
-    width and height of the canvas, pixels. `world`: what the viewer's axes mean.
-    """
+    """Zoom until places (N, 3), seen in 3D after `look_from_side`, fill the canvas, whose size is in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)
+
+
+def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
+    """Wait, as a callback of the mouse, until it is released; tell if it moved by few pixels: more turns the view."""
+    pressed = np.asarray(event.pos)
+    yield
+    while event.type == "mouse_move":
+        if np.abs(np.asarray(event.pos) - pressed).max() > most:
+            return False
+        yield
+    return True
 
 
 def in_grid(viewer: Viewer) -> bool:
@@ -91,21 +94,14 @@ def in_grid(viewer: Viewer) -> bool:
 
 
 def canvas_widget(inside: QWidget) -> QWidget | None:
-    """Return the widget on which the viewer draws.
-
-    `inside`: any widget of the viewer's window. Returns: none while the widget is in no window.
-    """
+    """Return the widget on which the viewer draws, by any of its window; None while that is in no window."""
     middle = getattr(inside.window(), "centralWidget", lambda: None)()
     children = [] if middle is None else middle.findChildren(QWidget)
     return next((child for child in children if type(child).__name__ == _CANVAS), None)
 
 
 def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int]) -> tuple[float, float] | None:
-    """Return where a place of the world is seen on the canvas.
-
-    `place`: in the world. `size`: width and height of the canvas, pixels. Returns: (x, y) in pixels of the canvas, or
-    None, none behind who looks.
-    """
+    """Return where a place of the world is seen on the canvas, of a size in pixels; None behind who looks."""
     of = camera(viewer)
     shown = np.asarray(place)[list(viewer.dims.displayed)]
     apart = shown - np.asarray(of.center, dtype=np.float64)[-len(shown) :]
@@ -131,10 +127,7 @@ def _is_right_handed(of: Any) -> bool:
 
 
 def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
-    """Return what the units of the world's last three axes are in mm; pixels are taken as mm.
-
-    Returns: (3,).
-    """
+    """Return what the units of the world's last three axes are in mm; pixels are taken as mm."""
     units = viewer.layers.units
     return np.ones(3) if units is None else unit_ratio([*units][-3:], ["mm"] * 3)
 

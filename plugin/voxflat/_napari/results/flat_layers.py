@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,36 +20,19 @@ LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
 
 @dataclass(frozen=True, eq=False)
 class FlatLayers:
-    """A flat map or an atlas, and its layers.
-
-    Parameters
-    ----------
-    flat_map : FlatMap, FlatAtlas or GluedAtlas
-        The map, or the atlas.
-    layers : list of LayerData
-        Images: what the map shows, if anything, and the distortion.
-    in_space : list of LayerData
-        Of an atlas the surface, coloured by patch.
-    shown : Sampled, Overlay or None
-        What the map was made to show.
-    """
+    """A flat map or an atlas, and its layers."""
 
     flat_map: FlatMap | Atlas
-    layers: list[LayerData]
-    in_space: list[LayerData] = field(default_factory=list)
-    shown: Shown | None = None
+    layers: list[LayerData]  # images: what the map shows, if anything, and the distortion
+    in_space: list[LayerData] = field(default_factory=list)  # of an atlas the surface
+    shown: Shown | None = None  # what it was made to show
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
     """Return the layer of what a map or page shows."""
     image = shown.image(flat_map, pixel_size)
     data: NDArray[Any] = image.data
-    keywords = {
-        "name": f"{shown.name} flattened",
-        **shown.display,
-        **placement(flat_map, image),
-        **description(flat_map, shown.meaning),
-    }
+    keywords = {**shown.display, **described(flat_map, f"{shown.name} flattened", shown.meaning, image)}
     if shown.kind == "labels":
         data = np.nan_to_num(data).astype(np.int64)  # 0 is no label: transparent, as NaN is in an image
     elif image.is_colour:
@@ -58,33 +42,29 @@ def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | Non
     return data, keywords, shown.kind
 
 
-def placement(flat_map: FlatMap | Atlas, image: FlatImage) -> dict[str, Any]:
-    """Return the keywords for where a flat image lies.
+def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
+    """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
+    in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
+    return None if in_pixels else ("mm",) * axes
+
+
+def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
+    """Return the keywords for what a layer is, and where it lies if it is a flat image.
 
     napari's rows grow downwards and the map's v upwards, so the world's axes are −v and u.
     """
-    u, v = image.origin
-    scale = (image.pixel_size, image.pixel_size)
-    return {"scale": scale, "translate": (-v, u), "units": units(flat_map)}
-
-
-def units(flat_map: FlatMap | Atlas) -> tuple[str, str] | None:
-    """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
-    in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
-    return None if in_pixels else ("mm", "mm")
-
-
-def description(flat_map: FlatMap | Atlas, meaning: str) -> dict[str, Any]:
-    """Return the keywords for what a layer is."""
-    return {
-        "metadata": {
-            "voxflat": flat_map,
-            "parameters": flat_map.metadata,
-            "distortion": (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures(),
-            "colours": meaning,
-            "axes": "rows: −v, columns: u, mm",
-        }
+    about = {
+        "voxflat": flat_map,
+        "parameters": flat_map.metadata,
+        "distortion": (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures(),
+        "colours": meaning,
+        "axes": "rows: −v, columns: u, mm",
     }
+    if image is None:
+        return {"name": name, "metadata": about}
+    u, v = image.origin
+    place = {"scale": (image.pixel_size,) * 2, "translate": (-v, u), "units": units(flat_map, 2)}
+    return {"name": name, "metadata": about, **place}
 
 
 def hidden(data: LayerData) -> LayerData:
@@ -103,3 +83,27 @@ def limits(values: NDArray[Any]) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = (float(limit) for limit in np.nanpercentile(values, (1, 99)))
     return (low, high) if low < high else (low - 0.5, low + 0.5)
+
+
+class Script(Protocol):
+    """Writes a script, as `Recipe`."""
+
+    def needs_folder(self) -> bool:
+        """Say whether data must be saved beside the script."""
+
+    def script(self, folder: Path | None = None) -> str:
+        """Write it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A map or an atlas, its layers, how what was flattened is called, and its script, unless it comes from a file."""
+
+    layers: FlatLayers
+    name: str
+    script: Script | None = None
+
+    @property
+    def flat_map(self) -> FlatMap | Atlas:
+        """The map, or the atlas."""
+        return self.layers.flat_map

@@ -15,15 +15,13 @@ from qtpy.QtCore import QTimer
 
 from voxflat._napari.garbage import put_off_collections
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
+from voxflat._napari.timers import BREATH
 
 if TYPE_CHECKING:
     from napari import Viewer
 
 _PLACE = ("name", "metadata", "units", "scale", "translate")
 _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
-
-BREATH = 10
-"""Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
 
 
 class ListedLayers:
@@ -32,13 +30,6 @@ class ListedLayers:
     napari takes a tenth of a second for each layer that comes or goes, and a hundredth for other data in one that is
     there. So a run that replaces another one takes over its layers, as far as they are of the same kind; and what comes
     or goes does so with time for the window in between.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    layers : iterable of Layer
-        Those of the run that is replaced.
     """
 
     def __init__(self, viewer: Viewer, layers: Iterable[Layer] = ()) -> None:
@@ -58,10 +49,7 @@ class ListedLayers:
         return not self._steps
 
     def show(self, result: FlatLayers) -> None:
-        """List the layers of a run.
-
-        `result`: its layers.
-        """
+        """List the layers of a run."""
         put_off_collections()
         earlier = self.layers
         for data in [*result.in_space, *result.layers]:
@@ -73,10 +61,7 @@ class ListedLayers:
         QTimer.singleShot(0, self._go_on)
 
     def take(self, layer: Layer) -> None:
-        """Count a layer that is in the list already, as of a file that was opened, among these.
-
-        `layer`: one of the run's.
-        """
+        """Count a layer of the run that is in the list already, as of a file that was opened, among these."""
         self._layers.append(layer)
 
     def remove(self) -> None:
@@ -133,20 +118,14 @@ def _controls(viewer: Viewer) -> Any:
 
 
 def make_controls(viewer: Viewer, layer: Layer) -> None:
-    """Make the controls of a layer that is about to come: half of the time that napari takes for it.
-
-    `layer`: the layer, which `insert` puts into the list in a later turn of the event loop.
-    """
+    """Make the controls of a layer that `insert` puts into the list in a later turn of the loop: half of its time."""
     controls = _controls(viewer)
     if controls is not None:
         controls._add(Event("inserted", value=layer))
 
 
 def make_room(viewer: Viewer, layer: Layer) -> None:
-    """Let the sliders reach as far as they will with a layer that is about to come: what is shown is sliced anew.
-
-    `layer`: the layer, which `insert` puts into the list in a later turn of the event loop.
-    """
+    """Let the sliders reach as far as they will with a layer that is about to come: what is shown is sliced anew."""
     extent = viewer.layers.get_extent([*viewer.layers, layer])
     if len(extent.step) == viewer.dims.ndim:
         viewer.dims.range = tuple(zip(*extent.world, extent.step, strict=True))
@@ -173,11 +152,9 @@ def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
 
 
 def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
-    """Put a layer into the list, and leave the selection alone.
+    """Put a layer into the list, by default on top, and leave the selection alone.
 
     napari selects what is new, and makes controls for it, which takes as long as all the rest.
-
-    `index`: where; by default on top.
     """
     viewer = getattr(viewer, "__wrapped__", viewer)  # as above
     layers, before = viewer.layers, set(viewer.layers.selection)

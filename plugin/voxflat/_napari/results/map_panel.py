@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 
 from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from qtpy.QtWidgets import QApplication, QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from voxflat._napari.results.copying import CopyAsPython
+from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import figures, table, warnings
-from voxflat._napari.results.run import Run
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.io.files import SAVED_ENDINGS
@@ -19,17 +19,7 @@ from voxflat.maps.flat_map import FlatMap
 
 
 class MapPanel(QWidget):
-    """Tells of a flat map: its figures, and what the user should know of it.
-
-    Parameters
-    ----------
-    meaning : str
-        What the colours of the distortion mean.
-    what : {"map", "atlas"}
-        What is shown.
-    parent : QWidget, optional
-        The widget's parent.
-    """
+    """Tells of a "map", or an "atlas": its figures, what their colours mean, and what the user should know of it."""
 
     def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -67,10 +57,7 @@ class MapPanel(QWidget):
         return self._what == "map"
 
     def show_run(self, run: Run) -> None:
-        """Tell of a run.
-
-        `run`: the run.
-        """
+        """Tell of a run."""
         self.flat_map = run.flat_map
         self.copy.show_run(run)
         self._name_result("")
@@ -112,3 +99,40 @@ class MapPanel(QWidget):
                 show_info(f"saved {path}")
             except (VoxflatError, OSError) as error:
                 show_error(str(error))
+
+
+class CopyAsPython(QPushButton):
+    """Copies the script that makes a run again to the clipboard."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__("Copy as Python", parent)
+        self._run: Run | None = None
+        self.setToolTip("A script that makes the same map without a window")
+        self.clicked.connect(self.copy)
+        self.hide()
+
+    def show_run(self, run: Run) -> None:
+        """Offer the script of a run, if it has one: what was opened from a file has none."""
+        self._run = run
+        self.setVisible(run.script is not None)
+
+    def copy(self) -> None:
+        """Copy the script; ask where data shall lie that are in no file."""
+        recipe = None if self._run is None else self._run.script
+        if recipe is None:
+            return
+        try:
+            folder = None
+            if recipe.needs_folder():
+                chosen = QFileDialog.getExistingDirectory(self, "Where to save layers that lie in no file")
+                if not chosen:
+                    return
+                folder = Path(chosen)
+            script = recipe.script(folder)
+        except (VoxflatError, OSError) as error:
+            show_error(" ".join(str(error).split()))
+            return
+        clipboard = QApplication.clipboard()
+        assert clipboard is not None
+        clipboard.setText(script)
+        show_info("copied: paste it into a file, and run it by Python")

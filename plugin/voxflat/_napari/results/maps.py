@@ -1,4 +1,4 @@
-"""From flat maps to napari's layers."""
+"""From flat maps and atlases to napari's layers: a map, or the page of all patches and the surface in their colours."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Overlay, Shown
-from voxflat._napari.results.flat_layers import FlatLayers, LayerData, description, placement, shown_image
+from voxflat._napari.layers.world import from_ras
+from voxflat._napari.results.flat_layers import FlatLayers, LayerData, described, shown_image, units
+from voxflat.atlases.atlas import Atlas
+from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
+from voxflat.unique_rows import distinct
 
 HEAT_MEANING = "mean relative error of the geodesic distances from each place, as a fraction (0.1 is 10 %)"
 """What the colours of a heat map mean."""
+
+C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
+"""What the colours of a page's heat map mean."""
 
 _HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
@@ -22,20 +29,10 @@ def map_layers(
     values: Overlay | None = None,
     pixel_size: float | None = None,
 ) -> FlatLayers:
-    """Draw a flat map.
-
-    `name`: name of what was flattened. `shown`: what the map is to show. `values`: a mesh's own values, which the map
-    shows if it is to show nothing else. `pixel_size`: side of a pixel, mm. Raises InputError if the pixel size or what
-    is to be shown does not fit.
-    """
+    """Draw a flat map with what it is to show, else the mesh's own values; raises InputError if one does not fit."""
     image = flat_map.heat_map(pixel_size)
-    heat = {
-        "name": f"{name} distortion",
-        "colormap": "inferno",
-        "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point)),
-        **placement(flat_map, image),
-        **description(flat_map, HEAT_MEANING),
-    }
+    heat = described(flat_map, f"{name} distortion", HEAT_MEANING, image)
+    heat |= {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point))}
     layers: list[LayerData] = [(image.data, heat, "image")]
     shown = values if shown is None else shown
     if shown is not None:
@@ -47,3 +44,33 @@ def _heat_limit(errors: NDArray[np.float64]) -> float:
     """Return a round number that few of the errors exceed, so that maps can be compared by eye."""
     most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
     return next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
+
+
+def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
+    """Draw an atlas: its page as patches in colours, what it is to show and C, and the surface in the same colours.
+
+    Its metadata's ``napari`` say from which layer it is. Raises InputError if something does not fit.
+    """
+    name = atlas.metadata["napari"]["layer"]
+    image = atlas.page().label_image(pixel_size)
+    patches = described(atlas, f"{name} patches", "a colour for each patch, as on the surface", image)
+    layers: list[LayerData] = [(image.colours(), {**patches, "rgb": True}, "image")]
+    if shown is not None:
+        layers.append(shown_image(atlas, shown, pixel_size))
+    image = atlas.heat_map(pixel_size)
+    most = max(float(np.nanpercentile(atlas.isometric, 99)), 1.0 + 1e-4)
+    heat = {"colormap": "inferno", "contrast_limits": (1.0, most)}
+    layers.append((image.data, {**described(atlas, f"{name} C", C_MEANING, image), **heat}, "image"))
+    return FlatLayers(atlas, layers, [_surface(atlas, name)], shown)
+
+
+def _surface(atlas: Atlas, name: str) -> LayerData:
+    """Return the surface, cut open between patches, so that each triangle has the colour of its patch alone."""
+    ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
+    found = distinct(ends)
+    owner, rows = found.rows.T
+    colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
+    vertices = from_ras(atlas.space.to_scanner(atlas.points), atlas.metadata["napari"]["world_axes"])[rows]
+    look = {"vertex_colors": colours, "shading": "smooth", "features": {"patch": owner}, "units": units(atlas, 3)}
+    keywords = {**described(atlas, f"{name} in patches", "a colour for each patch, as on the page"), **look}
+    return (vertices, found.which.reshape(-1, 3)), keywords, "surface"

@@ -17,10 +17,7 @@ Row: TypeAlias = tuple[str, str]
 
 
 def summary(flat_map: FlatMap | Atlas) -> str:
-    """Return in a few words what came out.
-
-    `flat_map`: the map, or the atlas.
-    """
+    """Return in a few words what came out."""
     if isinstance(flat_map, GluedAtlas):
         return flat_map.title
     if isinstance(flat_map, FlatAtlas):
@@ -35,10 +32,7 @@ def table(flat_map: FlatMap | Atlas) -> str:
 
 
 def figures(flat_map: FlatMap | Atlas) -> list[Row]:
-    """Return what tells how good a flat map or an atlas is.
-
-    `flat_map`: the map, or the atlas.
-    """
+    """Return what tells how good a flat map or an atlas is."""
     if isinstance(flat_map, GluedAtlas):
         return _of_glued(flat_map)
     if isinstance(flat_map, FlatAtlas):
@@ -121,8 +115,5 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 
 
 def warnings(flat_map: FlatMap | Atlas) -> list[str]:
-    """Return what the user should know of a map or an atlas, as sentences.
-
-    `flat_map`: the map, or the atlas.
-    """
+    """Return what the user should know of a map or an atlas, as sentences."""
     return [f"{warning[:1].upper()}{warning[1:]}." for warning in flat_map.metadata["warnings"]]

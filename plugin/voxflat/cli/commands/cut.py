@@ -47,21 +47,21 @@ Examples:
 )
 @options.run(options.threads, options.memory_limit)
 def command(
-    input_: Path, output: Path, template: Path | None, sidecar: bool, overwrite: bool, as_json: bool, **given: Any
+    input_: Path, output: Path, template: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
 ) -> None:
     """Cut a surface open, as voxflat flatten would.
 
     A surface that is not a disk becomes one; further cuts are made where they reduce the distortion of the map.
     """
-    check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, _ENDINGS, **writing)
     if template is not None:
         check_output(template, (".json",))
     with bars() as shown:
         choose = part_of(given, shown.progress)
         made = choose(surface_of(input_, given, shown.progress)).cut(progress=shown.progress, **given)
-    made.save(output, sidecar=sidecar, overwrite=overwrite)
+    made.save(output, **writing)
     if template is not None:
-        made.save_template(template, overwrite=overwrite)
+        made.save_template(template, overwrite=writing["overwrite"])
     if as_json:
         cuts = [
             {"ids": one.ids.tolist(), "length": one.length, "reason": one.reason, "name": one.name} for one in made.cuts

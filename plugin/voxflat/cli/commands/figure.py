@@ -37,13 +37,11 @@ Examples:
 )
 @cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 @of_data(
-    cloup.option(
+    options.reads(
         "--overlay",
-        type=FILE,
-        metavar="F",
-        multiple=True,
-        help="Data over the folds: a volume, or values at the mesh's vertices. For two maps a file that covers both, "
+        "Data over the folds: a volume, or values at the mesh's vertices. For two maps a file that covers both, "
         "or two files, each with its own --overlay.",
+        multiple=True,
     ),
     cloup.option(
         "--channel", metavar="NAME|N", help="Which map of F, where it has several: its name, or its number from 0."
@@ -51,12 +49,10 @@ Examples:
     options.period,
 )
 @of_colours(
-    cloup.option(
+    options.reads(
         "--strength",
-        type=FILE,
-        metavar="F",
+        "Apply --threshold to this map instead of the overlay (for example t, R² or coherence).",
         multiple=True,
-        help="Apply --threshold to this map instead of the overlay (for example t, R² or coherence).",
     ),
     cloup.option("--strength-channel", metavar="NAME|N", help="Which map of it, where it has several."),
     cloup.option(
@@ -68,51 +64,31 @@ Examples:
     cloup.option(
         "--opacity", type=click.FloatRange(0, 1), help="Of the data, or of parcels without data.  [default: 1; 0.75]"
     ),
-    cloup.option(
+    options.reads(
         "--alpha",
-        type=FILE,
-        metavar="F",
-        multiple=True,
-        help="Take the opacity of the data from this map: transparent where it is 0, opaque where its magnitude "
+        "Take the opacity of the data from this map: transparent where it is 0, opaque where its magnitude "
         "reaches its 99th percentile, or --alpha-full.",
+        multiple=True,
     ),
     cloup.option("--alpha-full", type=click.FloatRange(min=0, min_open=True), metavar="X", help="See --alpha."),
 )
 @options.section(
     "Parcels",
-    cloup.option(
+    options.reads(
         "--parcels",
-        type=FILE,
-        metavar="F",
+        "Labels (.annot, .label.gii, .dlabel.nii, a volume): borders and names, and colours where there are no data.",
         multiple=True,
-        help="Labels (.annot, .label.gii, .dlabel.nii, a volume): borders and names, and colours where there are no "
-        "data.",
     ),
-    cloup.option(
-        "--table",
-        type=FILE,
-        metavar="F",
-        help="Their names and colours: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.",
-    ),
+    options.reads("--table", "Their names and colours: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."),
 )
 @of_page(
     cloup.option(
-        "--width",
-        type=float,
-        metavar="MM",
-        help="Width on paper, mm.  [default: 85, a column; 170 for two maps]",
+        "--width", type=float, metavar="MM", help="Width on paper, mm.  [default: 85, a column; 170 for two maps]"
     )
 )
 @options.output("The figure's file: .png, .svg (with layers) or .pdf.")
 @options.run()
-def command(
-    maps: tuple[Path, ...],
-    output: Path,
-    sidecar: bool,
-    overwrite: bool,
-    as_json: bool,
-    **look: Any,
-) -> None:
+def command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], as_json: bool, **look: Any) -> None:
     """Draw a flat map, or both hemispheres side by side: folds, data over them, parcels, marks.
 
     Each MAP is a file that voxflat flatten wrote; two maps share one colour scale. Gyri are light and sulci dark. The
@@ -139,7 +115,7 @@ def command(
     if alpha is not None and look["overlay"] is None:
         raise click.UsageError("--alpha is for --overlay.")
     data = overlay_of(look.pop("overlay"), look)
-    check_output(output, FIGURE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, FIGURE_ENDINGS, **writing)
     from voxflat import figures  # brings in matplotlib
 
     if alpha is not None:
@@ -155,7 +131,7 @@ def command(
         "parameters": described(parameters),
         "files": files,
     }
-    with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+    with saving(output, record, **writing):
         figures.save(drawn, output, record)
     width, height = (round(side * drawn.dpi) for side in drawn.get_size_inches())
     if as_json:

@@ -45,9 +45,7 @@ Examples:
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def command(
-    input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json: bool, quiet: bool, **given: Any
-) -> None:
+def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, quiet: bool, **given: Any) -> None:
     """Flatten a surface.
 
     INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz),
@@ -56,7 +54,7 @@ def command(
     along standard cuts unless --cuts says otherwise. Unless a region is chosen the largest component is flattened. A
     surface that is not a disk is cut open, and a warning lists the cuts.
     """
-    check_output(output, MAP_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, MAP_ENDINGS, **writing)
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
     if given["hemisphere"] is not None and given["cuts"] is None:
         given["cuts"] = "standard"
@@ -64,7 +62,7 @@ def command(
         choose = part_of(given, shown.progress)
         part = choose(surface_of(input_, given, shown.progress))
         flat_map = part.flatten(method, rows=rows if store is None else store, progress=shown.progress, **given)
-    flat_map.save(output, sidecar=sidecar, overwrite=overwrite)
+    flat_map.save(output, **writing)
     if as_json:
         print_json({"output": str(output), **flat_map.description()})
     elif not quiet:

@@ -13,6 +13,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas, saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.looks import check_depth
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
@@ -43,11 +44,8 @@ Examples:
 @cloup.argument("map_", metavar="MAP", type=FILE)
 @options.section(
     "Data",
-    cloup.option(
-        "--volume",
-        type=FILE,
-        metavar="V",
-        help="The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.",
+    options.reads(
+        "--volume", "The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.", metavar="V"
     ),
     cloup.option(
         "--channel",
@@ -104,8 +102,7 @@ def command(
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
     quiet: bool,
     **given: Any,
@@ -123,8 +120,7 @@ def command(
     _check_options(heat_map, given)
     how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
     how = {key: value for key, value in how.items() if value is not None}
-    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), sidecar=sidecar, overwrite=overwrite)
-    saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
+    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), **writing)
     with bars(quiet), reading() as files:
         flat_map = _load(map_)
         if "fraction" in how and not isinstance(flat_map, FlatMap):
@@ -142,7 +138,9 @@ def command(
         count = len(stack)
         step = None if stack.timing is None else stack.timing.step
         with bars(quiet) as shown:
-            stack._with_provenance({**stack.provenance, "files": files}).save(output, **saved, progress=shown.progress)
+            stack._with_provenance({**stack.provenance, "files": files}).save(
+                output, **writing, progress=shown.progress
+            )
     elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
@@ -150,10 +148,10 @@ def command(
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        with saving(output, picture.provenance, **saved):
+        with saving(output, picture.provenance, **writing):
             figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output, **saved)
+        picture.save(output, **writing)
     height, width = picture.data.shape[:2]
     if as_json:
         size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
@@ -168,10 +166,7 @@ def _check_options(heat_map: bool, given: dict[str, Any]) -> None:
     """Refuse options that do not fit each other."""
     if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
         raise click.UsageError(", ".join(f"--{name.replace('_', '-')}" for name in unused) + ": only with --volume.")
-    if given["layering"] is not None and given["fraction"] is None:
-        raise click.UsageError("--layering is for --fraction.")
-    if given["depth"] is not None and given["fraction"] is not None:
-        raise click.UsageError("Give --depth or --fraction.")
+    check_depth(given)
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

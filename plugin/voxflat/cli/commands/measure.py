@@ -41,10 +41,7 @@ Examples:
 @options.section(
     "Output",
     cloup.option(
-        "--heat-maps",
-        type=OUT,
-        metavar="PNG",
-        help="Draw the maps side by side: errors of distances, change of areas.",
+        "--heat-maps", type=OUT, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
     ),
     options.as_json,
 )

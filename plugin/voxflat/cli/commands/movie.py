@@ -34,14 +34,12 @@ Examples:
 )
 @cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 @of_data(
-    cloup.option(
+    options.reads(
         "--overlay",
-        type=FILE,
-        metavar="F",
+        "A series of volumes, or of values at the mesh's vertices. For two maps a file that covers both, or two "
+        "files, each with its own --overlay.",
         required=True,
         multiple=True,
-        help="A series of volumes, or of values at the mesh's vertices. For two maps a file that covers both, or two "
-        "files, each with its own --overlay.",
     ),
     cloup.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals."),
     options.time_step,
@@ -58,8 +56,7 @@ def command(
     maps: tuple[Path, ...],
     overlay: tuple[Path, ...],
     output: Path,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
     quiet: bool,
     **look: Any,
@@ -73,7 +70,7 @@ def command(
     if len(maps) > 2 or len(overlay) > len(maps):
         raise click.UsageError("Give one map, or both hemispheres, and at most one --overlay for each.")
     data = overlay_of(each(overlay), look)
-    check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, _ENDINGS, **writing)
     if output.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "movie")  # before the long work
     from voxflat import figures  # brings in matplotlib
@@ -89,7 +86,7 @@ def command(
             "parameters": described({"flat_map": flat_map, "overlay": data, **look}),
             "files": files,
         }
-        with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+        with saving(output, record, **writing):
             figures.save_movie(movie, output, record, shown.progress)
     height, width = movie.size
     if as_json:

@@ -52,9 +52,7 @@ Examples:
 @options.section(
     "Texture",
     option_of(Atlas.page, "packing", type=click.Choice(PACKINGS)),
-    cloup.option(
-        "--volume", type=FILE, metavar="V", help="Show this volume; for a mesh an overlay, or its own texture."
-    ),
+    options.reads("--volume", "Show this volume; for a mesh an overlay, or its own texture.", metavar="V"),
     cloup.option("--heat-map", is_flag=True, help="Show C, the factor by which lengths change."),
     cloup.option(
         "--depth", type=float, metavar="MM", help="How far outside the surface to sample the volume.  [default: 0]"
@@ -77,8 +75,7 @@ def command(
     picture: Path | None,
     glue: float | None,
     packing: str,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
     quiet: bool,
     **given: Any,
@@ -91,8 +88,7 @@ def command(
 
     A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
     """
-    more = {"sidecar": sidecar, "overwrite": overwrite}
-    check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **more)
+    check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS
     texture = {name: given.pop(name) for name in ("volume", "heat_map", "depth", "pixel_size")}
     _check_texture(is_textured, **texture)
@@ -107,9 +103,9 @@ def command(
         atlas = certified if glue is None else certified.glue(glue, **told)
     if is_textured:
         textured = _textured(atlas.page(packing=packing), output, **texture)
-        textured.save(output, **more)
+        textured.save(output, **writing)
     else:
-        atlas.save(output, **more)
+        atlas.save(output, **writing)
     if page is not None or picture is not None:
         _draw(atlas, page, picture, packing)
     if as_json:

@@ -39,13 +39,7 @@ Examples:
 @options.output("Write the vertices that the path passes, one per line, for --cuts.", required=False)
 @options.run(options.memory_limit)
 def command(
-    input_: Path,
-    stops: list[Any],
-    output: Path | None,
-    sidecar: bool,
-    overwrite: bool,
-    as_json: bool,
-    **given: Any,
+    input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
 ) -> None:
     """Find the shortest path through points of a surface.
 
@@ -56,14 +50,14 @@ def command(
     if output is not None:
         if given["geodesic"] in ("marching", "exact"):
             raise click.UsageError("This path crosses triangles, and a cut cannot: give --geodesic edges with -o.")
-        check_output(output, sidecar=sidecar, overwrite=overwrite)
-    elif sidecar:
+        check_output(output, **writing)
+    elif writing["sidecar"]:
         raise click.UsageError("--sidecar is for -o.")
     with bars() as shown:
         whole = surface_of(input_, given, shown.progress)
         found = whole.path(*stops, geodesic=given["geodesic"], link_lengths=given["link_lengths"])
     if output is not None:
-        with saving(output, found.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(output) as beside:
+        with saving(output, found.provenance, **writing), atomic_path(output) as beside:
             np.savetxt(beside, found.ids, fmt="%d")
     if as_json:
         points = {"points": found.points.tolist(), "space": found.space._described()}

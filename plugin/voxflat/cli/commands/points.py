@@ -38,7 +38,7 @@ Examples:
 @options.output("The table with u, v and distance, mm.")
 @options.run()
 def command(
-    map_: Path, points: Path, output: Path, limit: float, space: str, sidecar: bool, overwrite: bool, as_json: bool
+    map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any], as_json: bool
 ) -> None:
     """Find where points in space lie on a map.
 
@@ -46,7 +46,7 @@ def command(
     the place of the surface that is nearest to it. OUT has all columns of XYZ, and u, v, distance (n/a beyond the
     limit).
     """
-    check_output(output, TABLE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, TABLE_ENDINGS, **writing)
     with reading() as files:
         flat_map, table = load(map_), read_points(points)
     uv, distance = flat_map.points_to_map(table.points, limit, space=space)
@@ -56,7 +56,7 @@ def command(
         "parameters": {"of": flat_map.provenance, "limit": limit, "space": space},
         "files": dict(sorted(files.items())),
     }
-    with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+    with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
     shown = int(np.isfinite(distance).sum())
     if as_json:

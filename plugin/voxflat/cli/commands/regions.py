@@ -33,12 +33,8 @@ Examples:
     "Regions",
     cloup.option("--svg", type=FILE, metavar="FILE", help="A figure of the map (.svg) with regions drawn in a layer."),
     cloup.option("--layer", metavar="NAME", help="That layer's name.  [default: rois]"),
-    cloup.option(
-        "--polygons", type=FILE, metavar="FILE", help='Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.'
-    ),
-    cloup.option(
-        "--image", type=FILE, metavar="FILE", help="A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz."
-    ),
+    options.reads("--polygons", 'Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.', metavar="FILE"),
+    options.reads("--image", "A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz.", metavar="FILE"),
     cloup.option(
         "--pixel-size",
         type=float,
@@ -48,9 +44,7 @@ Examples:
 )
 @options.output(
     "Of vertices .annot, .label.gii, or .label (one region); of voxels .nii, .nii.gz, .mgh, .mgz or .nrrd.",
-    cloup.option(
-        "--volume", type=FILE, metavar="V", help="For voxels: whose grid.  [default: that of the flattened volume]"
-    ),
+    options.reads("--volume", "For voxels: whose grid.  [default: that of the flattened volume]", metavar="V"),
     cloup.option(
         "--depth",
         metavar="MM,MM",
@@ -69,8 +63,7 @@ def command(
     output: Path,
     volume: Path | None,
     depth: Any,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Carry regions that were drawn on a map to vertices or voxels.
@@ -86,12 +79,12 @@ def command(
         raise click.UsageError("--layer is for --svg.")
     if pixel_size is not None and image is None:
         raise click.UsageError("--pixel-size is for --image.")
-    check_output(output, REGION_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, REGION_ENDINGS, **writing)
     with reading() as files:
         flat_map = load(map_)
         regions = flat_map.regions(drawn[0], pixel_size=pixel_size, **({} if layer is None else {"layer": layer}))
         regions = regions._with_provenance({**regions.provenance, "files": files})
-        regions.save(output, volume=volume, depth=depth, sidecar=sidecar, overwrite=overwrite)
+        regions.save(output, volume=volume, depth=depth, **writing)
     counts = {
         name: int(np.count_nonzero(regions.labels == key))
         for name, key in zip(regions.names, regions.keys, strict=True)

@@ -32,16 +32,16 @@ Examples:
     "The sphere's file, of radius 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.sphere.reg."
 )
 @options.run(options.threads, options.memory_limit)
-def command(input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json: bool, **given: Any) -> None:
+def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, **given: Any) -> None:
     """Find where a hemisphere's vertices lie on fsaverage's sphere, by the pattern of its folds.
 
     The file takes the place of FreeSurfer's ?h.sphere.reg. Surfaces that are not a hemisphere are refused.
     """
-    check_output(output, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, **writing)
     with bars() as shown:
         whole = surface_of(input_, given, shown.progress)
         made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
-    made.save(output, sidecar=sidecar, overwrite=overwrite)
+    made.save(output, **writing)
     if as_json:
         told = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
         print_json({**told, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance})

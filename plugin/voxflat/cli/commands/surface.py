@@ -39,14 +39,14 @@ Examples:
 )
 @options.run(options.threads, options.memory_limit)
 def command(
-    input_: Path, output: Path, repaired: Path | None, sidecar: bool, overwrite: bool, as_json: bool, **given: Any
+    input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
 ) -> None:
     """Make the surface of a volume, or check and convert a mesh.
 
     Vertices are surface voxels, at places finer than the grid; nothing is interpolated. FreeSurfer's files are written
     in tkRAS with the footer that says where it lies, all others in scanner RAS, as tools take them with volumes.
     """
-    check_output(output, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, **writing)
     if repaired is not None:
         check_output(repaired)
         check_volume_name(repaired)
@@ -63,7 +63,7 @@ def command(
     if repaired is not None:
         changed = made.changed_voxels()
         write_volume(repaired, changed, made.metadata["affine"], made.provenance)
-    made.save(output, sidecar=sidecar, overwrite=overwrite)
+    made.save(output, **writing)
     if as_json:
         size = {"vertices": len(made), "triangles": len(made.faces)}
         told = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 import cloup
@@ -41,8 +42,7 @@ def command(
     output: Path,
     texel_size: float | None,
     repeat: bool,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Map a picture onto a surface.
@@ -50,13 +50,13 @@ def command(
     MAP is a file that voxflat flatten made; PICTURE is laid over it in its proportions, centred, and by it onto the
     surface. For .ply triangles are split where colours at their corners could not carry the picture.
     """
-    check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), sidecar=sidecar, overwrite=overwrite)
+    check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), **writing)
     with reading() as files:
         textured = load(map_).textured(picture, texel_size, repeat=repeat)
     textured = textured._with_provenance({**textured.provenance, "files": files})
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()
-    textured.save(output, sidecar=sidecar, overwrite=overwrite)
+    textured.save(output, **writing)
     if as_json:
         size = {"points": len(textured.points), "triangles": len(textured.faces)}
         print_json({"output": str(output), **size, "provenance": textured.provenance})

@@ -34,15 +34,8 @@ Examples:
     "Places",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
     option_of(worst_places, "beyond", type=float, metavar="FACTOR"),
-    cloup.option(
-        "--parcels",
-        type=FILE,
-        metavar="F",
-        help="Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places.",
-    ),
-    cloup.option(
-        "--table", type=FILE, metavar="F", help="Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."
-    ),
+    options.reads("--parcels", "Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places."),
+    options.reads("--table", "Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."),
 )
 @options.output(
     "Write the places to a file: .json or .tsv, one row per place.",
@@ -68,8 +61,7 @@ def command(
     numbers: tuple[int, ...],
     figure: Path | None,
     picture: Path | None,
-    sidecar: bool,
-    overwrite: bool,
+    writing: dict[str, Any],
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -86,15 +78,15 @@ def command(
     files = {output: WORST_ENDINGS, cuts_file: (".json",), figure: FIGURE_ENDINGS, picture: (".png",)}
     for file, endings in files.items():
         if file is not None:
-            check_output(file, endings, sidecar=sidecar, overwrite=overwrite)
+            check_output(file, endings, **writing)
     with bars() as shown, reading() as read:
         worst = worst_places(load(map_), **given, progress=shown.progress)
         worst = worst._with_provenance({**worst.provenance, "files": read})
     saved = [file for file in files if file is not None]
     if output is not None:
-        worst.save(output, sidecar=sidecar, overwrite=overwrite)
+        worst.save(output, **writing)
     if cuts_file is not None:
-        worst.save_cuts(cuts_file, *numbers, sidecar=sidecar, overwrite=overwrite)
+        worst.save_cuts(cuts_file, *numbers, **writing)
     if figure is not None or picture is not None:
         from voxflat import figures  # brings in matplotlib
 

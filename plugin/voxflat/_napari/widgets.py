@@ -1,11 +1,12 @@
-"""What the widgets that flatten have in common: a form, start and cancel, progress in another thread, and results."""
+"""The widgets of *Layers → Transform* that flatten: a form, start and cancel, progress, and results."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from napari.utils.notifications import notification_manager, show_error
+from napari.utils.notifications import notification_manager, show_warning
 from qtpy.QtCore import QEvent, QSize, Qt, QTimer
 from qtpy.QtWidgets import (
     QFrame,
@@ -19,53 +20,36 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from voxflat._napari.forms.patches_form import PatchesForm
+from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map
 from voxflat._napari.results import report
-from voxflat._napari.results.flat_layers import FlatLayers
-from voxflat._napari.results.listed import BREATH
+from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.map_panel import MapPanel
-from voxflat._napari.results.run import Run
+from voxflat._napari.results.maps import C_MEANING
 from voxflat._napari.scripts import Recipe
-from voxflat._napari.tabs import Tab
+from voxflat._napari.tabs import WorkingDock
+from voxflat._napari.timers import BREATH, once
 from voxflat._napari.workbench import Workbench
-from voxflat._napari.worker import GLANCE, JobWorker
+from voxflat._napari.worker import GLANCE
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
 if TYPE_CHECKING:
     from napari import Viewer
-
-    from voxflat._napari.forms.patches_form import PatchesForm
-    from voxflat._napari.forms.surface_form import SurfaceForm
+    from napari.layers import Layer
 
 
-class FlattenWidget(QWidget):
-    """Flattens what a form asks for in another thread, and shows what came out.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    form : SurfaceForm or PatchesForm
-        Asks what to do.
-    results : MapPanel
-        Tells what came out.
-    action : str
-        What is done, on its button.
-    """
+class FlattenWidget(WorkingDock):
+    """Flattens what a form asks for in another thread, and shows what came out."""
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
         super().__init__()
-        Tab(self)
         self._viewer = viewer
-        self._worker: JobWorker | None = None
         self._started = 0.0
         self._has_finished = True
         self._arriving: tuple[Run, str] | None = None
-        self._coming = QTimer(self)
-        self._coming.setSingleShot(True)
-        self._coming.setInterval(BREATH)
-        self._coming.timeout.connect(self._arrive)
+        self._coming = once(self, BREATH, self._arrive)
         self._timer = QTimer(self)
         self._timer.setInterval(GLANCE)
         self._timer.timeout.connect(self._show_progress)
@@ -73,7 +57,7 @@ class FlattenWidget(QWidget):
         self.results = results
         self._make_actions(action)
         self._lay_out()
-        self._set_running(False)
+        self._show_work(None)
         Workbench.of(viewer).changed.connect(self._show_current)
         self._show_current()
 
@@ -114,20 +98,14 @@ class FlattenWidget(QWidget):
         if self._worker is not None:
             return
         try:
-            worker = JobWorker(Recipe(self.form.job()), self.start.text())
+            self._recipe = Recipe(self.form.job())
         except VoxflatError as error:
             self.results.show_earlier()
-            self._fail(str(error))
+            self._fail(error)
             return
-        worker.returned.connect(self._on_returned)
-        worker.errored.connect(self._on_errored)
-        worker.finished.connect(self._on_finished)
-        self.destroyed.connect(worker.quit)  # with the window
-        self._worker = worker
         self._has_finished = False
         self._started = time.perf_counter()
-        self._set_running(True)
-        worker.start()
+        self._work(self._recipe.run, self.start.text(), self._on_returned)
 
     def cancel(self) -> None:
         """Stop flattening, if it is under way."""
@@ -136,7 +114,8 @@ class FlattenWidget(QWidget):
             self.stop.setEnabled(False)
             self.status.setText("cancelling…")
 
-    def _set_running(self, running: bool) -> None:
+    def _show_work(self, what: str | None) -> None:
+        running = what is not None
         self.start.setEnabled(not running)
         self.stop.setEnabled(running)
         self.bar.setVisible(running)
@@ -160,7 +139,7 @@ class FlattenWidget(QWidget):
             return  # cancelled when it was just done
         seconds = time.perf_counter() - self._started
         self._timer.stop()
-        run = Run(result, result.flat_map.metadata["napari"]["layer"], self._worker.job)
+        run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
         self._arriving = run, f"{report.summary(result.flat_map)} in {seconds:.1f} s"
         if not Workbench.of(self._viewer).runs:
             open_flat_map(self._viewer)
@@ -188,7 +167,7 @@ class FlattenWidget(QWidget):
         if isinstance(error, Cancelled):
             return
         if isinstance(error, VoxflatError | MemoryError | OSError):
-            self._fail(str(error) or type(error).__name__)
+            self._fail(error)
         else:  # a bug: with its traceback
             self.status.setText(f"{type(error).__name__}: {error}")
             notification_manager.receive_error(type(error), error, error.__traceback__)
@@ -204,25 +183,48 @@ class FlattenWidget(QWidget):
         if self._worker is not None and self._worker.abort_requested:
             self.status.setText("cancelled")
         self._worker = None
-        self._set_running(False)
+        self._show_work(None)
 
-    def _fail(self, message: str) -> None:
-        message = " ".join(message.split())
+    def _say(self, message: str) -> None:
         self.status.setText(message)
-        show_error(message)
 
     # ------------------------------------------------------------------------------------------- ending
-
-    def event(self, event: Any) -> bool:
-        """End what is under way when napari closes the widget's dock, which takes the widget out of the window."""
-        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self._release()
-        return bool(super().event(event))
 
     def _release(self) -> None:
         self.cancel()
         self.form.release()
         Workbench.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
+
+
+class FlattenSurface(FlattenWidget):
+    """Flattens a mesh, or the surface of a label or of what lies above a threshold, in another thread."""
+
+    form: SurfaceForm
+
+    def __init__(self, napari_viewer: Viewer) -> None:
+        super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
+        Workbench.of(napari_viewer).asked_again.connect(self._on_asked_again)
+
+    def _on_asked_again(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
+        if not self.start.isEnabled():
+            show_warning("Flatten surface is at work: wait for its map, or cancel it, then press Flatten again")
+            return
+        self.form.ask_again(layer, **foreground)
+        self.flatten()
+
+    def _release(self) -> None:
+        super()._release()
+        Workbench.of(self._viewer).asked_again.disconnect(self._on_asked_again, missing_ok=True)
+
+
+class FlattenPatches(FlattenWidget):
+    """Flattens a surface of any topology in patches whose distortion is certified, in another thread."""
+
+    form: PatchesForm
+
+    def __init__(self, napari_viewer: Viewer) -> None:
+        panel = MapPanel(meaning=C_MEANING, what="atlas")
+        super().__init__(napari_viewer, PatchesForm(napari_viewer), panel, "Flatten in patches")
 
 
 class _Scroll(QScrollArea):

@@ -1,1 +1,0 @@
-"""What *Layers → Measure* tells: of surfaces before they are flattened, and of maps."""

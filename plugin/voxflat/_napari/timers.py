@@ -1,0 +1,20 @@
+"""Time for the window to live: how long between two steps, and timers that are started again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from qtpy.QtCore import QObject, QTimer
+
+BREATH = 10
+"""Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
+
+
+def once(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
+    """Return a timer that, once started, acts after a pause, ms: several starts until then are one."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(pause)
+    timer.timeout.connect(act)
+    return timer

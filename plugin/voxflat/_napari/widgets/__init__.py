@@ -1,1 +1,0 @@
-"""The docks that napari opens."""
