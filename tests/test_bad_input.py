@@ -138,11 +138,7 @@ API = {
         r"radius is inf mm: give a positive, finite",
     ),
     "radius text": (sheet(), {"seed_point": (1, 1, 2), "radius": "5 mm"}, r"radius is '5 mm'; give a number"),
-    "radius below a voxel": (
-        sheet(),
-        {"seed_point": (1, 1, 2), "radius": 0.5},
-        r"0.5 mm: give a larger radius",
-    ),
+    "radius below a voxel": (sheet(), {"seed_point": (1, 1, 2), "radius": 0.5}, r"0.5 mm: give a larger radius"),
     "seed point far off": (
         sheet(),
         {"seed_point": (1, 1, 90), "radius": 5},
@@ -166,11 +162,7 @@ API = {
         r"MiB of memory are needed, 976.6 KiB is the limit; crop or downsample",
     ),
     "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
-    "method": (
-        sheet(),
-        {"method": "tsne"},
-        "give 'voxflat', .* 'saucan2006', or an object of voxflat.methods",
-    ),
+    "method": (sheet(), {"method": "tsne"}, "give 'voxflat', .* 'saucan2006', or an object of voxflat.methods"),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is 'best'; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is 'city-block'; give"),
     "seed negative": (sheet(), {"seed": -1}, r"seed is -1; give a whole number from 0"),

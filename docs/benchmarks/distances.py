@@ -213,12 +213,7 @@ def swiss_roll(count, length=120.0, width=60.0):
     return points, faces.astype(np.int64), lambda source: np.linalg.norm(plane - plane[source], axis=1)
 
 
-SECTIONS = {
-    "cortex": cortex,
-    "paths": paths,
-    "known": known,
-    "voxels": distances_anatomy.voxels,
-}
+SECTIONS = {"cortex": cortex, "paths": paths, "known": known, "voxels": distances_anatomy.voxels}
 
 
 def main():

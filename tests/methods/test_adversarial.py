@@ -42,9 +42,7 @@ def test_what_did_not_converge_is_told(made):
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [hard_shapes.long_strip, hard_shapes.densities, hard_shapes.slivers],
-    ids=lambda shape: shape.__name__,
+    "shape", [hard_shapes.long_strip, hard_shapes.densities, hard_shapes.slivers], ids=lambda shape: shape.__name__
 )
 def test_sheets_that_unroll_do(shape):
     flat = usual_map(shape).distortion
