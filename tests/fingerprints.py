@@ -43,6 +43,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import voxflat
+from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat, Zigelman2002
 
 DATA = Path(__file__).resolve().parent / "data"
 HOW = {
@@ -416,7 +417,7 @@ def voxflat_by_exact_distances(threads, place):
 @case
 def voxflat_from_given_sources(threads, place):
     found = voxflat.flatten(
-        cylinder(), method=voxflat.methods.Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
+        cylinder(), method=Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
     )
     rows = voxflat.open_rows(place / "rows")
     rows.verify()
@@ -442,7 +443,7 @@ def voxflat_of_a_solid_cut_open(threads, place):
 
 @case
 def voxflat_of_a_hemisphere(threads, place):
-    flat_map = cortex().drop("medial wall").flatten(voxflat.methods.Voxflat(sources=100), relax=False, threads=threads)
+    flat_map = cortex().drop("medial wall").flatten(Voxflat(sources=100), relax=False, threads=threads)
     return of_map(flat_map, fsaverage5("sulc_left"), pixel_size=1.0)
 
 
@@ -473,7 +474,7 @@ def voxflat_of_grey_matter(threads, place):
 @case
 def grossmann2002_by_chain_codes(threads, place):
     volume = curled_sheet()
-    flat_map = voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=400), rows=True, threads=threads)
+    flat_map = voxflat.flatten(volume, method=Grossmann2002(sources=400), rows=True, threads=threads)
     return of_map(flat_map, volume, waves(volume.shape))
 
 
@@ -487,9 +488,7 @@ def grossmann2002_of_a_patch(threads, place):
 
 @case
 def zigelman2002_by_decimation(threads, place):
-    return of_map(
-        voxflat.flatten(cylinder(), method=voxflat.methods.Zigelman2002(sources=250), rows=True, threads=threads)
-    )
+    return of_map(voxflat.flatten(cylinder(), method=Zigelman2002(sources=250), rows=True, threads=threads))
 
 
 @case
@@ -500,15 +499,13 @@ def zigelman2002_from_far_sources(threads, place):
 
 @case
 def zigelman2002_on_a_grid(threads, place):
-    found = of_map(
-        voxflat.flatten(face(), method=voxflat.methods.Zigelman2002(sources=300, sampling="grid"), threads=threads)
-    )
+    found = of_map(voxflat.flatten(face(), method=Zigelman2002(sources=300, sampling="grid"), threads=threads))
     return {**found, "surface": of_surface(face())}
 
 
 @case
 def schwartz1989_in_neighbourhoods(threads, place):
-    return of_map(voxflat.flatten(cap(), method=voxflat.methods.Schwartz1989(starts=2), rows=True, threads=threads))
+    return of_map(voxflat.flatten(cap(), method=Schwartz1989(starts=2), rows=True, threads=threads))
 
 
 @case
@@ -519,14 +516,12 @@ def schwartz1989_by_all_distances(threads, place):
 
 @case
 def saucan2006_of_a_mesh(threads, place):
-    return of_map(voxflat.flatten(cap(), method=voxflat.methods.Saucan2006(bound=1.4), threads=threads))
+    return of_map(voxflat.flatten(cap(), method=Saucan2006(bound=1.4), threads=threads))
 
 
 @case
 def saucan2006_of_voxels(threads, place):
-    return of_map(
-        voxflat.flatten(curled_sheet(), method=voxflat.methods.Saucan2006(bound=2.0), seed=1, threads=threads)
-    )
+    return of_map(voxflat.flatten(curled_sheet(), method=Saucan2006(bound=2.0), seed=1, threads=threads))
 
 
 # --------------------------------------------------------------------------------------- other questions
@@ -589,9 +584,7 @@ def judgements(threads, place):
     ours = patch_of_cortex(threads)
     maps = {"ours": ours, "shipped": fsaverage5("flat_left")}
     how = {"sources": 40, "seed": 8, "threads": threads}
-    voxels = voxflat.surface(curled_sheet(), spacing=(1, 1, 1)).flatten(
-        voxflat.methods.Voxflat(sources=50), threads=threads
-    )
+    voxels = voxflat.surface(curled_sheet(), spacing=(1, 1, 1)).flatten(Voxflat(sources=50), threads=threads)
     return {
         "together": voxflat.compare(cortex(), maps, **how),
         "alone": voxflat.measure(cortex(), ours, reference="graph", **how),
@@ -720,7 +713,7 @@ def pyvista_accessor(threads, place):
         "solid": of_polydata(image.voxflat.to_polydata(solid)),
         "solid in space": of_polydata(image.voxflat.to_surface_polydata(solid)),
         "image": solid.image(image.voxflat.volume("waves")),
-        "mesh": of_polydata(mesh.voxflat(keep="middle", method=voxflat.methods.Voxflat(sources=80), threads=threads)),
+        "mesh": of_polydata(mesh.voxflat(keep="middle", method=Voxflat(sources=80), threads=threads)),
         "page": of_polydata(mesh.voxflat.patches(8.0, glue=1.3, threads=threads)),
     }
 

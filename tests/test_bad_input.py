@@ -15,6 +15,7 @@ from click.testing import CliRunner
 import voxflat
 from voxflat import cli
 from voxflat.io.volumes import write_volume
+from voxflat.methods import Voxflat
 
 nib = pytest.importorskip("nibabel")
 
@@ -397,7 +398,7 @@ BAD_OUTPUTS = {
 
 @pytest.fixture(scope="module")
 def flat_map():
-    return voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=20))
+    return voxflat.flatten(sheet(), method=Voxflat(sources=20))
 
 
 @pytest.mark.parametrize("name", BAD_OUTPUTS)
@@ -423,9 +424,7 @@ def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
 @pytest.mark.parametrize("stage", ["finding the surface", "choosing sources", "measuring distortion"])
 def test_progress_that_says_no_cancels(stage):
     with pytest.raises(voxflat.Cancelled):
-        voxflat.flatten(
-            sheet(), method=voxflat.methods.Voxflat(sources=20), progress=lambda now, done, total: now != stage
-        )
+        voxflat.flatten(sheet(), method=Voxflat(sources=20), progress=lambda now, done, total: now != stage)
 
 
 def test_an_error_in_progress_comes_through():

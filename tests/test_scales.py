@@ -7,6 +7,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat import cli, io
+from voxflat.methods import Grossmann2002, Voxflat
 
 SHEET = np.ones((9, 9, 1), np.uint8)
 BEYOND = [1e19, 1e107, 1e-30, 1e-12]
@@ -27,16 +28,12 @@ def fan(rng, span, largest):
 
 
 DOORS = {
-    "mesh": lambda size, path: voxflat.flatten(mesh(size), method=voxflat.methods.Voxflat(sources=9)),
-    "spacing": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(
-        voxflat.methods.Voxflat(sources=9)
-    ),
+    "mesh": lambda size, path: voxflat.flatten(mesh(size), method=Voxflat(sources=9)),
+    "spacing": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(Voxflat(sources=9)),
     "affine": lambda size, path: voxflat.surface(SHEET, affine=np.diag([size, size, size, 1])).flatten(
-        voxflat.methods.Voxflat(sources=9)
+        Voxflat(sources=9)
     ),
-    "the paper's": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(
-        voxflat.methods.Grossmann2002(sources=9)
-    ),
+    "the paper's": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(Grossmann2002(sources=9)),
     "range image": lambda size, path: voxflat.range_image(np.zeros((5, 5)), size),
     "rows": lambda size, path: voxflat.surface(mesh(size)).geodesic(3),
     "patches": lambda size, path: voxflat.surface(mesh(size)).patches(bound=1.5),
@@ -90,7 +87,7 @@ def test_a_globe_of_the_size_of_pyvistas_is_mapped_and_keeps_its_texture_coordin
 
 def test_a_volume_whose_far_corner_lies_beyond_is_refused():
     with pytest.raises(voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume lies at .* beyond 1e11 mm"):
-        voxflat.surface(SHEET, spacing=(2e10, 1e10, 1e10)).flatten(voxflat.methods.Voxflat(sources=9))
+        voxflat.surface(SHEET, spacing=(2e10, 1e10, 1e10)).flatten(Voxflat(sources=9))
 
 
 @pytest.mark.slow

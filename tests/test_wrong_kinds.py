@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 import voxflat
 from voxflat import figures, io
 from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, numbers_of, shown
+from voxflat.methods import Voxflat
 
 VOLUME = np.zeros((8, 8, 5), np.uint8)
 VOLUME[:, :, 2] = 1
@@ -90,10 +91,7 @@ CALLS = {
     "points of a border": (lambda s: io.patch_border(FACES, [0], 10**25), "memory are needed"),
     "method": (lambda s: voxflat.flatten(s, method=np.ma.masked_array([1, 2], [1, 0])), "method is masked_array"),
     "solver": (lambda s: s.geodesic(9, geodesic=ARRAY), "geodesic is array.*; give 'graph', 'marching'"),
-    "solver of a map": (
-        lambda s: voxflat.flatten(s, method=voxflat.methods.Voxflat(geodesic=ARRAY)),
-        "geodesic is array",
-    ),
+    "solver of a map": (lambda s: voxflat.flatten(s, method=Voxflat(geodesic=ARRAY)), "geodesic is array"),
     "way": (lambda s: s.path(0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
     "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\); give rows of one length"),
     "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19; give text"),
@@ -217,14 +215,12 @@ def test_functions_say_it_so(name, of_mesh):
 
 @pytest.fixture(scope="module")
 def on_mesh(of_mesh):
-    return voxflat.flatten(of_mesh, method=voxflat.methods.Voxflat(sources=9)), voxflat.surface(of_mesh).patches(
-        bound=1.2
-    )
+    return voxflat.flatten(of_mesh, method=Voxflat(sources=9)), voxflat.surface(of_mesh).patches(bound=1.2)
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():
     """In numbers of any kind, without a warning."""
-    flat_map = voxflat.flatten(VOLUME, method=voxflat.methods.Voxflat(sources=9))
+    flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):
         with warnings.catch_warnings(action="error"):
@@ -252,9 +248,7 @@ def test_sizes_beyond_a_hundred_thousand_km(scale):
 def test_large_sizes_keep_their_distances():
     """A map is as good at any of the scales that are taken."""
     errors = [
-        voxflat.flatten(
-            (POINTS * scale, FACES), method=voxflat.methods.Voxflat(sources=9)
-        ).distortion.raw.relative_error
+        voxflat.flatten((POINTS * scale, FACES), method=Voxflat(sources=9)).distortion.raw.relative_error
         for scale in (1e-3, 1.0, 3e7, 3e9)
     ]
     np.testing.assert_allclose(errors, errors[1], atol=1e-3)

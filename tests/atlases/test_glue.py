@@ -13,6 +13,7 @@ from voxflat import Cancelled, FlatAtlas, InputError, figures
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.cli import main
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Saucan2006
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
@@ -247,7 +248,7 @@ class TestCommand:
 class TestOneMap:
     def test_it_is_the_glued_piece(self):
         mesh = bumps()
-        flat = voxflat.flatten(mesh, method=voxflat.methods.Saucan2006(bound=1.3))
+        flat = voxflat.flatten(mesh, method=Saucan2006(bound=1.3))
         glued = voxflat.surface(mesh).patches(10).glue(1.3)
         assert len(glued) == 1
         np.testing.assert_array_equal(flat.uv[flat.faces], glued.uv[glued.uv_faces])
@@ -263,7 +264,7 @@ class TestOneMap:
 
     def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
         ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
-        flat = voxflat.flatten(ball, method=voxflat.methods.Saucan2006(bound=1.6))
+        flat = voxflat.flatten(ball, method=Saucan2006(bound=1.6))
         assert any("stay cut" in warning for warning in flat.metadata["warnings"])
         assert len(flat) > len(np.unique(flat.ids, axis=0))  # both sides of cuts
         assert flat.metadata["seams"]["cuts"] + sum(cut["length"] for cut in flat.metadata["automatic_cuts"]) > 10
@@ -290,7 +291,7 @@ class TestOneMap:
             composed.flatten(bumps(), **{"method": "saucan2006", **options})
 
     def test_metadata_say_what_the_method_has(self):
-        flat = voxflat.flatten(bumps(), method=voxflat.methods.Saucan2006(bound=1.3))
+        flat = voxflat.flatten(bumps(), method=Saucan2006(bound=1.3))
         assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
         assert flat.metadata["memory_need_bytes"] > 4000 * len(flat)  # gluing alone
         assert flat.metadata["before"]["c"] <= flat.metadata["before"]["certified_c"]
@@ -312,7 +313,7 @@ class TestOneMap:
         mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
         assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1
         with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
-            voxflat.flatten(mesh, method=voxflat.methods.Saucan2006(bound=1.02))
+            voxflat.flatten(mesh, method=Saucan2006(bound=1.02))
 
     def test_the_command(self, tmp_path):
         write_mesh(tmp_path / "bumps.ply", Mesh(*bumps()))

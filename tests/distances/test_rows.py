@@ -23,6 +23,7 @@ from voxflat.distances import store as _store
 from voxflat.distances.rows import damaged_rows
 from voxflat.distances.table import Table
 from voxflat.io.provenance import portable
+from voxflat.methods import Voxflat
 
 fcntl = pytest.importorskip("fcntl")
 
@@ -128,8 +129,8 @@ class TestAStore:
 
 class TestFlatten:
     def test_by_a_store_is_the_same(self, tmp_path):
-        plain = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES))
-        flat = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=tmp_path / "store")
+        plain = voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES))
+        flat = voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store")
         np.testing.assert_array_equal(flat.uv, plain.uv)
         assert flat.distortion.figures() == plain.distortion.figures()
         np.testing.assert_array_equal(flat.rows, voxflat.surface(SHEET).geodesic(SOURCES))
@@ -138,7 +139,7 @@ class TestFlatten:
     def test_takes_and_leaves_the_store_of_geodesic(self, stored, log):
         before = (stored.store / "journal.jsonl").stat().st_mtime_ns
         log.clear()
-        voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=stored.store)
+        voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=stored.store)
         assert f"{SOURCES} rows were in the store {stored.store} already" in messages(log)
         assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
 
@@ -151,7 +152,7 @@ class TestFlatten:
         assert isinstance(flat.rows, Table)
 
     def test_saves_no_rows_of_a_store(self, tmp_path):
-        flat = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=tmp_path / "store")
+        flat = voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store")
         flat.save(tmp_path / "map.npz")
         again = voxflat.load(tmp_path / "map.npz")
         assert again.rows is None
@@ -161,7 +162,7 @@ class TestFlatten:
         ring = SHEET.copy()
         ring[5:25, 5:15] = 0
         with pytest.raises(voxflat.InputError, match="no disk"):
-            voxflat.flatten(ring, method=voxflat.methods.Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
+            voxflat.flatten(ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
         assert not (tmp_path / "store" / "rows.npy").exists()
 
 

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 import voxflat
 from voxflat import _core, cli, figures
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Voxflat
 
 DISTANCE_FIGURES = (
     "relative_error",
@@ -267,7 +268,7 @@ class TestFormats:
 
     def test_voxels_are_measured_by_the_graph(self):
         surface = voxflat.surface(shapes.ball(9))
-        flat = surface.disk(surface.ids[0], 12.0).flatten(voxflat.methods.Voxflat(sources=60))
+        flat = surface.disk(surface.ids[0], 12.0).flatten(Voxflat(sources=60))
         found = voxflat.measure(surface, flat, sources=200)
         assert (found.reference, found.voxel_size) == ("graph", pytest.approx(1.0))
         assert found.raw.relative_error == pytest.approx(flat.distortion.raw.relative_error, rel=1e-9)
@@ -284,7 +285,7 @@ class TestFormats:
         surface = voxflat.surface(mask)
         ids, counts = np.unique(surface.ids, axis=0, return_counts=True)
         assert (counts > 1).any()
-        flat = surface.disk(ids[counts > 1][0], 7.0).flatten(voxflat.methods.Voxflat(sources=60))
+        flat = surface.disk(ids[counts > 1][0], 7.0).flatten(Voxflat(sources=60))
         assert len(np.unique(flat.ids, axis=0)) < len(flat.ids)
         found = voxflat.measure(surface, flat, sources=200)
         assert found.raw.relative_error == pytest.approx(flat.distortion.raw.relative_error, rel=1e-9)
@@ -302,7 +303,7 @@ class TestComparison:
 
     def test_vertices_in_another_order(self):
         mesh, uv = bump()
-        flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=50))
+        flat = voxflat.flatten(mesh, method=Voxflat(sources=50))
         order = np.random.default_rng(0).permutation(len(flat))
         rank = np.argsort(order)
         shuffled = voxflat.FlatMap(
@@ -318,7 +319,7 @@ class TestComparison:
     def test_maps_with_other_cuts_have_the_same_sources(self):
         mesh, uv = bump()
         part = mesh[1][(mesh[1] < 120).all(axis=1)]
-        cut = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=40), cuts=[np.arange(6, 6 + 13 * 5, 13)])
+        cut = voxflat.flatten(mesh, method=Voxflat(sources=40), cuts=[np.arange(6, 6 + 13 * 5, 13)])
         compared = voxflat.compare(mesh, {"all": uv, "part": (uv_mesh(uv), part), "cut": cut}, sources=30)
         assert [compared[name].sources for name in compared.maps] == [30, 30, 30]
         assert [len(compared[name].per_point) for name in compared.maps] == [169, 120, 169 + 4]
@@ -413,9 +414,7 @@ class TestGeometry:
         pial = white * [1, 1, 5] + [0, 0, 3]
         for name, points in (("lh.white", white), ("lh.pial", pial)):
             write_mesh(tmp_path / name, Mesh(points, faces))
-        flat = voxflat.flatten(
-            voxflat.surface((white, faces), pial=(pial, faces)), method=voxflat.methods.Voxflat(sources=60)
-        )
+        flat = voxflat.flatten(voxflat.surface((white, faces), pial=(pial, faces)), method=Voxflat(sources=60))
         flat.save(tmp_path / "map.npz")
         return (white, faces), ((white + pial) / 2, faces), flat
 
@@ -450,7 +449,7 @@ class TestGeometry:
             expected = voxflat.measure(middle, flat.uv, sources=20).raw.relative_error
             for name in both:
                 assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
-        on_white = voxflat.flatten(white, method=voxflat.methods.Voxflat(sources=60))
+        on_white = voxflat.flatten(white, method=Voxflat(sources=60))
         with pytest.raises(
             voxflat.InputError, match=r"ours was made on midthickness.*, white on the given surface, which is"
         ):
@@ -459,7 +458,7 @@ class TestGeometry:
 
     def test_a_map_with_vertices_that_lie_nobody_knows_where(self, tmp_path):
         white, middle, _ = self.maps(tmp_path)
-        part = voxflat.surface(middle).keep(np.arange(100)).flatten(voxflat.methods.Voxflat(sources=40))
+        part = voxflat.surface(middle).keep(np.arange(100)).flatten(Voxflat(sources=40))
         whole = {"part": part, "all": white[0][:, :2]}
         with pytest.raises(
             voxflat.InputError, match=r"part was made on another geometry .* and all has 69 vertices more"
@@ -469,7 +468,7 @@ class TestGeometry:
 
     def test_the_space_alone_is_no_other_geometry(self, tmp_path, caplog):
         white, _, _ = self.maps(tmp_path)
-        flat = voxflat.flatten(white, method=voxflat.methods.Voxflat(sources=40))
+        flat = voxflat.flatten(white, method=Voxflat(sources=40))
         moved = (white[0].astype(np.float32) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [3, -17, 22], white[1])
         with caplog.at_level(logging.WARNING, "voxflat"):
             found = voxflat.measure(moved, flat, sources=20)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat.methods import Voxflat, Zigelman2002
 
 
 def sheet(columns, rows, bend):
@@ -44,10 +45,7 @@ def test_what_is_developable_comes_out_as_it_is(bend):
 def test_weighting_leads_from_near_to_far_distances():
     # more than a hemisphere, where one is had at the price of the other
     points, faces, _ = sheet(27, 27, lambda u, v: dome(2 * u, 2 * v))
-    maps = [
-        voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(weighting=weighting))
-        for weighting in (0, 0.5, 1)
-    ]
+    maps = [voxflat.flatten((points, faces), method=Voxflat(weighting=weighting)) for weighting in (0, 0.5, 1)]
     figures = [voxflat.measure((points, faces), flat.uv, sources=200).raw for flat in maps]
     assert np.all(np.diff([one.relative_error_10mm for one in figures]) > 0)
     assert np.all(np.diff([one.relative_error for one in figures]) < 0)
@@ -59,31 +57,29 @@ def test_weighting_leads_from_near_to_far_distances():
 def test_a_weighting_that_is_none_is_refused(weighting):
     points, faces, _ = sheet(5, 5, dome)
     with pytest.raises(voxflat.InputError, match=r"weighting is .*; give a number from 0, local, to 1, global"):
-        voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(weighting=weighting))
+        voxflat.flatten((points, faces), method=Voxflat(weighting=weighting))
 
 
 @pytest.mark.parametrize("geodesic", ["marching", "exact"])
 def test_any_solver_makes_a_map(geodesic, tmp_path):
     points, faces, _ = sheet(21, 16, dome)
-    usual = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=60), rows=True)
-    other = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=60, geodesic=geodesic), rows=True)
+    usual = voxflat.flatten((points, faces), method=Voxflat(sources=60), rows=True)
+    other = voxflat.flatten((points, faces), method=Voxflat(sources=60, geodesic=geodesic), rows=True)
     assert other.metadata["geodesic"] == geodesic
     np.testing.assert_array_equal(
         other.rows, voxflat.surface((points, faces)).geodesic(other.sources, geodesic=geodesic)
     )
     assert 0 < np.abs(other.uv - usual.uv).max() < 1
-    stored = voxflat.flatten(
-        (points, faces), method=voxflat.methods.Voxflat(sources=60, geodesic=geodesic), rows=tmp_path / "rows"
-    )
+    stored = voxflat.flatten((points, faces), method=Voxflat(sources=60, geodesic=geodesic), rows=tmp_path / "rows")
     np.testing.assert_array_equal(stored.uv, other.uv)
 
 
 def test_an_unknown_solver_is_refused():
     points, faces, _ = sheet(5, 5, dome)
     with pytest.raises(voxflat.InputError, match="geodesic is 'chain'; give 'graph', 'marching' or 'exact'"):
-        voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(geodesic="chain"))
+        voxflat.flatten((points, faces), method=Voxflat(geodesic="chain"))
     with pytest.raises(TypeError, match="weighting"):
-        voxflat.methods.Zigelman2002(weighting=0.3)
+        Zigelman2002(weighting=0.3)
 
 
 @pytest.mark.slow
@@ -92,7 +88,7 @@ def test_a_glove_does_not_lie_on_itself():
     hand = (np.abs(x - 32) < 20) & (np.abs(y - 17) < 6) & (z > 3) & (z < 18)
     for finger in range(4):
         hand |= ((x - 15 - 11 * finger) ** 2 + (y - 17) ** 2 < 17) & (z < 46) & (z >= 10)
-    flat = voxflat.flatten(hand.astype(np.uint8), method=voxflat.methods.Voxflat(sources=150), relax=False)
+    flat = voxflat.flatten(hand.astype(np.uint8), method=Voxflat(sources=150), relax=False)
     triangles = flat.distortion.triangles
     assert (triangles.flipped, triangles.crossings, triangles.covering) == (0, 0, 0)
     assert np.isfinite(flat.uv).all()
@@ -117,11 +113,11 @@ def test_options_are_refused_before_anything_is_done():
 
 @pytest.mark.slow
 def test_distances_that_are_too_long_are_told():
-    usual = voxflat.flatten(sheet(21, 16, dome)[:2], method=voxflat.methods.Voxflat(sources=30))
+    usual = voxflat.flatten(sheet(21, 16, dome)[:2], method=Voxflat(sources=30))
     assert 0 <= usual.metadata["distance_error"] < 2e-3
     assert not usual.metadata["warnings"]
     slivers = hard_shapes.surface(hard_shapes.slivers)
-    asked = voxflat.flatten(slivers, method=voxflat.methods.Voxflat(geodesic="graph"))
+    asked = voxflat.flatten(slivers, method=Voxflat(geodesic="graph"))
     assert asked.metadata["distance_error"] > 0.02
     assert asked.metadata["geodesic"] == "graph"
     assert any("distances by links are" in text for text in asked.metadata["warnings"])
@@ -132,7 +128,7 @@ def test_distances_that_are_too_long_are_told():
     assert any("they are measured by fast marching instead" in text for text in found.metadata["warnings"])
     assert found.distortion.reference == "exact"
     assert found.distortion.raw.relative_error < 1e-3 < asked.distortion.raw.relative_error
-    exact = voxflat.flatten(slivers, method=voxflat.methods.Voxflat(geodesic="exact"))
+    exact = voxflat.flatten(slivers, method=Voxflat(geodesic="exact"))
     assert exact.metadata["distance_error"] == 0
     assert (exact.distortion.reference, exact.distortion.sources) == ("exact", 200)
     assert not exact.metadata["warnings"]
@@ -140,7 +136,7 @@ def test_distances_that_are_too_long_are_told():
 
 def test_distances_are_judged_by_exact_ones_where_they_were_asked_for():
     hill = sheet(21, 16, dome)[:2]
-    flat = voxflat.flatten(hill, method=voxflat.methods.Voxflat(sources=30, geodesic="exact"))
+    flat = voxflat.flatten(hill, method=Voxflat(sources=30, geodesic="exact"))
     judged = voxflat.measure(hill, flat, reference="exact", sources=200, seed=0)
     assert flat.distortion.reference == "exact"
     error, scatter = flat.distortion.raw.relative_error, flat.distortion.standard_error.raw.relative_error
@@ -150,8 +146,7 @@ def test_distances_are_judged_by_exact_ones_where_they_were_asked_for():
 def test_the_scale_is_of_distances_or_of_areas():
     hill = sheet(21, 16, dome)[:2]
     distances, areas = (
-        voxflat.flatten(hill, method=voxflat.methods.Voxflat(sources=60, scale=scale))
-        for scale in ("distances", "areas")
+        voxflat.flatten(hill, method=Voxflat(sources=60, scale=scale)) for scale in ("distances", "areas")
     )
     factor = np.linalg.norm(areas.uv) / np.linalg.norm(distances.uv)
     np.testing.assert_allclose(areas.uv, factor * distances.uv, rtol=0, atol=1e-9)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat.methods import Voxflat
 
 
 def cap(degrees, rings=16, radius=20.0):
@@ -43,11 +44,11 @@ def changes(flat):
 
 def test_no_triangle_is_beyond_the_bound():
     surface = cap(90)
-    usual = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60), relax=False)
+    usual = voxflat.flatten(surface, method=Voxflat(sources=60), relax=False)
     assert changes(usual).max() > 1.2
     assert "area_change" not in usual.metadata
     for bound in (1.2, 1.1):
-        flat = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, max_area=bound), relax=False)
+        flat = voxflat.flatten(surface, method=Voxflat(sources=60, max_area=bound), relax=False)
         assert changes(flat).max() <= bound
         assert flat.metadata["max_area"] == bound
         assert flat.metadata["area_change"] == pytest.approx(changes(flat).max(), rel=1e-9)
@@ -57,8 +58,8 @@ def test_no_triangle_is_beyond_the_bound():
 
 def test_a_bound_that_is_kept_anyhow_changes_nothing():
     surface = cap(40)
-    usual = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60), relax=False)
-    flat = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, max_area=3), relax=False)
+    usual = voxflat.flatten(surface, method=Voxflat(sources=60), relax=False)
+    flat = voxflat.flatten(surface, method=Voxflat(sources=60, max_area=3), relax=False)
     np.testing.assert_array_equal(flat.uv, usual.uv)
 
 
@@ -68,7 +69,7 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
     with pytest.raises(
         voxflat.AreaBoundError, match=r"the best changes one by .* cut it where voxflat\.worst_places says"
     ) as found:
-        voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, max_area=1.2), relax=False)
+        voxflat.flatten(surface, method=Voxflat(sources=60, max_area=1.2), relax=False)
     error = found.value
     assert isinstance(error, voxflat.InputError)
     assert changes(error.best).max() == pytest.approx(error.best.metadata["area_change"], rel=1e-9)
@@ -83,4 +84,4 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
 @pytest.mark.parametrize("bound", [1, 0.5, np.nan, np.inf, "2", True, [2.0]])
 def test_a_bound_that_is_none_is_refused(bound):
     with pytest.raises(voxflat.InputError, match="max_area is"):
-        voxflat.flatten(cap(40), method=voxflat.methods.Voxflat(max_area=bound))
+        voxflat.flatten(cap(40), method=Voxflat(max_area=bound))

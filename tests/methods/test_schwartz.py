@@ -15,6 +15,7 @@ from triangle_meshes import cylinder
 import voxflat
 from voxflat import Cancelled, InputError, figures
 from voxflat.cli import main
+from voxflat.methods import Schwartz1989
 
 SMALL = (21, 16)
 schwartz1989 = {"method": "schwartz1989", "sources": 20}
@@ -66,7 +67,7 @@ class TestFlatten:
 
     def test_it_keeps_exact_distances_by_sammons_stress(self):
         flat = voxflat.flatten(
-            hemisphere(), method=voxflat.methods.Schwartz1989(sources=217, neighbourhood="all"), relax=False, rows=True
+            hemisphere(), method=Schwartz1989(sources=217, neighbourhood="all"), relax=False, rows=True
         )
         assert flat.rows.shape == (217, 217)
         rows = flat.rows[np.argsort(flat.sources)].astype(float)
@@ -92,7 +93,7 @@ class TestFlatten:
         assert ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() > 0
 
     def test_short_distances_alone_fold_and_it_is_said(self):
-        flat = voxflat.flatten(cylinder((41, 31))[0], method=voxflat.methods.Schwartz1989(sources=0, neighbourhood=1))
+        flat = voxflat.flatten(cylinder((41, 31))[0], method=Schwartz1989(sources=0, neighbourhood=1))
         assert flat.distortion.raw.relative_error > 0.1
         assert any("turned over" in warning for warning in flat.metadata["warnings"])
         assert any("by one of them only" in warning for warning in flat.metadata["warnings"])
@@ -127,13 +128,13 @@ class TestFlatten:
         corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 2, 1.0]])
         for faces in ([[0, 1, 2]], [[0, 1, 2], [1, 3, 2]]):
             points = corners[: len(faces) + 2]
-            flat = voxflat.flatten((points, np.array(faces)), method=voxflat.methods.Schwartz1989(starts=5))
+            flat = voxflat.flatten((points, np.array(faces)), method=Schwartz1989(starts=5))
             flat_sides, sides = (x[flat.faces] - x[np.roll(flat.faces, 1, axis=1)] for x in (flat.uv, flat.points))
             np.testing.assert_allclose(np.linalg.norm(flat_sides, axis=2), np.linalg.norm(sides, axis=2), rtol=1e-3)
 
     def test_a_map_is_kept_in_a_file(self, tmp_path):
         for sources in (0, 20):
-            flat = voxflat.flatten(hemisphere(), method=voxflat.methods.Schwartz1989(sources=sources, starts=1))
+            flat = voxflat.flatten(hemisphere(), method=Schwartz1989(sources=sources, starts=1))
             flat.save(tmp_path / "map.npz")
             again = voxflat.load(tmp_path / "map.npz")
             np.testing.assert_array_equal(again.uv, flat.uv)
@@ -175,7 +176,7 @@ class TestBadInput:
             r"[\d.]+ GiB of memory are needed, 4.00 GiB is the limit; distances among all of 32361 points are kept"
         )
         with pytest.raises(InputError, match=pattern + ".*take the method 'voxflat'"):
-            voxflat.flatten(mesh, method=voxflat.methods.Schwartz1989(neighbourhood="all"), memory_limit=4 << 30)
+            voxflat.flatten(mesh, method=Schwartz1989(neighbourhood="all"), memory_limit=4 << 30)
 
 
 class TestCommandLine:
@@ -187,7 +188,7 @@ class TestCommandLine:
         options = ["--method", "schwartz1989", "--sources", "30", "--neighbourhood", "4", "--starts", "2", "--json"]
         result = CliRunner().invoke(main, ["flatten", str(path), "-o", str(output), *options])
         assert result.exit_code == 0, result.output
-        expected = voxflat.flatten(path, method=voxflat.methods.Schwartz1989(sources=30, neighbourhood=4, starts=2))
+        expected = voxflat.flatten(path, method=Schwartz1989(sources=30, neighbourhood=4, starts=2))
         np.testing.assert_array_equal(voxflat.load(output).uv, expected.uv)
         told = json.loads(result.stdout)
         assert (told["neighbourhood"], told["starts"]) == (4, expected.metadata["starts"])

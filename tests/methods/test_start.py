@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat.methods import Voxflat
 
 COLUMNS = 41
 
@@ -40,7 +41,7 @@ SURFACE = hill()
 
 @pytest.fixture(scope="module")
 def known():
-    return voxflat.flatten(SURFACE, method=voxflat.methods.Voxflat(sources=60))
+    return voxflat.flatten(SURFACE, method=Voxflat(sources=60))
 
 
 def energy(flat):
@@ -114,13 +115,11 @@ def test_folds_are_mended(known):
 @pytest.mark.slow
 def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
     surface = hill(75)
-    known = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60))
+    known = voxflat.flatten(surface, method=Voxflat(sources=60))
     shaken = known.uv + np.random.default_rng(1).uniform(-0.9, 0.9, known.uv.shape)
     stages = []
     again = voxflat.flatten(
-        surface,
-        method=voxflat.methods.Voxflat(sources=60, start=shaken),
-        progress=lambda stage, *_: stages.append(stage),
+        surface, method=Voxflat(sources=60, start=shaken), progress=lambda stage, *_: stages.append(stage)
     )
     assert "keeping distances and shapes, coarsely" in stages
     assert "unfolding" not in stages
@@ -163,37 +162,37 @@ def pairs(paths):
 
 def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
     surface, number = tube()
-    first = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60))
+    first = voxflat.flatten(surface, method=Voxflat(sources=60))
     cuts = [cut["ids"] for cut in first.metadata["automatic_cuts"]]
     first.save(tmp_path / "map.npz")
     for start in (first, tmp_path / "map.npz"):
-        again = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, start=start))
+        again = voxflat.flatten(surface, method=Voxflat(sources=60, start=start))
         assert (again.metadata["cuts_by"], again.metadata["automatic_cuts"]) == ("start", [])
         assert pairs(again.metadata["cuts"]) == pairs(cuts)
         assert len(again) == len(first)
         assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
     line = number[5] if cuts[0][0] not in number[5] else number[15]
     with pytest.raises(voxflat.InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
-        voxflat.flatten(surface, method=voxflat.methods.Voxflat(start=first), cuts=[line.tolist()], relax=False)
+        voxflat.flatten(surface, method=Voxflat(start=first), cuts=[line.tolist()], relax=False)
 
 
 @pytest.mark.slow
 def test_a_start_may_be_of_a_part(known):
     kept = np.ones(len(SURFACE[0]), dtype=bool)
     kept[: 3 * COLUMNS] = False
-    part = voxflat.surface(SURFACE).keep(kept).flatten(voxflat.methods.Voxflat(sources=60), relax=False)
-    again = voxflat.flatten(SURFACE, method=voxflat.methods.Voxflat(sources=60, start=part))
+    part = voxflat.surface(SURFACE).keep(kept).flatten(Voxflat(sources=60), relax=False)
+    again = voxflat.flatten(SURFACE, method=Voxflat(sources=60, start=part))
     assert np.array_equal(again.ids, part.ids)
     assert energy(again) == pytest.approx(energy(part), rel=1e-3)
-    smaller = voxflat.surface(SURFACE).keep(kept).flatten(voxflat.methods.Voxflat(sources=60, start=known), relax=False)
+    smaller = voxflat.surface(SURFACE).keep(kept).flatten(Voxflat(sources=60, start=known), relax=False)
     assert energy(smaller) == pytest.approx(energy(part), rel=1e-3)
 
 
 def test_voxels_have_starts_too():
     solid = np.zeros((24, 20, 6), np.uint8)
     solid[2:22, 2:18, 2:4] = 1
-    first = voxflat.surface(solid).disk((12, 10, 3), 9.0).flatten(voxflat.methods.Voxflat(sources=40))
-    again = voxflat.flatten(solid, method=voxflat.methods.Voxflat(sources=40, start=first))
+    first = voxflat.surface(solid).disk((12, 10, 3), 9.0).flatten(Voxflat(sources=40))
+    again = voxflat.flatten(solid, method=Voxflat(sources=40, start=first))
     assert np.array_equal(again.ids, first.ids)
     assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
 
@@ -202,7 +201,7 @@ def test_voxels_have_starts_too():
 def test_the_lips_of_a_new_cut_open(known):
     path = [COLUMNS * 18 + n for n in range(23)]  # from the border to the top
     cut = begun(known, cuts=[path])
-    fresh = voxflat.flatten(SURFACE, method=voxflat.methods.Voxflat(sources=60), cuts=[path])
+    fresh = voxflat.flatten(SURFACE, method=Voxflat(sources=60), cuts=[path])
     assert len(cut) == len(SURFACE[0]) + 22
     assert is_good(cut)
     assert energy(cut) == pytest.approx(energy(fresh), rel=5e-3)

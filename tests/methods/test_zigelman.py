@@ -14,6 +14,7 @@ from triangle_meshes import cylinder
 import voxflat
 from voxflat import InputError, _core
 from voxflat.cli import main
+from voxflat.methods import Zigelman2002
 
 
 def waves(side=60):
@@ -55,7 +56,7 @@ class TestFlatten:
     def test_given_sources_come_first(self):
         mesh, _ = cylinder()
         given_ = [700, 3, 2400, 90, 1200]
-        flat = voxflat.flatten(mesh, method=voxflat.methods.Zigelman2002(sources=given_))
+        flat = voxflat.flatten(mesh, method=Zigelman2002(sources=given_))
         assert flat.ids[flat.sources][:5].tolist() == given_
         assert flat.metadata["sampling"] == "given"
 
@@ -128,9 +129,7 @@ class TestFlatten:
         result = CliRunner().invoke(main, command)
         assert result.exit_code == 0, result.output
         flat = voxflat.load(tmp_path / "map.npz")
-        expected = voxflat.flatten(
-            tmp_path / "cylinder.ply", method=voxflat.methods.Zigelman2002(sources=50, sampling="farthest")
-        )
+        expected = voxflat.flatten(tmp_path / "cylinder.ply", method=Zigelman2002(sources=50, sampling="farthest"))
         np.testing.assert_array_equal(flat.uv, expected.uv)
 
     def test_it_can_be_cancelled(self):
@@ -148,16 +147,14 @@ class TestGrid:
     def test_a_slope_is_placed_exactly(self):
         row, column = np.indices((50, 70))
         image = voxflat.range_image(0.5 * column + 0.25 * row, (2.0, 1.5))
-        flat = voxflat.flatten(image, method=voxflat.methods.Zigelman2002(sources=100, sampling="grid"))
+        flat = voxflat.flatten(image, method=Zigelman2002(sources=100, sampling="grid"))
         chosen = np.arange(0, len(flat), 17)
         np.testing.assert_allclose(pdist(flat.uv[chosen]), pdist(flat.points[chosen]), rtol=1e-4)
         assert flat.distortion.triangles.flipped == 0
         assert "grid" in flat.metadata["placed_by"]
 
     def test_sources_lie_on_a_grid(self):
-        flat = voxflat.flatten(
-            voxflat.range_image(waves(), 1.0), method=voxflat.methods.Zigelman2002(sources=100, sampling="grid")
-        )
+        flat = voxflat.flatten(voxflat.range_image(waves(), 1.0), method=Zigelman2002(sources=100, sampling="grid"))
         rows, columns = np.unravel_index(flat.ids[flat.sources], (60, 60))
         assert len(np.unique(rows)) == len(np.unique(columns)) == 10
         assert len(flat.sources) == 100
@@ -166,7 +163,7 @@ class TestGrid:
         row, column = np.indices((60, 60))
         disk = (row - 30) ** 2 + (column - 30) ** 2 < 28**2
         image = voxflat.range_image(0.3 * column, 1.0, mask=disk)
-        flat = voxflat.flatten(image, method=voxflat.methods.Zigelman2002(sources=64, sampling="grid"))
+        flat = voxflat.flatten(image, method=Zigelman2002(sources=64, sampling="grid"))
         chosen = np.arange(0, len(flat), 7)
         np.testing.assert_allclose(pdist(flat.uv[chosen]), pdist(flat.points[chosen]), rtol=1e-3)
 
@@ -175,7 +172,7 @@ class TestGrid:
         ring = np.hypot(row - 20, column - 20)
         image = voxflat.range_image(np.zeros((40, 40)), 1.0, mask=(ring > 8) & (ring < 19))
         with pytest.raises(InputError, match=r"the surface is cut: pixel \(\d+, \d+\) lies on both sides"):
-            voxflat.flatten(image, method=voxflat.methods.Zigelman2002(sources=64, sampling="grid"))
+            voxflat.flatten(image, method=Zigelman2002(sources=64, sampling="grid"))
 
 
 class TestRangeImage:
