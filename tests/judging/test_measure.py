@@ -6,10 +6,10 @@ import logging
 import numpy as np
 import pytest
 import shapes
-from click.testing import CliRunner
+from lab_runs import run
 
 import voxflat
-from voxflat import _core, cli, figures
+from voxflat import figures
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Voxflat
 
@@ -72,92 +72,7 @@ def write_obj(path, points, faces, places):
     path.write_text("\n".join(lines) + "\n")
 
 
-def pairs(uv, rows, sources):
-    """Return for each source δ and d of its pairs."""
-    apart = np.linalg.norm(uv[sources][:, None] - uv[None], axis=2)
-    others = np.arange(len(uv)) != sources[:, None]
-    return [(row[other], d[other]) for row, d, other in zip(rows.astype(np.float64), apart, others, strict=True)]
-
-
-def figures_of(of_sources, scale):
-    """Return the distance figures by their definitions."""
-    delta, d = (np.concatenate(part) for part in zip(*of_sources, strict=True))
-    error = np.abs(scale * d - delta)
-    bands = ((0, np.inf), (0, 5), (5, 15), (15, 30), (0, 10), (0, 30))
-    inside = [(low < delta) & (delta <= high) for low, high in bands]
-    relative = [np.mean((error / delta)[band]) if band.any() else np.nan for band in inside]
-    stress, sammon = np.sqrt((error**2).sum() / (delta**2).sum()), (error**2 / delta).sum() / delta.sum()
-    return np.array([*relative, error.mean(), stress, sammon])
-
-
-def best_scale(of_sources):
-    """Return the scale of the least relative error, which is one of the ratios δ/d: a weighted median of them."""
-    delta, d = (np.concatenate(part) for part in zip(*of_sources, strict=True))
-    order = np.argsort(delta / d)
-    weights = np.cumsum((d / delta)[order])
-    return (delta / d)[order][np.searchsorted(weights, weights[-1] / 2)]
-
-
-@pytest.fixture(scope="module")
-def judged():
-    mesh, uv = bump()
-    sources = _core.reference_sources(len(uv), 60, 0).astype(np.int64)
-    rows = np.asarray(voxflat.surface(mesh).geodesic(sources, geodesic="exact"))
-    return voxflat.measure(mesh, uv, sources=60), pairs(uv, rows, sources), uv
-
-
 class TestDistances:
-    def test_every_figure_is_its_definition(self, judged):
-        found, of_sources, _ = judged
-        scale = best_scale(of_sources)
-        assert found.best_scale.scale == pytest.approx(scale, rel=1e-6)
-        for figures_, s in ((found.raw, 1.0), (found.best_scale, scale)):
-            expected = figures_of(of_sources, s)
-            np.testing.assert_allclose([getattr(figures_, name) for name in DISTANCE_FIGURES], expected, rtol=2e-6)
-        delta, d = (np.concatenate(part) for part in zip(*of_sources, strict=True))
-        assert found.pearson_r == pytest.approx(np.corrcoef(delta, d)[0, 1], rel=1e-9)
-        assert found.mean_geodesic == pytest.approx(delta.mean(), rel=1e-9)
-        assert (found.pairs, found.sources, found.reference) == (len(delta), 60, "exact")
-
-    def test_standard_errors_are_those_of_another_bootstrap(self, judged):
-        found, of_sources, uv = judged
-        rng = np.random.default_rng(5)
-        count = len(of_sources)
-        correction = np.sqrt(count / (count - 1) * (1 - count / len(uv)))
-        for figures_, s in ((found.standard_error.raw, 1.0), (found.standard_error.best_scale, found.best_scale.scale)):
-            draws = [figures_of([of_sources[n] for n in rng.integers(0, count, count)], s) for _ in range(600)]
-            expected = correction * np.std(draws, axis=0, ddof=1)
-            np.testing.assert_allclose([getattr(figures_, name) for name in DISTANCE_FIGURES], expected, rtol=0.2)
-            assert np.isnan(figures_.scale)
-
-    def test_each_point_has_the_mean_of_its_pairs(self):
-        mesh, uv = bump()
-        sources = _core.reference_sources(len(uv), 9, 3).astype(np.int64)
-        rows = np.asarray(voxflat.surface(mesh).geodesic(sources, geodesic="exact")).astype(np.float64)
-        with np.errstate(invalid="ignore"):
-            errors = np.abs(np.linalg.norm(uv[sources][:, None] - uv[None], axis=2) - rows) / rows
-        found = voxflat.measure(mesh, uv, sources=9, seed=3)
-        np.testing.assert_allclose(found.per_point, np.nanmean(errors, axis=0), rtol=1e-9)
-
-    @pytest.mark.parametrize("threads", [1, 3])
-    def test_bits_do_not_depend_on_threads(self, judged, threads):
-        mesh, uv = bump()
-        other = voxflat.measure(mesh, uv, sources=60, threads=threads)
-        assert other.figures() == judged[0].figures()
-        np.testing.assert_array_equal(other.per_point, judged[0].per_point)
-
-    @pytest.mark.parametrize("reference", ["exact", "graph"])
-    def test_rows_that_are_computed_twice_say_the_same(self, reference):
-        mesh, uv = bump()
-        core, chosen = voxflat.surface(mesh).core, _core.reference_sources(len(uv), 100, 0)
-        ways = [core.judge([uv, 3 * uv], chosen, reference, kept, 0) for kept in (0, 5000, 1 << 30)]
-        for one, others in zip(ways[0], zip(*ways[1:], strict=True), strict=True):
-            for other in others:
-                assert str(one["raw"]) + str(one["best_scale"]) == str(other["raw"]) + str(other["best_scale"])
-                assert str(one["standard_error"]) == str(other["standard_error"])
-                np.testing.assert_array_equal(one["per_point"], other["per_point"])
-                np.testing.assert_array_equal(one["scatter"], other["scatter"])
-
     def test_the_reference_is_exact_where_links_are_not(self):
         points, faces, corners = tube()
         uv = np.full((len(points), 2), np.nan)
@@ -331,11 +246,6 @@ class TestComparison:
         with pytest.raises(voxflat.InputError, match="no vertex is in all maps"):
             voxflat.compare(mesh, {str(n): (uv_mesh(uv), part) for n, part in enumerate(parts)})
 
-    def test_cancelled(self):
-        mesh, uv = bump()
-        with pytest.raises(voxflat.Cancelled):
-            voxflat.compare(mesh, {"one": uv}, progress=lambda *_: False)
-
     @pytest.mark.parametrize(
         ("options", "message"),
         [
@@ -368,12 +278,8 @@ class TestCommandLine:
             write_mesh(tmp_path / name, Mesh(uv_mesh(scale * uv), mesh[1]))
         return tmp_path
 
-    @staticmethod
-    def run(*arguments):
-        return CliRunner().invoke(cli.main, ["measure", *map(str, arguments)])
-
     def test_one_map(self, files):
-        result = self.run(files / "surface.ply", files / "one.ply", "--sources", "30")
+        result = run("measure", files / "surface.ply", files / "one.ply", "--sources", "30")
         assert result.exit_code == 0, result.output
         expected = voxflat.measure(files / "surface.ply", files / "one.ply", sources=30)
         assert result.stdout == expected.table() + "\n"
@@ -383,13 +289,13 @@ class TestCommandLine:
     @pytest.mark.slow
     def test_several_maps(self, files):
         arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
-        result = self.run(*arguments, "--heat-maps", files / "maps.png")
+        result = run("measure", *arguments, "--heat-maps", files / "maps.png")
         assert result.exit_code == 0, result.output
         lines = result.stdout.splitlines()
         assert lines[1].split() == ["one.ply", "two.ply"]
         assert len({len(line) for line in lines if "±" in line[30:]}) == 1  # aligned
         assert (files / "maps.png").read_bytes().startswith(b"\x89PNG")
-        content = json.loads(self.run(*arguments, "--json").stdout)
+        content = json.loads(run("measure", *arguments, "--json").stdout)
         assert list(content) == ["maps", "provenance"]
         one, two = (content["maps"].pop(name) for name in ("one.ply", "two.ply"))
         assert content["maps"] == {}
@@ -397,9 +303,9 @@ class TestCommandLine:
         assert one["reference"] == "exact"
 
     def test_refusals(self, files):
-        assert self.run(files / "surface.ply").exit_code == 2
-        assert self.run(files / "surface.ply", files / "one.ply", files / "one.ply").exit_code == 2
-        result = self.run(files / "surface.ply", files / "one.ply", "--heat-maps", files / "maps.gif")
+        assert run("measure", files / "surface.ply").exit_code == 2
+        assert run("measure", files / "surface.ply", files / "one.ply", files / "one.ply").exit_code == 2
+        result = run("measure", files / "surface.ply", files / "one.ply", "--heat-maps", files / "maps.gif")
         assert result.exit_code == 1
         assert ".png or .pdf or .svg" in result.stderr
 
@@ -481,8 +387,7 @@ class TestGeometry:
         self.maps(tmp_path)
         errors = {}
         for more in ((), ("--pial", tmp_path / "lh.pial"), ("--on-surface",)):
-            arguments = ["measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more]
-            result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+            result = run("measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more)
             assert result.exit_code == 0, result.output
             errors[len(more)] = json.loads(result.stdout)["raw"]["relative_error"]
             assert ("another geometry" in result.stderr) == (more == ())
