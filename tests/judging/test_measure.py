@@ -2,39 +2,26 @@
 
 import json
 import logging
+from dataclasses import fields
 
 import numpy as np
 import pytest
 import shapes
+from hard_shapes import sheet
 from lab_runs import run
 
 import voxflat
 from voxflat import figures
+from voxflat.distortion.figures import Figures
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Voxflat
 
-DISTANCE_FIGURES = (
-    "relative_error",
-    "relative_error_0_5mm",
-    "relative_error_5_15mm",
-    "relative_error_15_30mm",
-    "relative_error_10mm",
-    "relative_error_30mm",
-    "absolute_error",
-    "stress_1",
-    "sammon_stress",
-)
+DISTANCE_FIGURES = {one.name for one in fields(Figures)} - {"scale"}
 
 
 def plane(side=12, step=3.0):
-    """Return a square sheet with edges of `step` mm, diagonals in alternating directions."""
-    places = step * np.stack(np.meshgrid(*[np.arange(side + 1.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-    cell = np.arange(side * (side + 1)).reshape(side, side + 1)[:, :-1]
-    a, b, c, d = (part.ravel() for part in (cell, cell + 1, cell + side + 1, cell + side + 2))
-    turned = (np.add.outer(np.arange(side), np.arange(side)) % 2 == 0).ravel()
-    first = np.where(turned[:, None], np.column_stack([a, c, d]), np.column_stack([a, c, b]))
-    second = np.where(turned[:, None], np.column_stack([a, d, b]), np.column_stack([b, c, d]))
-    return np.column_stack([places, np.zeros(len(places))]), np.concatenate([first, second])
+    """Return a square sheet with edges of `step` mm."""
+    return sheet(lambda u, v: (u, v, 0 * u), (side * step, side * step), (side + 1, side + 1))
 
 
 def bump():
@@ -45,30 +32,19 @@ def bump():
     return (points, faces), 1.1 * points[:, :2] + 0.05 * np.column_stack([y, x * y / 30])
 
 
-def tube(around=24, along=9, step=2.0):
-    """Return a prism without ends, its triangles, and each corner's place in the plane: a rectangle."""
-    turn = 2 * np.pi * np.arange(around) / around
-    radius = step / (2 * np.sin(np.pi / around))
-    ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
-    points = np.concatenate([np.column_stack([ring, np.full(around, step * level)]) for level in range(along + 1)])
-    corners, places = [], []
-    for level in range(along):
-        for k in range(around):
-            cell = [(k, level), (k + 1, level), (k + 1, level + 1), (k, level + 1)]
-            for triangle in ([0, 1, 2], [0, 2, 3]):
-                corners.append([cell[n][0] % around + around * cell[n][1] for n in triangle])
-                places.append([[step * cell[n][0], step * cell[n][1]] for n in triangle])
-    return points, np.array(corners), np.array(places)
+def tube():
+    """Return a prism of 24 sides without ends, its triangles, and each corner's place in the plane: a rectangle."""
+    radius = 1 / np.sin(np.pi / 24)  # of edges of 2 mm
+    points, faces = sheet(lambda u, v: (radius * np.cos(u), radius * np.sin(u), v), (2 * np.pi, 18.0), (25, 10))
+    places = 2.0 * np.column_stack(np.divmod(np.arange(len(points)), 10))
+    return points[:240], faces % 240, places[faces]
 
 
 def write_obj(path, points, faces, places):
     """Write an OBJ file with texture coordinates of its own at each corner."""
     lines = [f"v {x:.12g} {y:.12g} {z:.12g}" for x, y, z in points]
     lines += [f"vt {u:.12g} {v:.12g}" for u, v in places.reshape(-1, 2)]
-    numbers = 1 + np.arange(3 * len(faces)).reshape(-1, 3)
-    lines += [
-        "f " + " ".join(f"{v + 1}/{t}" for v, t in zip(*row, strict=True)) for row in zip(faces, numbers, strict=True)
-    ]
+    lines += [f"f {a}/{3 * n + 1} {b}/{3 * n + 2} {c}/{3 * n + 3}" for n, (a, b, c) in enumerate(faces + 1)]
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -78,8 +54,8 @@ class TestDistances:
         uv = np.full((len(points), 2), np.nan)
         cut = (corners[..., 0] < 40).all(axis=1)  # without the last column of squares it lies flat
         uv[faces[cut].ravel()] = corners[cut].reshape(-1, 2)
-        exact, graph = (voxflat.measure((points, faces), (uv_mesh(uv), faces[cut]), reference=name)
-                        for name in ("exact", "graph"))  # fmt: skip
+        flat = (uv_mesh(uv), faces[cut])
+        exact, graph = (voxflat.measure((points, faces), flat, reference=name) for name in ("exact", "graph"))
         assert exact.raw.relative_error < 1e-6 < 1e-4 < graph.raw.relative_error
         assert (exact.reference, graph.reference) == ("exact", "graph")
 
