@@ -16,6 +16,7 @@ import shapes
 from lab_runs import run
 
 import voxflat
+from voxflat import InputError
 from voxflat.distances import store as _store
 from voxflat.distances.rows import damaged_rows
 from voxflat.distances.table import Table
@@ -69,9 +70,7 @@ class TestAStore:
         options = {"geodesic": "chain", "link_lengths": "euclidean", "spacing": (1, 2, 1.5)}
         rows = composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **options)
         np.testing.assert_array_equal(rows, composed.geodesic(SHEET, SOURCES, **options))
-        with pytest.raises(
-            voxflat.InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"
-        ):
+        with pytest.raises(InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"):
             composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **{**options, "link_lengths": None})
 
     def test_is_opened_without_reading_it(self, stored, expected):
@@ -137,7 +136,7 @@ class TestFlatten:
     def test_of_no_disk_is_refused_before_rows_are_measured(self, tmp_path):
         ring = SHEET.copy()
         ring[5:25, 5:15] = 0
-        with pytest.raises(voxflat.InputError, match="no disk"):
+        with pytest.raises(InputError, match="no disk"):
             voxflat.flatten(ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
         assert not (tmp_path / "store" / "rows.npy").exists()
 
@@ -162,7 +161,7 @@ voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.arg
     assert re.search(
         rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'", done.stderr
     )
-    with pytest.raises(voxflat.InputError, match="measure again with the same store"):
+    with pytest.raises(InputError, match="measure again with the same store"):
         voxflat.open_rows(store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=store), expected)
 
@@ -179,7 +178,7 @@ def spoil(path, at, value=b"\xff"):
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
     again = voxflat.open_rows(stored.store)
-    with pytest.raises(voxflat.InputError, match=r"the rows 39 of .*store do not agree .* measure again"):
+    with pytest.raises(InputError, match=r"the rows 39 of .*store do not agree .* measure again"):
         again.verify()
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
@@ -211,7 +210,7 @@ DAMAGES = {
 def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, damage):
     name, spoiled = DAMAGES[damage]
     spoiled(stored.store / name)
-    with pytest.raises(voxflat.InputError, match="measure again with the same store"):
+    with pytest.raises(InputError, match="measure again with the same store"):
         voxflat.open_rows(stored.store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     rows = voxflat.open_rows(stored.store)
@@ -227,7 +226,7 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
     assert len(marks) == 4
     for at in marks:
         spoil(stored.store / name, at, bytes([whole[at] ^ 1]))  # of which NumPy raises TokenError, or SyntaxError
-        with pytest.raises(voxflat.InputError, match=rf"{name} is damaged .*; measure again with the same store"):
+        with pytest.raises(InputError, match=rf"{name} is damaged .*; measure again with the same store"):
             voxflat.open_rows(stored.store)
         np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
         assert (stored.store / name).read_bytes() == whole
@@ -237,7 +236,7 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
 def test_a_journal_of_other_rows_is_refused_by_readers(stored, before, after):
     journal = stored.store / "journal.jsonl"
     journal.write_bytes(journal.read_bytes().replace(before, after))
-    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
+    with pytest.raises(InputError, match=r"journal.jsonl is damaged .* or delete this one"):
         voxflat.open_rows(stored.store)
 
 
@@ -245,13 +244,13 @@ def test_a_journal_of_other_rows_is_refused_by_readers(stored, before, after):
 def test_a_checksum_that_is_none_is_no_entry(stored, wrong):
     journal = stored.store / "journal.jsonl"
     journal.write_text(re.sub(r'("row": 1, "crc32": ")\w+', rf"\g<1>{wrong}", journal.read_text()))
-    with pytest.raises(voxflat.InputError, match="is not complete"):
+    with pytest.raises(InputError, match="is not complete"):
         voxflat.open_rows(stored.store)
 
 
 def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
     rows = len(stored)
-    with pytest.raises(voxflat.InputError, match=f"has {rows} rows, but the journal knows row {rows}; measure again"):
+    with pytest.raises(InputError, match=f"has {rows} rows, but the journal knows row {rows}; measure again"):
         damaged_rows(stored.store, {0: 0, rows: 0})
     assert damaged_rows(stored.store, {0: 0}) == [0]
 
@@ -259,10 +258,10 @@ def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
 def test_a_journal_without_its_first_line_is_refused(stored):
     spoil(stored.store / "journal.jsonl", 0, b"garbage")
     before = (stored.store / "rows.npy").read_bytes()
-    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
+    with pytest.raises(InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
         SURFACE.geodesic(SOURCES, store=stored.store)
     assert (stored.store / "rows.npy").read_bytes() == before
-    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
+    with pytest.raises(InputError, match=r"journal.jsonl is damaged .* or delete this one"):
         voxflat.open_rows(stored.store)
 
 
@@ -281,7 +280,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
 def test_a_bad_description_is_refused(stored, text, message):
     (stored.store / "store.json").write_text(text)
     for use in (voxflat.open_rows, lambda path: SURFACE.geodesic(SOURCES, store=path)):
-        with pytest.raises(voxflat.InputError, match=message + r".*; choose another directory, or delete this one"):
+        with pytest.raises(InputError, match=message + r".*; choose another directory, or delete this one"):
             use(stored.store)
 
 
@@ -301,7 +300,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
         (hole, SOURCES, {}, "its surface is another (600 points; this one has 599)"),
         (mesh, 2, {}, "its surface is another (600 points; this one has 4)"),
     ]:
-        with pytest.raises(voxflat.InputError, match=re.escape(f"is a store of other rows: {message}")):
+        with pytest.raises(InputError, match=re.escape(f"is a store of other rows: {message}")):
             composed.geodesic(surface, sources, store=stored.store, **options)
     assert before == {name: (stored.store / name).read_bytes() for name in before}
 
@@ -309,7 +308,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
 def test_the_same_points_under_other_triangles_are_told_apart(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
     voxflat.surface((points, np.array([[0, 1, 2], [1, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
-    with pytest.raises(voxflat.InputError, match="its surface has other triangles"):
+    with pytest.raises(InputError, match="its surface has other triangles"):
         voxflat.surface((points, np.array([[0, 1, 3], [0, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
 
 
@@ -321,9 +320,9 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
         ("thesis", "is no store and holds other files (chapter.tex); give a new or empty one"),
         ("file", "is a file; give a directory"),
     ]:
-        with pytest.raises(voxflat.InputError, match=re.escape(message)):
+        with pytest.raises(InputError, match=re.escape(message)):
             SURFACE.geodesic(SOURCES, store=tmp_path / name)
-        with pytest.raises(voxflat.InputError, match="no store"):
+        with pytest.raises(InputError, match="no store"):
             voxflat.open_rows(tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):
@@ -331,7 +330,7 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
-        with pytest.raises(voxflat.InputError, match="give the name of a file or directory"):
+        with pytest.raises(InputError, match="give the name of a file or directory"):
             SURFACE.geodesic(SOURCES, store=store)
 
 
@@ -352,10 +351,10 @@ def test_a_store_in_use_is_refused(stored):
 
 
 def test_too_little_memory_is_refused_with_numbers(tmp_path):
-    with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
+    with pytest.raises(InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store", memory_limit=1000)
     mesh = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (29, 19), (30, 20))
-    with pytest.raises(voxflat.InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
+    with pytest.raises(InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
         voxflat.surface(mesh).geodesic(600, memory_limit=1_000_000)
     assert names(tmp_path) == []
 

@@ -11,7 +11,7 @@ from hard_shapes import sheet
 from lab_runs import run
 
 import voxflat
-from voxflat import figures
+from voxflat import InputError, figures
 from voxflat.distortion.figures import Figures
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Voxflat
@@ -117,7 +117,7 @@ class TestFormats:
     def test_an_obj_of_another_surface(self, tmp_path):
         points, faces, places = tube()
         write_obj(tmp_path / "tube.obj", points, faces, places)
-        with pytest.raises(voxflat.InputError, match="the map has 240 points, the surface 169 vertices"):
+        with pytest.raises(InputError, match="the map has 240 points, the surface 169 vertices"):
             voxflat.measure(plane(), tmp_path / "tube.obj")
 
     def test_every_format_says_the_same(self, tmp_path):
@@ -148,13 +148,13 @@ class TestFormats:
     def test_a_map_in_pieces(self):
         mesh, uv = bump()
         pieces = mesh[1][(mesh[1] < 60).all(axis=1) | (mesh[1] > 90).all(axis=1)]
-        with pytest.raises(voxflat.InputError, match="the map has 2 pieces, between which there are no distances"):
+        with pytest.raises(InputError, match="the map has 2 pieces, between which there are no distances"):
             voxflat.measure(mesh, (uv_mesh(uv), pieces))
 
     def test_vertices_that_no_triangle_has(self):
         (points, faces), uv = bump()
         less = (np.concatenate([points, [[500.0, 0, 0]]]), faces)
-        with pytest.raises(voxflat.InputError, match="vertex 169, which no triangle of the surface has"):
+        with pytest.raises(InputError, match="vertex 169, which no triangle of the surface has"):
             voxflat.measure(less, (uv_mesh(np.concatenate([uv, [[3.0, 4.0]]])), np.array([[0, 1, 169]])))
 
     def test_voxels_are_measured_by_the_graph(self):
@@ -219,7 +219,7 @@ class TestComparison:
     def test_no_vertex_in_common(self):
         mesh, uv = bump()
         parts = [mesh[1][(mesh[1] < 60).all(axis=1)], mesh[1][(mesh[1] > 80).all(axis=1)]]
-        with pytest.raises(voxflat.InputError, match="no vertex is in all maps"):
+        with pytest.raises(InputError, match="no vertex is in all maps"):
             voxflat.compare(mesh, {str(n): (uv_mesh(uv), part) for n, part in enumerate(parts)})
 
     @pytest.mark.parametrize(
@@ -233,7 +233,7 @@ class TestComparison:
     )
     def test_bad_arguments(self, options, message):
         mesh, uv = bump()
-        with pytest.raises(voxflat.InputError, match=message):
+        with pytest.raises(InputError, match=message):
             voxflat.compare(mesh, **{"maps": {"one": uv}, **options})
 
     def test_heat_maps_leave_out_what_is_undefined(self):
@@ -332,9 +332,7 @@ class TestGeometry:
             for name in both:
                 assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
         on_white = voxflat.flatten(white, method=Voxflat(sources=60))
-        with pytest.raises(
-            voxflat.InputError, match=r"ours was made on midthickness.*, white on the given surface, which is"
-        ):
+        with pytest.raises(InputError, match=r"ours was made on midthickness.*, white on the given surface, which is"):
             voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20)
         assert set(voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20, on_surface=True).maps)
 
@@ -342,9 +340,7 @@ class TestGeometry:
         white, middle, _ = self.maps(tmp_path)
         part = voxflat.surface(middle).keep(np.arange(100)).flatten(Voxflat(sources=40))
         whole = {"part": part, "all": white[0][:, :2]}
-        with pytest.raises(
-            voxflat.InputError, match=r"part was made on another geometry .* and all has 69 vertices more"
-        ):
+        with pytest.raises(InputError, match=r"part was made on another geometry .* and all has 69 vertices more"):
             voxflat.compare(white, whole, sources=20)
         assert voxflat.compare(middle, whole, sources=20)["all"].raw.relative_error > 0
 

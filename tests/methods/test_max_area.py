@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat import InputError
 from voxflat.methods import Voxflat
 
 
@@ -71,7 +72,7 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
     ) as found:
         voxflat.flatten(surface, method=Voxflat(sources=60, max_area=1.2), relax=False)
     error = found.value
-    assert isinstance(error, voxflat.InputError)
+    assert isinstance(error, InputError)
     assert changes(error.best).max() == pytest.approx(error.best.metadata["area_change"], rel=1e-9)
     assert changes(error.best).max() > 1.2
     again = pickle.loads(pickle.dumps(error))
@@ -83,5 +84,5 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
 
 @pytest.mark.parametrize("bound", [1, 0.5, np.nan, np.inf, "2", True, [2.0]])
 def test_a_bound_that_is_none_is_refused(bound):
-    with pytest.raises(voxflat.InputError, match="max_area is"):
+    with pytest.raises(InputError, match="max_area is"):
         voxflat.flatten(cap(40), method=Voxflat(max_area=bound))

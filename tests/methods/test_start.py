@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat import InputError
 from voxflat.methods import Voxflat
 
 COLUMNS = 41
@@ -129,29 +130,28 @@ def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
 
 def test_what_cannot_be_mended_is_refused(known):
     rolled = np.stack([np.cos(known.uv[:, 0]), known.uv[:, 1]], 1)
-    with pytest.raises(voxflat.InputError, match=r"the start turns \d+ triangles over in places that cannot be mended"):
+    with pytest.raises(InputError, match=r"the start turns \d+ triangles over in places that cannot be mended"):
         begun(rolled)
     angle = np.ptp(known.uv[:, 0]) ** -1 * 7.5 * (known.uv[:, 0] - known.uv[:, 0].min())  # more than once around
     radius = 60 - known.uv[:, 1]
     with pytest.raises(
-        voxflat.InputError, match=r"the start lies on itself \(its boundary crosses or touches itself \d+ times\)"
+        InputError, match=r"the start lies on itself \(its boundary crosses or touches itself \d+ times\)"
     ):
         begun(np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1))
 
 
 def test_a_start_without_area_is_refused(known):
-    with pytest.raises(voxflat.InputError, match="the start has hardly any area, so that descent cannot leave it"):
+    with pytest.raises(InputError, match="the start has hardly any area, so that descent cannot leave it"):
         begun(known.uv * [1, 0])
 
 
 def test_a_start_of_another_surface_is_refused_by_name(known):
-    with pytest.raises(voxflat.InputError, match="the map has 1600 points, the surface 1681 vertices"):
+    with pytest.raises(InputError, match="the map has 1600 points, the surface 1681 vertices"):
         begun(known.uv[:1600])
     other = known.uv.copy()
     other[7] = np.nan
     with pytest.raises(
-        voxflat.InputError,
-        match=r"no place for 3 of the 3200 triangles that are flattened, such as that of vertices \[\d",
+        InputError, match=r"no place for 3 of the 3200 triangles that are flattened, such as that of vertices \[\d"
     ):
         begun(other, relax=False)
 
@@ -172,7 +172,7 @@ def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
         assert len(again) == len(first)
         assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
     line = number[5] if cuts[0][0] not in number[5] else number[15]
-    with pytest.raises(voxflat.InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
+    with pytest.raises(InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
         voxflat.flatten(surface, method=Voxflat(start=first), cuts=[line.tolist()], relax=False)
 
 
