@@ -105,11 +105,11 @@ class TestPaths:
             vertices = found.ids[found.ids >= 0]
             assert len(np.unique(vertices)) == len(vertices)
 
-    @pytest.mark.parametrize("solver", ["marching", "exact"])
+    @pytest.mark.parametrize("solver", ["marching", "exact", "chain"])
     def test_in_different_components_is_refused(self, solver):
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
-        with pytest.raises(voxflat.InputError, match="different components"):
+        with pytest.raises(voxflat.InputError, match=r"to \[8, 0, 0\]: they lie in different components"):
             voxflat.surface(apart).path((0, 0, 0), (8, 0, 0), geodesic=solver)
 
 

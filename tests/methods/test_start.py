@@ -4,8 +4,10 @@ import itertools
 from dataclasses import replace
 
 import composed
+import hard_shapes
 import numpy as np
 import pytest
+from hard_shapes import signed_areas
 
 import voxflat
 from voxflat import InputError
@@ -14,27 +16,18 @@ from voxflat.methods import Voxflat
 COLUMNS = 41
 
 
-def grid(columns, rows, around=False):
-    """Numbers of the vertices of a grid, and its triangles; closed around its columns."""
-    number = np.arange(columns * rows).reshape(columns, rows)
-    closed = np.concatenate([number, number[:1]]) if around else number
-    a, b, c, d = (n.ravel() for n in (closed[:-1, :-1], closed[1:, :-1], closed[1:, 1:], closed[:-1, 1:]))
-    return number, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-
-
 def hill(columns=COLUMNS):
     """A hump on a square with edges of 1 mm, a disk."""
-    u, v = np.meshgrid(np.arange(columns, dtype=float), np.arange(columns, dtype=float), indexing="ij")
-    height = 14 * np.exp(-((u - 18) ** 2 + (v - 22) ** 2) / 90)
-    return np.stack([u, v, height], -1).reshape(-1, 3), grid(columns, columns)[1]
+    return hard_shapes.sheet(
+        lambda u, v: (u, v, 14 * np.exp(-((u - 18) ** 2 + (v - 22) ** 2) / 90)), (columns - 1,) * 2, (columns,) * 2
+    )
 
 
 def tube():
-    """A tube of 24 times 31 vertices, open at both ends."""
-    number, faces = grid(24, 31, around=True)
-    angle, height = (n.astype(float) for n in np.divmod(number.ravel(), 31))
-    angle *= 2 * np.pi / 24
-    return (np.stack([4 * np.cos(angle), 4 * np.sin(angle), height], 1), faces), number
+    """A tube of 24 times 31 vertices, open at both ends, and their numbers."""
+    place = (2 * np.pi, 30.0)
+    points, faces = hard_shapes.sheet(lambda u, v: (4 * np.cos(u), 4 * np.sin(u), v), place, (25, 31))
+    return (points[: 24 * 31], faces % (24 * 31)), np.arange(24 * 31).reshape(24, 31)
 
 
 SURFACE = hill()
@@ -49,22 +42,14 @@ def energy(flat):
     return flat.metadata["descent"]["energies"][-1]
 
 
-def begun(start, **options):
-    return composed.flatten(SURFACE, start=start, sources=60, **options)
-
-
-def areas(uv, faces):
-    (ax, ay), (bx, by) = ((uv[faces[:, n]] - uv[faces[:, 0]]).T for n in (1, 2))
-    return ax * by - ay * bx
-
-
 def is_good(flat):
     triangles = flat.distortion.triangles
-    return (areas(flat.uv, flat.faces) > 0).all() and (triangles.flipped, triangles.covering, triangles.crossings) == (
-        0,
-        0,
-        0,
-    )
+    folds = (triangles.flipped, triangles.covering, triangles.crossings)
+    return (signed_areas(flat.uv, flat.faces) > 0).all() and folds == (0, 0, 0)
+
+
+def begun(start, **options):
+    return composed.flatten(SURFACE, start=start, sources=60, **options)
 
 
 def test_a_map_that_is_done_ends_at_once_where_it_is(known):
@@ -96,7 +81,7 @@ def test_a_start_may_lie_anywhere_at_any_scale_and_mirrored(known, moved, hand):
 
 def test_a_shaken_map_comes_back(known):
     shaken = known.uv + np.random.default_rng(3).uniform(-0.2, 0.2, known.uv.shape)
-    assert (areas(shaken, known.faces) > 0).all()
+    assert (signed_areas(shaken, known.faces) > 0).all()
     again = begun(shaken)
     assert again.metadata["descent"]["energies"][0] > 1.05 * energy(known)
     assert energy(again) == pytest.approx(energy(known), rel=1e-3)
@@ -107,7 +92,7 @@ def test_folds_are_mended(known):
     inside = np.zeros((COLUMNS, COLUMNS, 1))
     inside[1:-1, 1:-1] = 1
     shaken = known.uv + inside.reshape(-1, 1) * np.random.default_rng(1).uniform(-0.9, 0.9, known.uv.shape)
-    assert (areas(shaken, known.faces) < 0).sum() > 100
+    assert (signed_areas(shaken, known.faces) < 0).sum() > 100
     again = begun(shaken)
     assert energy(again) == pytest.approx(energy(known), rel=1e-3)
     assert is_good(again)
