@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 import voxflat
 from voxflat import figures, io
-from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, numbers_of, shown
+from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, shown
 from voxflat.methods import Voxflat
 
 VOLUME = np.zeros((8, 8, 5), np.uint8)
@@ -26,29 +26,10 @@ ARRAY = np.zeros(3)
 SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 
-@pytest.mark.parametrize("path", [None, 3, 1j, b"x", [], {1}, "", "a\0b", "\ud800\udfff", np.zeros(2)])
-def test_what_is_no_path(path):
-    with pytest.raises(voxflat.InputError, match=r"^the path is .*; give the name of a file or directory$") as caught:
-        checked_path(path)
-    assert "\n" not in str(caught.value)
-
-
 def test_paths_of_all_kinds_stay():
     assert checked_path("a/b") == checked_path(Path("a/b")) == Path("a/b")
     assert checked_path("\udcff") == Path("\udcff")  # bytes that are no UTF-8
     assert checked_path(".") == Path()
-
-
-@pytest.mark.parametrize("value", [["a"], [[1, 2], [3]], "x", {}, int, [None], 1j, np.datetime64("2020-01-01")])
-def test_what_is_no_number(value):
-    with pytest.raises(voxflat.InputError, match=r"^the places are .*; give numbers$"):
-        numbers_of(value, "places")
-
-
-def test_numbers_stay():
-    np.testing.assert_array_equal(numbers_of([[1, 2.5]], "places"), [[1, 2.5]])
-    assert numbers_of([], "places").shape == (0,)
-    assert numbers_of(np.float32(3), "places") == 3
 
 
 def test_whole_numbers_that_no_float_holds_are_infinite():
@@ -168,10 +149,7 @@ ON_MAPS = {
     "None as background": (lambda m, a: m.paint(VALUES, background=None), "the background is None; give a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
     "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "background is 0.5, which is no bool"),
-    "background of many digits": (
-        lambda m, a: m.paint(VALUES, background=10**400),
-        r"is 10+ \.\.\., which is no float64",
-    ),
+    "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which is no float64"),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which is no float32"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which is no uint8"),
     "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*; give how many"),
@@ -184,10 +162,7 @@ ON_MAPS = {
     "title": (lambda m, a: figures.flat_map(m, title=ARRAY), "the title is array.*; give text"),
     "colour map": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, colour_map=[1])), r"no colour map \[1\]"),
     "limits": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=3)), "limits are 3; give two numbers"),
-    "limit": (
-        lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))),
-        "a limit is None; give a number",
-    ),
+    "limit": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))), "a limit is None; give"),
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
@@ -235,20 +210,3 @@ def test_maps_and_atlases_say_it_so(name, on_mesh, tmp_path, monkeypatch):
     call, message = ON_MAPS[name]
     refused(lambda: call(*on_mesh), message)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("scale", [1e19, 1e107, 1e300])
-def test_sizes_beyond_a_hundred_thousand_km(scale):
-    with pytest.raises(voxflat.InputError, match=r"point \d+ lies at .*, beyond 1e\+11 mm: is it right"):
-        voxflat.surface((POINTS * scale, FACES))
-    with pytest.raises(voxflat.InputError, match=r"affine .* goes beyond 1e\+11 mm"):
-        voxflat.surface(VOLUME, affine=np.diag([scale, scale, scale, 1]))
-
-
-def test_large_sizes_keep_their_distances():
-    """A map is as good at any of the scales that are taken."""
-    errors = [
-        voxflat.flatten((POINTS * scale, FACES), method=Voxflat(sources=9)).distortion.raw.relative_error
-        for scale in (1e-3, 1.0, 3e7, 3e9)
-    ]
-    np.testing.assert_allclose(errors, errors[1], atol=1e-3)

@@ -105,9 +105,6 @@ class TestInputs:
         with pytest.raises(voxflat.InputError, match=r"the label is .*; give a whole number"):
             grossmann2002(bent, label=label)
 
-    def test_a_limit_is_a_number(self, bent):
-        with pytest.raises(voxflat.InputError, match="the memory limit is '4G'; give a number"):
-            grossmann2002(bent, memory_limit="4G")
 
     def test_the_input_is_left_alone(self, bent):
         frozen = bent.copy()
