@@ -39,6 +39,7 @@ import nibabel
 import numpy as np
 import pyvista
 import scipy
+from hard_shapes import sheet
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -223,10 +224,8 @@ def of_surface(surface):
 def of_atlas(atlas):
     """Return an atlas, its pieces one by one, and its page."""
     pieces = list(atlas)
-    was = ("faces", "triangles", "vertices", "uv")  # as they were called
-    names = ("face_ids", "faces", "vertex_ids", "uv") if hasattr(pieces[0], "face_ids") else was
-    of_pieces = [[getattr(piece, name) for piece in pieces] for name in names]
-    joined = dict(zip(("face_ids", "faces", "vertices", "uv"), map(np.concatenate, of_pieces), strict=True))
+    names = {"face_ids": "face_ids", "faces": "faces", "vertices": "vertex_ids", "uv": "uv"}
+    joined = {key: np.concatenate([getattr(piece, name) for piece in pieces]) for key, name in names.items()}
     derived = taken(atlas, "normals", "isometric", "quasi_conformal", "areal")
     return {"atlas": atlas, "figures": atlas.figures(), "derived": derived, "pieces": joined, "page": of_page(atlas)}
 
@@ -234,18 +233,16 @@ def of_atlas(atlas):
 def of_page(atlas, volume=None):
     """Return where an atlas's pieces lie on its page, and what is drawn there."""
     page = atlas.page()
-    now = hasattr(page, "uv")  # before: places, use, numbers
-    places = page.uv if now else page.places
-    width, height = places.max(axis=0)
+    width, height = page.uv.max(axis=0)
     return {
-        "places": places,
+        "places": page.uv,
         "gap": page.gap,
-        "use": page.used_share if now else page.use,
+        "use": page.used_share,
         "raster": page.raster(),
         "locate": page.locate(),
         "look_up": page.look_up(lattice((0, 0), (width, height))),
         "heat_map": [page.heat_map(of=of).data for of in ("isometric", "quasi_conformal", "areal")],
-        "numbers": page.label_image() if now else page.numbers(),
+        "numbers": page.label_image(),
         "textured": page.textured(page.heat_map(), colour_map="inferno"),
         **({} if volume is None else {"image": page.image(volume)}),
     }
@@ -320,30 +317,19 @@ def waves(shape):
     return (np.sin(x / 5) + np.cos(y / 7) + np.sin(z / 3 + x / 11)).astype(np.float32)
 
 
-def grid(place, along, across):
-    """Return a mesh of triangles: places of (u, v)."""
-    u, v = np.meshgrid(along, across, indexing="ij")
-    points = np.stack(np.broadcast_arrays(*place(u, v)), axis=-1).reshape(-1, 3).astype(float)
-    number = np.arange(u.size).reshape(u.shape)
-    a, b, c, d = (of.ravel() for of in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-
-
 @cache
 def cap():
-    return grid(
+    return sheet(
         lambda u, v: (u, v, -0.012 * (u**2 + v**2) + np.sin(u / 4) * np.cos(v / 5)),
-        np.linspace(-24, 24, 33),
-        np.linspace(-18, 20, 27),
+        (np.linspace(-24, 24, 33), np.linspace(-18, 20, 27)),
     )
 
 
 @cache
 def cylinder():
-    return grid(
+    return sheet(
         lambda u, v: (12 * np.cos(u), 12 * np.sin(u), v + 0.3 * np.sin(3 * u)),
-        np.linspace(0, 1.6 * np.pi, 46),
-        np.linspace(0, 30, 24),
+        (np.linspace(0, 1.6 * np.pi, 46), np.linspace(0, 30, 24)),
     )
 
 
@@ -381,7 +367,7 @@ def command(*arguments, place):
     os.chdir(place)
     try:
         with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
-            getattr(program, "main", program)([str(argument) for argument in arguments], prog_name="voxflat")
+            program([str(argument) for argument in arguments], prog_name="voxflat")
     except SystemExit as status:
         if status.code:
             raise RuntimeError(f"voxflat {arguments[0]} ends with {status.code}: {errors.getvalue()[-400:]}") from None
@@ -588,7 +574,7 @@ def judgements(threads, place):
     return {
         "together": voxflat.compare(cortex(), maps, **how),
         "alone": voxflat.measure(cortex(), ours, reference="graph", **how),
-        "voxels": composed.measure(curled_sheet(), voxels, spacing=(1, 1, 1), **how),
+        "voxels": voxflat.measure(voxflat.surface(curled_sheet(), spacing=(1, 1, 1)), voxels, **how),
     }
 
 

@@ -60,9 +60,6 @@ def patches(source, *limit, **given):
     return surface.patches(*limit, **given)
 
 
-def register(source, **given):
-    """Register a source."""
-    return part(source, given).register(**given)
 
 
 def check(source, **given):
@@ -71,10 +68,6 @@ def check(source, **given):
     return voxflat.check(source, **given, part=lambda surface: part(surface, dict(chosen)))
 
 
-def measure(source, flat, **given):
-    """Measure a flat map of a source."""
-    making = {name: given.pop(name) for name in MAKING if name in given}
-    return voxflat.measure(voxflat.surface(source, **making), flat, **given)
 
 
 def of_overlay(overlay, look):
