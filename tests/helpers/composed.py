@@ -60,14 +60,10 @@ def patches(source, *limit, **given):
     return surface.patches(*limit, **given)
 
 
-
-
 def check(source, **given):
     """Check a source, or a part of it."""
     chosen = {name: given.pop(name) for name in PARTS if given.get(name) is not None}
     return voxflat.check(source, **given, part=lambda surface: part(surface, dict(chosen)))
-
-
 
 
 def of_overlay(overlay, look):

@@ -9,6 +9,7 @@ import pytest
 import shapes
 from hard_shapes import sheet
 from lab_runs import run
+from mesh_files import write_obj
 
 import voxflat
 from voxflat import InputError, figures
@@ -38,14 +39,6 @@ def tube():
     points, faces = sheet(lambda u, v: (radius * np.cos(u), radius * np.sin(u), v), (2 * np.pi, 18.0), (25, 10))
     places = 2.0 * np.column_stack(np.divmod(np.arange(len(points)), 10))
     return points[:240], faces % 240, places[faces]
-
-
-def write_obj(path, points, faces, places):
-    """Write an OBJ file with texture coordinates of its own at each corner."""
-    lines = [f"v {x:.12g} {y:.12g} {z:.12g}" for x, y, z in points]
-    lines += [f"vt {u:.12g} {v:.12g}" for u, v in places.reshape(-1, 2)]
-    lines += [f"f {a}/{3 * n + 1} {b}/{3 * n + 2} {c}/{3 * n + 3}" for n, (a, b, c) in enumerate(faces + 1)]
-    path.write_text("\n".join(lines) + "\n")
 
 
 class TestDistances:

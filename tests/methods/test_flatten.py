@@ -105,7 +105,6 @@ class TestInputs:
         with pytest.raises(voxflat.InputError, match=r"the label is .*; give a whole number"):
             grossmann2002(bent, label=label)
 
-
     def test_the_input_is_left_alone(self, bent):
         frozen = bent.copy()
         frozen.setflags(write=False)
