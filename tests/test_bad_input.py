@@ -236,10 +236,6 @@ def test_memory_is_checked_before_the_start():
     assert "scaling" not in stages
 
 
-def test_closed_surface_can_be_flattened_in_part():
-    assert len(voxflat.surface(ball()).disk((9, 9, 1), 6).flatten("grossmann2002")) > 20
-
-
 # ---------------------------------------------------------------------------------------------- files
 
 
@@ -301,14 +297,6 @@ def test_bad_files(name, command, tmp_path):
     output = ["-o", tmp_path / "map.npz"] if command == "flatten" else []
     with pytest.raises(voxflat.InputError, match=message):
         raise voxflat.InputError(fails(tmp_path, command, tmp_path / name, *output))
-
-
-@pytest.mark.parametrize("value", [NAN, INF])
-def test_nan_in_a_nifti_file(value, tmp_path):
-    path = tmp_path / "nan.nii"
-    nib.save(nib.Nifti1Image(with_value(value), np.eye(4)), path)
-    with pytest.raises(voxflat.InputError, match="1 voxel is NaN or infinite"):
-        voxflat.surface(path, threshold=0.5).flatten()
 
 
 def test_compressed_and_plain_file_of_one_name(tmp_path):

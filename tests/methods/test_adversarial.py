@@ -14,29 +14,18 @@ def usual_map(shape):
     return voxflat.flatten(hard_shapes.surface(shape))
 
 
-@pytest.fixture(scope="module", params=hard_shapes.MESHES + hard_shapes.VOLUMES, ids=lambda shape: shape.__name__)
-def made(request):
-    return usual_map(request.param)
-
-
 @pytest.mark.slow
-def test_is_finite(made):
+@pytest.mark.parametrize("shape", hard_shapes.MESHES + hard_shapes.VOLUMES, ids=lambda shape: shape.__name__)
+def test_maps_are_finite_without_folds_and_it_is_told_if_they_did_not_converge(shape):
+    made = usual_map(shape)
     assert np.isfinite(made.uv).all()
     figures = made.distortion.figures()
     assert np.isfinite([figures["raw"]["relative_error"], figures["raw"]["stress_1"]]).all()
     assert np.isfinite(made.metadata["descent"]["energies"]).all()
-
-
-@pytest.mark.slow
-def test_has_no_folds(made):
     triangles = made.distortion.triangles
     assert (triangles.flipped, triangles.collapsed, triangles.covering, triangles.crossings) == (0, 0, 0, 0)
     signed = hard_shapes.signed_areas(made.uv, made.faces)
     assert (signed > 0).all() or (signed < 0).all()
-
-
-@pytest.mark.slow
-def test_what_did_not_converge_is_told(made):
     told = any("before it converged" in warning for warning in made.metadata["warnings"])
     assert told == (not made.metadata["descent"]["converged"])
 
