@@ -96,8 +96,6 @@ def real(options):
             wrong += row(f"{name}, {side}", cut, maps[name]["standard"], seconds)
             maps[name]["automatic"] = whole.drop(cut.left_out).flatten(cuts="automatic")
         compare_real(side, files, maps)
-        if side == "left":
-            two_ways(files)
     return wrong
 
 
@@ -125,15 +123,6 @@ def compare_real(side, files, maps):
         for cuts, flat in of.items():
             places[cuts].append(at(flat, sphere, wanted))
     print(f"\nhomologous points of {len(maps)} real surfaces, {side}:", spread(places), flush=True)
-
-
-def two_ways(files):
-    """Print how far cuts by the sphere of fs_LR lie from those by the sphere of fsaverage, on one mesh."""
-    surface, sphere = files[HCP]
-    spheres = (sphere, files["T1Prep, fsaverage, 32k"][1])
-    one, two = (voxflat.surface(surface).cut(cuts="standard", sphere=by) for by in spheres)
-    _, named = cuts_apart(points_of(surface), one, two)
-    print("\nHCP S1200 left, cuts by fs_LR from those by fsaverage, mean mm:", named, flush=True)
 
 
 # ------------------------------------------------------------------------------------------- simulated subjects
