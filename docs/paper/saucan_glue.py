@@ -41,13 +41,13 @@ def gluing(colon):
 def developable():
     """Print how far surfaces that can be flat are from it, and where a closed cylinder is cut."""
     print(f"\n{'developable':26}{'patches':>10}{'pieces':>10}{'cuts, mm':>10}{'max |σ − 1|':>14}")
+
+    def cone(x, y):
+        return 0.6 * (5 + y) * np.cos(0.2 * x), 0.6 * (5 + y) * np.sin(0.2 * x), 0.8 * (5 + y)
+
     for name, m, place in (
         ("wavy cylinder", 40, lambda x, y: (0.7 * x, y, 3 * np.sin(0.4 * x))),
-        (
-            "cone sector",
-            24,
-            lambda x, y: (5 + y) * np.stack([0.6 * np.cos(0.2 * x), 0.6 * np.sin(0.2 * x), 0.8 + 0 * x]),
-        ),
+        ("cone sector", 24, cone),
         ("closed cylinder, 20 mm", 36, lambda x, y: (5 * np.cos(x * np.pi / 18), 5 * np.sin(x * np.pi / 18), y)),
     ):
         atlas = voxflat.surface(sheet(m, 20, place)).patches(10)
