@@ -123,14 +123,12 @@ $(T1PREP):
 gallery: setup $(T1PREP) ## the pictures of docs/gallery.md, and of functional data
 	$(RUN) python docs/gallery/flat_maps.py $(T1PREP) docs/pictures
 	$(RUN) python docs/gallery/functional.py docs/pictures
-	$(SCREEN) $(RUN) python docs/gallery/pyvista_verbs.py
 	$(SCREEN) $(RUN) python docs/gallery/pyvista_examples.py
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/heat_map.png demo/patch_3d.png docs/pictures/
 	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
 	$(RUN) python docs/gallery/pyvista_picture.py
-	$(RUN) python docs/gallery/texture_picture.py
 
 TEMPLATES := .tools/templates
 

@@ -39,10 +39,12 @@ import nibabel
 import numpy as np
 import pyvista
 import scipy
+from hard_shapes import sheet
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import voxflat
+from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat, Zigelman2002
 
 DATA = Path(__file__).resolve().parent / "data"
 HOW = {
@@ -222,10 +224,8 @@ def of_surface(surface):
 def of_atlas(atlas):
     """Return an atlas, its pieces one by one, and its page."""
     pieces = list(atlas)
-    was = ("faces", "triangles", "vertices", "uv")  # as they were called
-    names = ("face_ids", "faces", "vertex_ids", "uv") if hasattr(pieces[0], "face_ids") else was
-    of_pieces = [[getattr(piece, name) for piece in pieces] for name in names]
-    joined = dict(zip(("face_ids", "faces", "vertices", "uv"), map(np.concatenate, of_pieces), strict=True))
+    names = {"face_ids": "face_ids", "faces": "faces", "vertices": "vertex_ids", "uv": "uv"}
+    joined = {key: np.concatenate([getattr(piece, name) for piece in pieces]) for key, name in names.items()}
     derived = taken(atlas, "normals", "isometric", "quasi_conformal", "areal")
     return {"atlas": atlas, "figures": atlas.figures(), "derived": derived, "pieces": joined, "page": of_page(atlas)}
 
@@ -233,18 +233,16 @@ def of_atlas(atlas):
 def of_page(atlas, volume=None):
     """Return where an atlas's pieces lie on its page, and what is drawn there."""
     page = atlas.page()
-    now = hasattr(page, "uv")  # before: places, use, numbers
-    places = page.uv if now else page.places
-    width, height = places.max(axis=0)
+    width, height = page.uv.max(axis=0)
     return {
-        "places": places,
+        "places": page.uv,
         "gap": page.gap,
-        "use": page.used_share if now else page.use,
+        "use": page.used_share,
         "raster": page.raster(),
         "locate": page.locate(),
         "look_up": page.look_up(lattice((0, 0), (width, height))),
         "heat_map": [page.heat_map(of=of).data for of in ("isometric", "quasi_conformal", "areal")],
-        "numbers": page.label_image() if now else page.numbers(),
+        "numbers": page.label_image(),
         "textured": page.textured(page.heat_map(), colour_map="inferno"),
         **({} if volume is None else {"image": page.image(volume)}),
     }
@@ -319,30 +317,19 @@ def waves(shape):
     return (np.sin(x / 5) + np.cos(y / 7) + np.sin(z / 3 + x / 11)).astype(np.float32)
 
 
-def grid(place, along, across):
-    """Return a mesh of triangles: places of (u, v)."""
-    u, v = np.meshgrid(along, across, indexing="ij")
-    points = np.stack(np.broadcast_arrays(*place(u, v)), axis=-1).reshape(-1, 3).astype(float)
-    number = np.arange(u.size).reshape(u.shape)
-    a, b, c, d = (of.ravel() for of in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-
-
 @cache
 def cap():
-    return grid(
+    return sheet(
         lambda u, v: (u, v, -0.012 * (u**2 + v**2) + np.sin(u / 4) * np.cos(v / 5)),
-        np.linspace(-24, 24, 33),
-        np.linspace(-18, 20, 27),
+        (np.linspace(-24, 24, 33), np.linspace(-18, 20, 27)),
     )
 
 
 @cache
 def cylinder():
-    return grid(
+    return sheet(
         lambda u, v: (12 * np.cos(u), 12 * np.sin(u), v + 0.3 * np.sin(3 * u)),
-        np.linspace(0, 1.6 * np.pi, 46),
-        np.linspace(0, 30, 24),
+        (np.linspace(0, 1.6 * np.pi, 46), np.linspace(0, 30, 24)),
     )
 
 
@@ -380,7 +367,7 @@ def command(*arguments, place):
     os.chdir(place)
     try:
         with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
-            getattr(program, "main", program)([str(argument) for argument in arguments], prog_name="voxflat")
+            program([str(argument) for argument in arguments], prog_name="voxflat")
     except SystemExit as status:
         if status.code:
             raise RuntimeError(f"voxflat {arguments[0]} ends with {status.code}: {errors.getvalue()[-400:]}") from None
@@ -416,7 +403,7 @@ def voxflat_by_exact_distances(threads, place):
 @case
 def voxflat_from_given_sources(threads, place):
     found = voxflat.flatten(
-        cylinder(), method=voxflat.methods.Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
+        cylinder(), method=Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
     )
     rows = voxflat.open_rows(place / "rows")
     rows.verify()
@@ -442,7 +429,7 @@ def voxflat_of_a_solid_cut_open(threads, place):
 
 @case
 def voxflat_of_a_hemisphere(threads, place):
-    flat_map = cortex().drop("medial wall").flatten(voxflat.methods.Voxflat(sources=100), relax=False, threads=threads)
+    flat_map = cortex().drop("medial wall").flatten(Voxflat(sources=100), relax=False, threads=threads)
     return of_map(flat_map, fsaverage5("sulc_left"), pixel_size=1.0)
 
 
@@ -473,7 +460,7 @@ def voxflat_of_grey_matter(threads, place):
 @case
 def grossmann2002_by_chain_codes(threads, place):
     volume = curled_sheet()
-    flat_map = voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=400), rows=True, threads=threads)
+    flat_map = voxflat.flatten(volume, method=Grossmann2002(sources=400), rows=True, threads=threads)
     return of_map(flat_map, volume, waves(volume.shape))
 
 
@@ -487,9 +474,7 @@ def grossmann2002_of_a_patch(threads, place):
 
 @case
 def zigelman2002_by_decimation(threads, place):
-    return of_map(
-        voxflat.flatten(cylinder(), method=voxflat.methods.Zigelman2002(sources=250), rows=True, threads=threads)
-    )
+    return of_map(voxflat.flatten(cylinder(), method=Zigelman2002(sources=250), rows=True, threads=threads))
 
 
 @case
@@ -500,15 +485,13 @@ def zigelman2002_from_far_sources(threads, place):
 
 @case
 def zigelman2002_on_a_grid(threads, place):
-    found = of_map(
-        voxflat.flatten(face(), method=voxflat.methods.Zigelman2002(sources=300, sampling="grid"), threads=threads)
-    )
+    found = of_map(voxflat.flatten(face(), method=Zigelman2002(sources=300, sampling="grid"), threads=threads))
     return {**found, "surface": of_surface(face())}
 
 
 @case
 def schwartz1989_in_neighbourhoods(threads, place):
-    return of_map(voxflat.flatten(cap(), method=voxflat.methods.Schwartz1989(starts=2), rows=True, threads=threads))
+    return of_map(voxflat.flatten(cap(), method=Schwartz1989(starts=2), rows=True, threads=threads))
 
 
 @case
@@ -519,14 +502,12 @@ def schwartz1989_by_all_distances(threads, place):
 
 @case
 def saucan2006_of_a_mesh(threads, place):
-    return of_map(voxflat.flatten(cap(), method=voxflat.methods.Saucan2006(bound=1.4), threads=threads))
+    return of_map(voxflat.flatten(cap(), method=Saucan2006(bound=1.4), threads=threads))
 
 
 @case
 def saucan2006_of_voxels(threads, place):
-    return of_map(
-        voxflat.flatten(curled_sheet(), method=voxflat.methods.Saucan2006(bound=2.0), seed=1, threads=threads)
-    )
+    return of_map(voxflat.flatten(curled_sheet(), method=Saucan2006(bound=2.0), seed=1, threads=threads))
 
 
 # --------------------------------------------------------------------------------------- other questions
@@ -589,13 +570,11 @@ def judgements(threads, place):
     ours = patch_of_cortex(threads)
     maps = {"ours": ours, "shipped": fsaverage5("flat_left")}
     how = {"sources": 40, "seed": 8, "threads": threads}
-    voxels = voxflat.surface(curled_sheet(), spacing=(1, 1, 1)).flatten(
-        voxflat.methods.Voxflat(sources=50), threads=threads
-    )
+    voxels = voxflat.surface(curled_sheet(), spacing=(1, 1, 1)).flatten(Voxflat(sources=50), threads=threads)
     return {
         "together": voxflat.compare(cortex(), maps, **how),
         "alone": voxflat.measure(cortex(), ours, reference="graph", **how),
-        "voxels": composed.measure(curled_sheet(), voxels, spacing=(1, 1, 1), **how),
+        "voxels": voxflat.measure(voxflat.surface(curled_sheet(), spacing=(1, 1, 1)), voxels, **how),
     }
 
 
@@ -720,7 +699,7 @@ def pyvista_accessor(threads, place):
         "solid": of_polydata(image.voxflat.to_polydata(solid)),
         "solid in space": of_polydata(image.voxflat.to_surface_polydata(solid)),
         "image": solid.image(image.voxflat.volume("waves")),
-        "mesh": of_polydata(mesh.voxflat(keep="middle", method=voxflat.methods.Voxflat(sources=80), threads=threads)),
+        "mesh": of_polydata(mesh.voxflat(keep="middle", method=Voxflat(sources=80), threads=threads)),
         "page": of_polydata(mesh.voxflat.patches(8.0, glue=1.3, threads=threads)),
     }
 

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 import voxflat
 from voxflat import cli
 from voxflat.io.volumes import write_volume
+from voxflat.methods import Voxflat
 
 nib = pytest.importorskip("nibabel")
 
@@ -82,9 +83,7 @@ API = {
     "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxel is NaN or infinite; replace"),
     "inf in the data": (with_value(INF), {"label": 1}, r"1 voxel is NaN or infinite; replace"),
     "spacing NaN": (sheet(), {"spacing": (NAN, 1, 1)}, r"spacing \[nan, 1.0, 1.0\] must be 3 positive, finite"),
-    "spacing inf": (sheet(), {"spacing": (1, INF, 1)}, r"spacing \[1.0, inf, 1.0\] must be 3 positive"),
     "spacing zero": (sheet(), {"spacing": (0, 1, 1)}, r"spacing \[0.0, 1.0, 1.0\] must be 3 positive"),
-    "spacing negative": (sheet(), {"spacing": (1, -2, 1)}, r"spacing \[1.0, -2.0, 1.0\] must be 3 positive"),
     "spacing of two": (sheet(), {"spacing": (1, 1)}, r"spacing \[1.0, 1.0\] must be 3"),
     "affine NaN": (sheet(), {"affine": affine(a03=NAN)}, r"nan.*is not finite: repair"),
     "affine zero": (sheet(), {"affine": affine(a00=0)}, r"voxel size is \[0.0, 1.0, 1.0\] mm"),
@@ -92,85 +91,50 @@ API = {
     "affine of shape (3, 3)": (sheet(), {"affine": np.eye(3)}, r"shape \(3, 3\): give a \(4, 4\)"),
     "affine and spacing": (sheet(), {"affine": np.eye(4), "spacing": (1, 1, 1)}, r"both .* give one"),
     "one voxel": (few((2, 2, 2)), {}, r"a point of 1 voxel\(s\).*wider label"),
-    "two voxels": (few((2, 2, 2), (2, 2, 3)), {}, r"a line of 2 voxel\(s\).*wider label"),
     "a line": (LINE, {}, r"a line of 8 voxel\(s\).*wider label"),
     "a diagonal": (DIAGONAL, {}, r"a line of 8 voxel\(s\).*wider label"),
     "two sources": (sheet(), {"sources": 2}, r"2 sources are too few; give at least 3"),
-    "no source": (sheet(), {"sources": 0}, r"0 sources are too few; give at least 3"),
     "two given sources": (sheet(), {"sources": [[0, 0, 2], [9, 9, 2]]}, r"2 sources are too few"),
     "sources off the surface": (
         sheet(),
         {"sources": [[0, 0, 2], [5, 9, 0], [20, 9, 2]]},
         r"voxel \[5, 9, 0\] is not on the surface; the nearest surface voxel is \[5, 9, 2\]",
     ),
-    "sources outside the volume": (
-        sheet(),
-        {"sources": [[0, 0, 2], [-1, 9, 2], [9, 9, 2]]},
-        r"\[-1, 9, 2\].*\[0, 9, 2\]",
-    ),
+    "sources outside": (sheet(), {"sources": [[0, 0, 2], [-1, 9, 2], [9, 9, 2]]}, r"\[-1, 9, 2\].*\[0, 9, 2\]"),
     "sources elsewhere": (
         sheet(cut=10),
         {"sources": [[20, 0, 2], [30, 9, 2], [3, 7, 2]]},
         r"source \[3, 7, 2\] .* outside the patch or component that is used \(1160 of 1560 .*; choose",
     ),
-    "duplicate sources": (
-        sheet(),
-        {"sources": [[9, 9, 2], [0, 0, 2], [9, 9, 2]]},
-        r"source \[9, 9, 2\] is given 2 times",
-    ),
+    "sources twice": (sheet(), {"sources": [[9, 9, 2], [0, 0, 2], [9, 9, 2]]}, r"\[9, 9, 2\] is given 2 times"),
     "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
     "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices .*, whole"),
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},
-        r"2 pieces that do not touch \(of 400, 200 voxels\): keep one piece",
+        r"2 pieces .* \(of 400, 200 voxels\): keep one",
     ),
     "mask of wrong shape": (sheet(), {"keep": np.ones((3, 4, 5))}, r"shape \(3, 4, 5\), the volume \(40, 40, 5\)"),
     "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
     "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"holds no triangle of the surface \(1600 vertices"),
     "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep has NaN; write 0"),
     "radius zero": (sheet(), {"seed_point": (1, 1, 2), "radius": 0}, r"radius is 0 mm: give a positive"),
-    "radius negative": (sheet(), {"seed_point": (1, 1, 2), "radius": -3.5}, r"radius is -3.5 mm: give a positive"),
     "radius NaN": (sheet(), {"seed_point": (1, 1, 2), "radius": NAN}, r"radius is NaN mm: give a positive"),
-    "radius infinite": (
-        sheet(),
-        {"seed_point": (1, 1, 2), "radius": INF},
-        r"radius is inf mm: give a positive, finite",
-    ),
+    "radius infinite": (sheet(), {"seed_point": (1, 1, 2), "radius": INF}, r"radius is inf mm: give a .* finite"),
     "radius text": (sheet(), {"seed_point": (1, 1, 2), "radius": "5 mm"}, r"radius is '5 mm'; give a number"),
-    "radius below a voxel": (
-        sheet(),
-        {"seed_point": (1, 1, 2), "radius": 0.5},
-        r"0.5 mm: give a larger radius",
-    ),
+    "radius below a voxel": (sheet(), {"seed_point": (1, 1, 2), "radius": 0.5}, r"0.5 mm: give a larger radius"),
     "seed point far off": (
         sheet(),
         {"seed_point": (1, 1, 90), "radius": 5},
         r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), farther than the patch radius 5 mm: choose",
     ),
-    "seed point beyond all": (
-        sheet(),
-        {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5},
-        r"choose a seed point on",
-    ),
+    "seed point afar": (sheet(), {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5}, r"choose a seed point on"),
     "seed point of two": (sheet(), {"seed_point": (1, 1), "radius": 5}, r"seed point must be .*\(2,\)"),
     "seed point fractional": (sheet(), {"seed_point": (1.5, 1, 2), "radius": 5}, r"seed point must be .*whole"),
-    "closed": (
-        ball(),
-        {},
-        r"closed, like a sphere's.*Cut out a patch: give a seed point and a radius in mm, or a mask",
-    ),
-    "memory": (
-        sheet(),
-        {"memory_limit": 10**6},
-        r"MiB of memory are needed, 976.6 KiB is the limit; crop or downsample",
-    ),
+    "closed": (ball(), {}, r"closed, like a sphere's.*Cut out a patch: give a seed point and a radius .* or a mask"),
+    "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory are needed, 976.6 KiB is the limit; crop"),
     "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
-    "method": (
-        sheet(),
-        {"method": "tsne"},
-        "give 'voxflat', .* 'saucan2006', or an object of voxflat.methods",
-    ),
+    "method": (sheet(), {"method": "tsne"}, "give 'voxflat', .* 'saucan2006', or an object of voxflat.methods"),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is 'best'; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is 'city-block'; give"),
     "seed negative": (sheet(), {"seed": -1}, r"seed is -1; give a whole number from 0"),
@@ -272,16 +236,20 @@ def test_memory_is_checked_before_the_start():
     assert "scaling" not in stages
 
 
-def test_closed_surface_can_be_flattened_in_part():
-    assert len(voxflat.surface(ball()).disk((9, 9, 1), 6).flatten("grossmann2002")) > 20
-
-
 # ---------------------------------------------------------------------------------------------- files
 
 
 def nifti(path, volume=None, place=None):
     write_volume(path, sheet() if volume is None else volume, np.eye(4) if place is None else place)
     return path
+
+
+def series(path):
+    nib.save(nib.Nifti1Image(np.ones((3, 3, 3, 2), np.uint8), np.eye(4)), path)
+
+
+def sheared(path):
+    nib.save(nib.Nifti1Image(sheet(), affine(a01=0.5)), path)
 
 
 def cut_short(path):
@@ -304,14 +272,8 @@ BAD_FILES = {
     "directory.nii": (lambda path: path.mkdir(), r"directory\.nii: is a directory: name a volume file"),
     "missing.nii": (lambda path: None, r"missing\.nii.*: No such file|No such file.*missing\.nii"),
     "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz' is unknown; \.nii,.* can be read"),
-    "series.nii": (
-        lambda path: nib.save(nib.Nifti1Image(np.ones((3, 3, 3, 2), np.uint8), np.eye(4)), path),
-        r"pick one",
-    ),
-    "sheared.nii": (
-        lambda path: nib.save(nib.Nifti1Image(sheet(), affine(a01=0.5)), path),
-        r"sheared\.nii: .*sheared: the cosine .* resample",
-    ),
+    "series.nii": (series, r"pick one"),
+    "sheared.nii": (sheared, r"sheared\.nii: .*sheared: the cosine .* resample"),
     "nan_affine.nii": (lambda path: raw_header(path, srow=(280, NAN), qoffset=(268, NAN)), r"is not finite: repair"),
     "pickle.npy": (lambda path: path.write_bytes(pickle.dumps(sheet())), r"pickle\.npy: "),
     "objects.npy": (lambda path: np.save(path, np.array([{}]), allow_pickle=True), r"objects\.npy: .*"),
@@ -335,14 +297,6 @@ def test_bad_files(name, command, tmp_path):
     output = ["-o", tmp_path / "map.npz"] if command == "flatten" else []
     with pytest.raises(voxflat.InputError, match=message):
         raise voxflat.InputError(fails(tmp_path, command, tmp_path / name, *output))
-
-
-@pytest.mark.parametrize("value", [NAN, INF])
-def test_nan_in_a_nifti_file(value, tmp_path):
-    path = tmp_path / "nan.nii"
-    nib.save(nib.Nifti1Image(with_value(value), np.eye(4)), path)
-    with pytest.raises(voxflat.InputError, match="1 voxel is NaN or infinite"):
-        voxflat.surface(path, threshold=0.5).flatten()
 
 
 def test_compressed_and_plain_file_of_one_name(tmp_path):
@@ -405,7 +359,7 @@ BAD_OUTPUTS = {
 
 @pytest.fixture(scope="module")
 def flat_map():
-    return voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=20))
+    return voxflat.flatten(sheet(), method=Voxflat(sources=20))
 
 
 @pytest.mark.parametrize("name", BAD_OUTPUTS)
@@ -431,9 +385,7 @@ def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
 @pytest.mark.parametrize("stage", ["finding the surface", "choosing sources", "measuring distortion"])
 def test_progress_that_says_no_cancels(stage):
     with pytest.raises(voxflat.Cancelled):
-        voxflat.flatten(
-            sheet(), method=voxflat.methods.Voxflat(sources=20), progress=lambda now, done, total: now != stage
-        )
+        voxflat.flatten(sheet(), method=Voxflat(sources=20), progress=lambda now, done, total: now != stage)
 
 
 def test_an_error_in_progress_comes_through():
@@ -467,10 +419,7 @@ BAD_MAPS = {
     "empty": lambda path: path.write_bytes(b""),
     "other byte": other_byte,
     "other npz": lambda path: np.savez(path, data=sheet()),
-    "array without archive": lambda path: (
-        np.save(path.with_suffix(".npy"), sheet()),
-        path.with_suffix(".npy").replace(path),
-    ),
+    "array without archive": lambda path: np.save(path.open("wb"), sheet()),
     "without uv": lambda path: without(path, "uv"),
     "without metadata": lambda path: without(path, "metadata"),
     "pickle": lambda path: path.write_bytes(pickle.dumps({"uv": 1})),
@@ -504,12 +453,11 @@ BAD_IMAGES = {
     "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory"),
     "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
     "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*give a volume of that"),
-    "pixel size zero": (["--heat-map", "--pixel-size", "0", "-o", "a.png"], r"pixel size is 0 mm: give a positive"),
     "pixel size negative": (["--heat-map", "--pixel-size", "-1", "-o", "a.png"], r"pixel size is -1 mm: give a pos"),
     "pixel size NaN": (["--heat-map", "--pixel-size", "nan", "-o", "a.png"], r"pixel size is NaN mm: give a positive"),
     "pixel size tiny": (
         ["--heat-map", "--pixel-size", "1e-9", "-o", "a.png"],
-        r"pixels; give a pixel size above 0\.000000001 mm",
+        r"; give a pixel size above 0\.000000001",
     ),
 }
 

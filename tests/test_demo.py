@@ -28,19 +28,11 @@ def test_the_hemisphere_is_whole_and_its_map_is_fair(output):
 
 def test_everything_is_written_and_named(output):
     directory, flat_map, told = output
-    for name in (
-        "folds.png",
-        "flat_image.png",
-        "grey_matter.png",
-        "heat_map.png",
-        "scatter.png",
-        "spectrum.png",
-        "patch_3d.png",
-    ):
-        picture = np.asarray(Image.open(directory / name).convert("RGB"))
+    for name in ("folds", "flat_image", "grey_matter", "heat_map", "scatter", "spectrum", "patch_3d"):
+        picture = np.asarray(Image.open(directory / f"{name}.png").convert("RGB"))
         assert min(picture.shape[:2]) > 400
         assert picture.std() > 20  # not blank
-        assert name in told
+        assert f"{name}.png" in told
     np.testing.assert_array_equal(voxflat.load(directory / "map.npz").uv, flat_map.uv)
     assert (directory / "summary.txt").read_text().strip() in told
     assert str(directory) in told

@@ -9,6 +9,7 @@ import lab
 import nibabel as nib
 import pytest
 from click.testing import CliRunner
+from mesh_files import write_obj
 
 import voxflat
 from voxflat import cli
@@ -46,21 +47,12 @@ def subject(tmp_path_factory):
             for command in commands("docs/how-to.md", section):
                 if "..." not in command:
                     said[command] = run(command.replace("1204 8811 9032", "104 61 132"))
-        unwrap(voxflat.load("map.npz"), folder / "unwrapped.obj")
+        flat = voxflat.load("map.npz")
+        white, _, _ = lab.hemisphere(FEW)
+        write_obj(folder / "unwrapped.obj", white, flat.ids[flat.faces], flat.uv[flat.faces])
         for command in commands("docs/how-to.md", "Judge a map"):
             said[command] = run(f"{command} --sources 20")
     return folder, said
-
-
-def unwrap(flat, path):
-    """Write a map as the texture of its surface, as programs that unwrap do."""
-    white, _, _ = lab.hemisphere(FEW)
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in white]
-    lines += [f"vt {u:.6f} {v:.6f}" for u, v in flat.uv]
-    lines += [
-        "f " + " ".join(f"{flat.ids[corner] + 1}/{corner + 1}" for corner in face) for face in flat.faces.tolist()
-    ]
-    path.write_text("\n".join(lines) + "\n")
 
 
 @pytest.mark.slow

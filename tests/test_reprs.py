@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+from hard_shapes import sheet
 
 import voxflat
 from voxflat import io
@@ -16,10 +17,7 @@ LONGEST = 300
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
     """One of each public class, by its name."""
-    i, j = np.indices((40, 40)).reshape(2, -1)
-    corner = np.arange(1600).reshape(40, 40)[:-1, :-1].ravel()
-    faces = np.concatenate([corner[:, None] + [0, 40, 1], corner[:, None] + [1, 40, 41]])
-    points = np.column_stack([i, j, 3 * np.sin(i / 4) * np.cos(j / 4)])
+    points, faces = sheet(lambda u, v: (u, v, 3 * np.sin(u / 4) * np.cos(v / 4)), (39, 39), (40, 40))
     mesh = io.Mesh(points, faces)
     flat_map = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
     atlas = voxflat.surface(mesh).patches(15)
@@ -40,7 +38,7 @@ def shown(tmp_path_factory):
             voxflat.surface(mesh).path(0, 1599),
             voxflat.open_rows(store),
             cut,
-            Cut(i, 1.5, "given"),
+            Cut(np.arange(1600), 1.5, "given"),
             patch,
         ),
         *(registration, worst, worst.places[0], worst.places[0].cut),

@@ -9,7 +9,8 @@ from numpy.testing import assert_array_equal
 
 import voxflat
 from voxflat import figures, io
-from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, numbers_of, shown
+from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, shown
+from voxflat.methods import Voxflat
 
 VOLUME = np.zeros((8, 8, 5), np.uint8)
 VOLUME[:, :, 2] = 1
@@ -25,29 +26,10 @@ ARRAY = np.zeros(3)
 SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 
-@pytest.mark.parametrize("path", [None, 3, 1j, b"x", [], {1}, "", "a\0b", "\ud800\udfff", np.zeros(2)])
-def test_what_is_no_path(path):
-    with pytest.raises(voxflat.InputError, match=r"^the path is .*; give the name of a file or directory$") as caught:
-        checked_path(path)
-    assert "\n" not in str(caught.value)
-
-
 def test_paths_of_all_kinds_stay():
     assert checked_path("a/b") == checked_path(Path("a/b")) == Path("a/b")
     assert checked_path("\udcff") == Path("\udcff")  # bytes that are no UTF-8
     assert checked_path(".") == Path()
-
-
-@pytest.mark.parametrize("value", [["a"], [[1, 2], [3]], "x", {}, int, [None], 1j, np.datetime64("2020-01-01")])
-def test_what_is_no_number(value):
-    with pytest.raises(voxflat.InputError, match=r"^the places are .*; give numbers$"):
-        numbers_of(value, "places")
-
-
-def test_numbers_stay():
-    np.testing.assert_array_equal(numbers_of([[1, 2.5]], "places"), [[1, 2.5]])
-    assert numbers_of([], "places").shape == (0,)
-    assert numbers_of(np.float32(3), "places") == 3
 
 
 def test_whole_numbers_that_no_float_holds_are_infinite():
@@ -90,10 +72,7 @@ CALLS = {
     "points of a border": (lambda s: io.patch_border(FACES, [0], 10**25), "memory are needed"),
     "method": (lambda s: voxflat.flatten(s, method=np.ma.masked_array([1, 2], [1, 0])), "method is masked_array"),
     "solver": (lambda s: s.geodesic(9, geodesic=ARRAY), "geodesic is array.*; give 'graph', 'marching'"),
-    "solver of a map": (
-        lambda s: voxflat.flatten(s, method=voxflat.methods.Voxflat(geodesic=ARRAY)),
-        "geodesic is array",
-    ),
+    "solver of a map": (lambda s: voxflat.flatten(s, method=Voxflat(geodesic=ARRAY)), "geodesic is array"),
     "way": (lambda s: s.path(0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
     "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\); give rows of one length"),
     "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19; give text"),
@@ -118,53 +97,26 @@ CALLS = {
     "flow": (lambda s: s.sulcal_depth(flow=None), "flow is None; give a positive number"),
     "bridges": (lambda s: s._bridges(3), "faces are int64 of shape"),
     "jump": (lambda s: voxflat.range_image(np.eye(9), 1.0, jump=np.ones((9, 9))), "the jump is array"),
-    "steps": (
-        lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)),
-        "spacings are .*; give rows",
-    ),
+    "steps": (lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)), "spacings are .*; give rows"),
     "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing array.* must be 3 numbers"),
-    "values of a volume": (
-        lambda s: io.Volume([1, [2, 3]], np.eye(4)),
-        r"values are \[1, \[2, 3\]\]; give rows",
-    ),
+    "values of a volume": (lambda s: io.Volume([1, [2, 3]], np.eye(4)), r"values are \[1, \[2, 3\]\]; give rows"),
     "a long volume": (
         lambda s: io.Volume(np.broadcast_to(np.uint8(0), (2**31, 1, 1)), np.eye(4)),
         "has an axis of more than 2147483647 voxels",
     ),
     "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values of type object are no bool"),
-    "geometry": (
-        lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5),
-        "has 1.5 voxels of .*: give 3",
-    ),
-    "texture": (
-        lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"),
-        "coordinates are b'x'; give numbers",
-    ),
-    "point data": (
-        lambda s: io.Mesh(POINTS, FACES, point_data=ARRAY),
-        "point data is array.*; give arrays by",
-    ),
-    "face data": (
-        lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}),
-        "face data 'a' has 0 values; .* has 50",
-    ),
-    "entries": (
-        lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)),
-        "the vertices are .*; give rows",
-    ),
+    "geometry": (lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5), "has 1.5 voxels of .*: give 3"),
+    "texture": (lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"), "coordinates are b'x'; give numbers"),
+    "point data": (lambda s: io.Mesh(POINTS, FACES, point_data=ARRAY), "point data is array.*; give arrays by"),
+    "face data": (lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}), "face data 'a' has 0 values; .* has 50"),
+    "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*; give rows"),
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
-    "not a picture": (
-        lambda s: figures.save_picture(ARRAY, "x.png"),
-        r"shape \(3,\) and type float64; give \(H",
-    ),
+    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"shape \(3,\) and type float64; give \(H"),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
     "number of a cut": (lambda s: s.cut(relax=False).title(0), "the number of a cut is 0; there are 0"),
-    "numbers of a cut": (
-        lambda s: s.cut(relax=False).title(ARRAY),
-        "the number of a cut is array.*; there are",
-    ),
+    "numbers of a cut": (lambda s: s.cut(relax=False).title(ARRAY), "the number of a cut is array.*; there are"),
     "flat map": (lambda s: figures.flat_map(1), "flat map is 1; give a FlatMap"),
     "movie": (lambda s: figures.movie(1e19, VOLUME), r"flat map is 1e\+19; give a FlatMap"),
     "atlas": (lambda s: figures.atlas_3d("x"), "atlas is 'x'; give an atlas"),
@@ -177,10 +129,7 @@ ON_MAPS = {
     "average": (lambda m, a: m.images(VALUES, average=ARRAY), "average is array.*; give True or False"),
     "layering": (lambda m, a: m.image(VALUES, layering=ARRAY), "layering is array.*; give 'equivolume' or"),
     "depth": (lambda m, a: m.image(VALUES, depth=[0.0, [1.0]]), r"the depth is \[1.0\]; give a number"),
-    "depth of no length": (
-        lambda m, a: m.image(VALUES, depth=np.array(1.0)),
-        r"the depth is array\(1\.\); give a",
-    ),
+    "depth of no length": (lambda m, a: m.image(VALUES, depth=np.array(1.0)), r"the depth is array\(1\.\); give a"),
     "depths of no length": (
         lambda m, a: m.regions({"a": SQUARE}).volume(io.Volume(VOLUME, np.eye(4)), depth=np.array(3.0)),
         r"depth is array\(3\.\); give two numbers",
@@ -193,26 +142,17 @@ ON_MAPS = {
     "texel size": (lambda m, a: m.textured(np.eye(4), texel_size="1"), "the texel size is '1' mm; give"),
     "texels": (lambda m, a: m.textured(np.eye(4), texel_size=[[]]), r"the texel size is \[\[\]\] mm; give a positive"),
     "repeat": (lambda m, a: m.textured(np.eye(4), repeat=ARRAY), "repeat is array.*; give True or False"),
-    "tolerance": (
-        lambda m, a: m.textured(np.eye(4)).subdivided(tolerance=[1]),
-        r"tolerance is \[1\]; give a",
-    ),
+    "tolerance": (lambda m, a: m.textured(np.eye(4)).subdivided(tolerance=[1]), r"tolerance is \[1\]; give a"),
     "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
     "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
     "background": (lambda m, a: m.paint(VALUES, background=1j), "the background is 1j; give a number"),
     "None as background": (lambda m, a: m.paint(VALUES, background=None), "the background is None; give a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
     "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "background is 0.5, which is no bool"),
-    "background of many digits": (
-        lambda m, a: m.paint(VALUES, background=10**400),
-        r"is 10+ \.\.\., which is no float64",
-    ),
+    "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which is no float64"),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which is no float32"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which is no uint8"),
-    "number of places": (
-        lambda m, a: voxflat.worst_places(m, np.ones((9, 9))),
-        "count is array.*; give how many",
-    ),
+    "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*; give how many"),
     "no factor": (lambda m, a: voxflat.worst_places(m, beyond=None), "beyond is None; give a factor greater than 1"),
     "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
     "overwrite": (lambda m, a: m.textured(np.eye(4)).save("x.obj", overwrite=ARRAY), "overwrite is array.*; give True"),
@@ -222,10 +162,7 @@ ON_MAPS = {
     "title": (lambda m, a: figures.flat_map(m, title=ARRAY), "the title is array.*; give text"),
     "colour map": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, colour_map=[1])), r"no colour map \[1\]"),
     "limits": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=3)), "limits are 3; give two numbers"),
-    "limit": (
-        lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))),
-        "a limit is None; give a number",
-    ),
+    "limit": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))), "a limit is None; give"),
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
@@ -253,14 +190,12 @@ def test_functions_say_it_so(name, of_mesh):
 
 @pytest.fixture(scope="module")
 def on_mesh(of_mesh):
-    return voxflat.flatten(of_mesh, method=voxflat.methods.Voxflat(sources=9)), voxflat.surface(of_mesh).patches(
-        bound=1.2
-    )
+    return voxflat.flatten(of_mesh, method=Voxflat(sources=9)), voxflat.surface(of_mesh).patches(bound=1.2)
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():
     """In numbers of any kind, without a warning."""
-    flat_map = voxflat.flatten(VOLUME, method=voxflat.methods.Voxflat(sources=9))
+    flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):
         with warnings.catch_warnings(action="error"):
@@ -275,22 +210,3 @@ def test_maps_and_atlases_say_it_so(name, on_mesh, tmp_path, monkeypatch):
     call, message = ON_MAPS[name]
     refused(lambda: call(*on_mesh), message)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("scale", [1e19, 1e107, 1e300])
-def test_sizes_beyond_a_hundred_thousand_km(scale):
-    with pytest.raises(voxflat.InputError, match=r"point \d+ lies at .*, beyond 1e\+11 mm: is it right"):
-        voxflat.surface((POINTS * scale, FACES))
-    with pytest.raises(voxflat.InputError, match=r"affine .* goes beyond 1e\+11 mm"):
-        voxflat.surface(VOLUME, affine=np.diag([scale, scale, scale, 1]))
-
-
-def test_large_sizes_keep_their_distances():
-    """A map is as good at any of the scales that are taken."""
-    errors = [
-        voxflat.flatten(
-            (POINTS * scale, FACES), method=voxflat.methods.Voxflat(sources=9)
-        ).distortion.raw.relative_error
-        for scale in (1e-3, 1.0, 3e7, 3e9)
-    ]
-    np.testing.assert_allclose(errors, errors[1], atol=1e-3)

@@ -29,24 +29,18 @@ def fsaverage5_file(kind, side):
 
 
 def fsaverage5(side):
-    """Load a hemisphere of fsaverage5: 10,242 vertices, the same in all surfaces.
+    """Load a hemisphere of fsaverage5, 10,242 vertices, the same in all surfaces, mm, RAS.
 
-    `side`, {"left", "right"}: hemisphere. Returns: ``white``, ``pial``, ``mid`` (halfway between them) and ``sphere``:
-    ndarrays of float64, shape (10242, 3), mm, RAS. ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0,
-    outward. ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above).
-    The points of vertices that the map leaves out (the medial wall and the cuts) are NaN. ``sulc``: sulcal depth,
-    ndarray of float64, shape (10242,).
+    ``mid`` lies halfway between ``white`` and ``pial``; ``faces`` are closed, of genus 0, outward. ``flat`` is
+    FreeSurfer's flat map: points at z = 0, NaN where it leaves out the medial wall and the cuts, and its fewer faces.
     """
-    check_side(side)
     import nibabel
 
     def arrays(kind):
         return [array.data for array in nibabel.load(fsaverage5_file(kind, side)).darrays]
 
-    (white, faces), (pial, pial_faces), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
+    (white, faces), (pial, _), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
     (sulc,) = arrays("sulc")
-    if not np.array_equal(faces, pial_faces):
-        raise ValueError("the white and the pial surface have different faces; use nilearn's own fsaverage5")
     white, pial, flat = white.astype(float), pial.astype(float), flat.astype(float)
     flat[np.setdiff1d(np.arange(len(flat)), flat_faces)] = np.nan  # the file has places in space there
     return {
@@ -67,31 +61,21 @@ def mni152_white_matter(side):
     stem and with it the cerebellum are not in the largest component. Ventricles and deep nuclei stay open, as in the
     figures of the decisions, which `voxflat.hemisphere` fills.
 
-    `side`, {"left", "right"}: hemisphere. Returns: `labels`, uint8 (197, 233, 189), 1 in white matter: one component
-    under face adjacency; `affine`, float (4, 4), voxel indices to mm, RAS; voxels are 1 mm; `probability`, ndarray of
-    float32, the template, and 0 where it is above the threshold but not in `labels`, so that ``labels == (probability >
-    threshold)``.
+    Returns labels, uint8, voxels of 1 mm; their affine; and the template, 0 where it is above the threshold but not in
+    the labels.
     """
-    check_side(side)
     white_matter, _, _ = demo.demo_cortex()
     affine, white = white_matter.affine, white_matter.data > demo.THRESHOLD
     x, y, z = (affine[axis, 3] + affine[axis, axis] * np.arange(length) for axis, length in enumerate(white.shape))
     white[x >= 0 if side == "left" else x <= 0] = False
     white[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
-    components, _ = ndimage.label(white)
-    sizes = np.bincount(components.ravel())
-    sizes[0] = 0
-    labels = (components == sizes.argmax()).astype(np.uint8)
+    labels = largest_component(white).astype(np.uint8)
     probability = np.where((white_matter.data > demo.THRESHOLD) & (labels == 0), 0, white_matter.data)
     return labels, white_matter.affine, probability
 
 
 def mni152_marching_cubes(side):
-    """Repair the white matter of a hemisphere of the MNI152 template, and make its surface by marching cubes.
-
-    `side`, {"left", "right"}: hemisphere. Returns: `points`, (N, 3), about 145,000 vertices, mm, RAS+; the steps
-    between voxels are smoothed; `faces`, int64 (F, 3), a sphere.
-    """
+    """Repair the white matter of a hemisphere of the MNI152 template; return its smoothed marching cubes, a sphere."""
     import pyvista as pv
 
     labels, affine, _ = mni152_white_matter(side)
@@ -103,24 +87,15 @@ def mni152_marching_cubes(side):
     return points, mesh.regular_faces.astype(np.int64)
 
 
-def check_side(side):
-    """Refuse what is no hemisphere."""
-    if side not in SIDES:
-        raise ValueError(f"side is {side!r}; give 'left' or 'right'")
-
-
 def voxelise(points, faces, spacing, pad=4, columns=5):
-    """Turn a closed triangle mesh into voxels.
+    """Turn a closed triangle mesh, mm, into voxels, with so many of them around it.
 
     A place is inside where the winding number is positive: where parts overlap as well, while a part that is turned
     inside out takes away. Faces may all be outward or all inward. Winding numbers come from the faces that lines along
     the third axis pass through, `columns`² lines a voxel.
 
-    `points` (N, 3): vertices, mm. `faces` int (F, 3): triangles. `spacing`, float or sequence of three: of the voxels,
-    mm. `pad`: voxels around the mesh. `columns`: lines a voxel along the first and the second axis; odd, so that one
-    passes through the centre. Returns: `labels`, uint8 (I, J, K), 1 where the voxel's centre is inside, of that the
-    largest component under face adjacency; `affine`, float (4, 4), voxel indices to mm; `fraction`, float32 (I, J, K),
-    part of each voxel's volume that is inside: exact along the third axis, sampled along the other two. All components.
+    Returns the largest component of the voxels whose centre is inside, uint8; the affine; and of all components which
+    part of each voxel is inside, exact along the third axis, sampled along the other two.
     """
     points, faces = np.asarray(points, dtype=float), np.asarray(faces, dtype=np.int64)
     spacing = np.broadcast_to(np.asarray(spacing, dtype=float), 3)
@@ -160,9 +135,8 @@ def crossings(points, faces):
 
     The side of an edge on which a line lies is computed from the edge's ends in the order of their coordinates, so in
     the same way for both its triangles: a line near an edge passes through exactly one of them, whatever the rounding.
-
-    Returns: `i, j`, the line; `height`, ndarray of float, third coordinate; `sign`, ndarray of int, 1 where the line,
-    upward, enters a solid with outward faces; -1 where it leaves.
+    Returns i and j of the line, the height, and 1 where it enters, upward, a solid with outward faces, -1 where it
+    leaves.
     """
     points, rank = np.unique(points, axis=0, return_inverse=True)
     faces = rank.reshape(-1)[faces]

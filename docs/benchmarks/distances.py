@@ -32,18 +32,15 @@ NAMES = tuple(f"voxflat {geodesic}" for geodesic in (*solvers.OURS, solvers.STRA
 
 def cortex(options):
     """Compare all solvers with pygeodesic on the cortex of fsaverage5."""
-    gathered = {}
-    for side in anatomy.SIDES:
-        mesh = anatomy.fsaverage5(side)
-        for kind in ("pial", "white"):
-            for name, relative in cortex_errors(mesh[kind], mesh["faces"], options.sources):
-                gathered.setdefault((kind, name), []).append(relative)
     rows = []
     for kind in ("pial", "white"):
-        for name in (*NAMES, *solvers.PEERS, "Workbench"):
-            if (kind, name) in gathered:
-                relative = np.concatenate(gathered[kind, name])
-                rows.append([kind, name, f"{len(relative):,}", *cortex_cells(kind, name, relative)])
+        gathered = {}
+        for side in anatomy.SIDES:
+            mesh = anatomy.fsaverage5(side)
+            for name, relative in cortex_errors(mesh[kind], mesh["faces"], options.sources):
+                gathered.setdefault(name, []).append(relative)
+        for name, relative in ((name, np.concatenate(parts)) for name, parts in gathered.items()):
+            rows.append([kind, name, f"{len(relative):,}", *cortex_cells(kind, name, relative)])
     table(
         "Cortex: errors against exact distances",
         ["fsaverage5", "solver", "pairs", "mean error, %", "99th percentile, %", "bias, %", "greatest"],
@@ -59,16 +56,22 @@ def cortex_errors(points, faces, count):
     sources = np.random.default_rng(0).choice(len(points), count, replace=False)
     exact = solvers.exact(points, faces)
     true = np.array([exact(source) for source in sources])
-    mine = solvers.Mine(points, faces)
-    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
-        yield f"voxflat {geodesic}", errors(mine.rows(sources, geodesic), true)
-    for name, make in solvers.PEERS.items():
-        solve = make(points, faces)
-        yield name, errors(np.array([solve(source) for source in sources]), true)
+    for name, rows in rows_of(points, faces, sources, solvers.PEERS):
+        yield name, errors(rows, true)
     few = slice(WORKBENCH_SOURCES)
     found = solvers.workbench(points, faces, sources[few])
     if found is not None:
         yield "Workbench", errors(found, true[few])
+
+
+def rows_of(points, faces, sources, peers):
+    """Yield each solver's name and rows."""
+    mine = solvers.Mine(points, faces)
+    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
+        yield f"voxflat {geodesic}", mine.rows(sources, geodesic).astype(float)
+    for name in peers:
+        solve = solvers.PEERS[name](points, faces)
+        yield name, np.array([solve(source) for source in sources])
 
 
 def cortex_cells(kind, name, relative):
@@ -98,18 +101,11 @@ def paths(options):
             exact = solvers.exact(points, faces)
             pairs = rng.choice(len(points), (options.paths, 2)).tolist()
             apart, longer = zip(*(of_pair(surface, exact, a, b) for a, b in pairs), strict=True)
-            what = f"{kind} {side}, path"
-            checks = ("its row", "pygeodesic", "its length", "the row of links")
-            rows.append(
-                [
-                    f"{side} {kind}",
-                    *(
-                        judged(value, ".0e", 1e-6, f"{what}, {against}")
-                        for value, against in zip(np.max(apart, axis=0), checks, strict=True)
-                    ),
-                    f"{100 * np.mean(longer):.2f} ({100 * np.max(longer):.2f})",
-                ]
+            checks = zip(
+                np.max(apart, axis=0), ("its row", "pygeodesic", "its length", "the row of links"), strict=True
             )
+            cells = [judged(value, ".0e", 1e-6, f"{kind} {side}, path, {against}") for value, against in checks]
+            rows.append([f"{side} {kind}", *cells, f"{100 * np.mean(longer):.2f} ({100 * np.max(longer):.2f})"])
     table(
         "Paths: the greatest relative difference of their lengths",
         [
@@ -149,7 +145,7 @@ def known(options):
             sources = np.random.default_rng(2).choice(len(points), KNOWN_SOURCES, replace=False)
             true = np.array([truth(source) for source in sources])
             far = true > true.max() / 4
-            for name, distances in known_rows(points, faces, sources):
+            for name, distances in rows_of(points, faces, sources, list(solvers.PEERS)[:2]):
                 found.setdefault(name, []).append(np.abs(distances[far] / true[far] - 1).mean())
             sizes.append(len(points))
         rows = []
@@ -163,16 +159,6 @@ def known(options):
             ["solver", *(f"{size:,} vertices" for size in sizes), "order in the mesh's width"],
             rows,
         )
-
-
-def known_rows(points, faces, sources):
-    """Yield each solver's name and rows."""
-    mine = solvers.Mine(points, faces)
-    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
-        yield f"voxflat {geodesic}", mine.rows(sources, geodesic).astype(float)
-    for name, make in list(solvers.PEERS.items())[:2]:
-        solve = make(points, faces)
-        yield name, np.array([solve(source) for source in sources])
 
 
 def sphere(count, radius=50.0):
@@ -213,12 +199,7 @@ def swiss_roll(count, length=120.0, width=60.0):
     return points, faces.astype(np.int64), lambda source: np.linalg.norm(plane - plane[source], axis=1)
 
 
-SECTIONS = {
-    "cortex": cortex,
-    "paths": paths,
-    "known": known,
-    "voxels": distances_anatomy.voxels,
-}
+SECTIONS = {"cortex": cortex, "paths": paths, "known": known, "voxels": distances_anatomy.voxels}
 
 
 def main():

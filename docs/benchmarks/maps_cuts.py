@@ -10,8 +10,8 @@ and all others.
 
 import sys
 import time
-from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from types import SimpleNamespace
 
 import anatomy
 import numpy as np
@@ -21,21 +21,6 @@ import voxflat
 
 SOURCES = 300
 COLUMNS = ("surface", "cuts", "mm", "vertices", "wall s", "CPU s", *DISTANCES, "uncut %", *SHAPES)
-
-
-@dataclass(frozen=True, eq=False)
-class Shipped:
-    """A white surface of fsaverage5, and what its shipped flat map makes of it."""
-
-    side: str
-    cortex: Any  # without the medial wall
-    cut: Any  # what the flat map has
-    length: float  # of its cuts, mm: half of what they add to the boundary
-    uncut: Any  # distances without the medial wall, from points that all maps have
-
-    def report(self, cuts, length, surface, /, **how):
-        """Make a map, print a row, and return the map."""
-        return report(f"fsaverage5 white {self.side}", cuts, length, surface, self.uncut, **how)
 
 
 def main():
@@ -55,14 +40,14 @@ def main():
         labels, affine, _ = anatomy.mni152_white_matter(side)
         surface = voxflat.surface(labels, affine=affine, repair="voxels")
         for name, relax in (("one line", False), ("automatic", None)):
-            report(f"MNI152 white matter {side}, whole", name, None, surface, None, relax=relax)
+            report(f"MNI152 white matter {side}, whole", None, name, None, surface, relax=relax)
 
 
 def shipped(side):
-    """Read a hemisphere and its shipped flat map.
+    """Return a hemisphere without its medial wall, what its shipped map has of it, the cuts' length, and `report`.
 
     The map leaves out the medial wall and strips along its cuts. The wall: left-out vertices among left-out ones, and
-    their left-out neighbours.
+    their left-out neighbours. The length, mm, is half of what cuts add to the boundary.
     """
     hemisphere = anatomy.fsaverage5(side)
     points, faces, flat = hemisphere["white"], hemisphere["faces"], hemisphere["flat"][1]
@@ -78,7 +63,8 @@ def shipped(side):
     cortex = surface.drop(wall)
     length = (around(points, flat) - around(points, faces[~wall[faces].any(axis=1)])) / 2
     chosen = np.random.default_rng(0).choice(np.unique(flat), SOURCES, replace=False)
-    return Shipped(side, cortex, surface.keep((points, flat)), length, cortex.geodesic(np.sort(chosen)))
+    of_side = partial(report, f"fsaverage5 white {side}", cortex.geodesic(np.sort(chosen)))
+    return SimpleNamespace(cortex=cortex, cut=surface.keep((points, flat)), length=length, report=of_side)
 
 
 def around(points, faces):
@@ -101,22 +87,17 @@ def error_on(rows, flat):
     return float(np.abs(scale * weight - 1).mean())
 
 
-def report(surface_name, cuts, length, surface, uncut, /, **how):
-    """Make a map, print a row, and return the map."""
+def report(surface_name, uncut, cuts, length, surface, /, **how):
+    """Make a map, print a row, and return the map; `uncut`: distances on the surface without cuts."""
     wall, cpu = time.monotonic(), time.process_time()
     flat = voxflat.flatten(surface, **how)
     wall, cpu = time.monotonic() - wall, time.process_time() - cpu
     if length is None:
         length = sum(cut["length"] for cut in flat.metadata["automatic_cuts"])
     against = "" if uncut is None else f"{100 * error_on(uncut, flat):.2f}"
-    spent = f"{wall:.1f}", f"{cpu:.1f}"
-    line(surface_name, cuts, f"{length:.0f}", len(flat), *spent, *judged(flat.distortion, against))
+    made = surface_name, cuts, f"{length:.0f}", len(flat), f"{wall:.1f}", f"{cpu:.1f}"
+    line(*made, *distance_cells(flat.distortion), against, *shape_cells(flat.distortion))
     return flat
-
-
-def judged(distortion, *between):
-    """Return the figures of a map, with what is between those of distances and the others."""
-    return *distance_cells(distortion), *between, *shape_cells(distortion)
 
 
 def line(*cells):

@@ -42,19 +42,16 @@ def powers(sizes, costs):
     """Say how CPU time and memory, packages and input left out, grow from size to size."""
     if len(sizes) < 2:
         return ""
-    names = ("CPU time", "memory")
-    told = [exponent(sizes, cost) for cost in zip(*costs, strict=True)]
-    told = [
-        judged(power, ".2f", STEEPEST, f"growth of the {name}, power of the vertices")
-        for power, name in zip(told, names, strict=True)
-    ]
-    return f"With the vertices, {names[0]} grows to the power of {told[0]}, {names[1]} to that of {told[1]}."
+    time, memory = (
+        judged(exponent(sizes, cost), ".2f", STEEPEST, f"growth of the {name}, power of the vertices")
+        for name, cost in zip(("CPU time", "memory"), zip(*costs, strict=True), strict=True)
+    )
+    return f"With the vertices, CPU time grows to the power of {time}, memory to that of {memory}."
 
 
 def grown(title, kind, first, surfaces, options):
-    """Flatten surfaces from small to large, and say what that takes.
+    """Flatten surfaces from small to large, and say what that takes; `kind`: how one is called that misses a target.
 
-    `title`, `kind`: of the table; what a surface is called where it misses a target. `first`: names the first column.
     `surfaces`: of each surface the first cell, the job, and what the map's error is beside the true places, or None.
     """
     rows, sizes, costs = [], [], []
@@ -105,11 +102,11 @@ def sheets(options):
         true, points, faces = waving_sheet(count)
         far = np.random.default_rng(0).integers(len(true), size=(2, 1_000_000))
         far = far[:, far[0] != far[1]]
-        return (
-            f"{count:,}",
-            {"points": points, "faces": faces},
-            lambda places: np.mean(np.abs(lengths(places, far) / lengths(true, far) - 1)),
-        )
+
+        def error(places):
+            return np.mean(np.abs(lengths(places, far) / lengths(true, far) - 1))
+
+        return f"{count:,}", {"points": points, "faces": faces}, error
 
     grown("Growth: a rolled, waving sheet of irregular triangles", "sheet", "asked", map(of, options.sheets), options)
 

@@ -53,11 +53,10 @@ class Made:
 
 
 def make(maker, job, limit=3600.0, keep=None):
-    """Make a map in a process of its own.
+    """Make a map by one of `MAKERS` in a process of its own, in so many seconds at most.
 
-    `maker`: one of `MAKERS`. `job`: ``points`` and ``faces``, or ``labels`` and ``affine``; and ``options`` of
-    `voxflat.flatten`. `limit`: seconds after which there is no map. `keep`: where maps are kept; one of the same job is
-    taken from there, with the times of when it was made. Raises NoMapError.
+    `job`: ``points`` and ``faces``, or ``labels`` and ``affine``; and ``options`` of `voxflat.flatten`. `keep`: where
+    maps are kept; one of the same job is taken from there, with the times of when it was made.
     """
     with tempfile.TemporaryDirectory() as directory:
         made = Path(directory, "made.npz")
@@ -131,22 +130,15 @@ def slim(job, options):
     return np.asarray(igl.slim_solve(data, ITERATIONS))[:, :2], points, faces, {}
 
 
-def on_circle(points, faces):
-    """Return the border of a disk, and its places on a circle of the surface's area, by the lengths of its edges."""
-    import igl
-
-    loop = igl.boundary_loop(faces)
-    circle = igl.map_vertices_to_circle(np.asfortranarray(points), loop.astype(np.int32))[:, :2]
-    return loop, np.ascontiguousarray(circle * np.sqrt(np.sum(igl.doublearea(points, faces)) / 2 / np.pi))
-
-
 def on_disk(points, faces):
     """Return the harmonic map to a disk of the surface's area; with equal springs, if that turns triangles over."""
     import igl
     from scipy.sparse import coo_array, csr_array
     from scipy.sparse.linalg import spsolve
 
-    loop, circle = on_circle(points, faces)
+    loop = igl.boundary_loop(faces)
+    circle = igl.map_vertices_to_circle(np.asfortranarray(points), loop.astype(np.int32))[:, :2]
+    circle = np.ascontiguousarray(circle * np.sqrt(np.sum(igl.doublearea(points, faces)) / 2 / np.pi))
     places = igl.harmonic(points, faces, loop, circle, 1)
     if not len(igl.flipped_triangles(places, faces)) and np.isfinite(places).all():
         return places
@@ -173,9 +165,8 @@ def autoflatten(job, options):
     points, faces = job["points"], job["faces"]
     vertices = np.arange(len(points))
     with tempfile.TemporaryDirectory() as directory:
-        surface, patch, flat = (
-            Path(directory, name) for name in ("lh.fiducial", "lh.cut.patch.3d", "lh.flat.patch.3d")
-        )
+        files = ("lh.fiducial", "lh.cut.patch.3d", "lh.flat.patch.3d")
+        surface, patch, flat = (Path(directory, name) for name in files)
         write_mesh(surface, Mesh(points, faces))
         write_patch(patch, Patch(vertices, points, patch_border(faces, vertices, len(points))))
         called = [command, "flatten", patch, "--base-surface", surface, "-o", flat, "--print-every", "1000"]

@@ -45,10 +45,8 @@ def cut_open(title, job, options):
     points, faces = ours["voxflat"].points, ours["voxflat"].faces.astype(np.int64)
     peers = [name for name in options.makers if name != "voxflat"]
     made = ours | made_by(peers, {"points": points, "faces": faces}, options)
-    comparison = compared(points, faces, made, options.whole_sources)
-    print_maps(
-        title, comparison, made, "voxflat's time contains its cuts, and of voxels the surface; peers begin with these."
-    )
+    note = "voxflat's time contains its cuts, and of voxels the surface; peers begin with these."
+    print_maps(title, compared(points, faces, made, options.whole_sources), made, note)
 
 
 def fsaverage5_disk(side, kind="white"):
@@ -73,10 +71,7 @@ def made_by(names, job, options):
 
 
 def compared(points, faces, made, sources, **more):
-    """Judge maps of a disk by exact distances over its triangles.
-
-    `points`, `faces`: the disk. `made`: maps by their makers' names. `**more`: more places, by a name.
-    """
+    """Judge maps of a disk, by their makers' names, and more places by exact distances over its triangles."""
     maps = {name: one.places for name, one in made.items()} | more
     return voxflat.compare((points, faces), maps, sources=sources, reference="exact")
 

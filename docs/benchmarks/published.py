@@ -69,23 +69,14 @@ def surfaces(options):
         judged = voxflat.measure(whole, flat, sources=options.sources)
         missing = np.setdiff1d(faces, flat.ids)
         if len(missing) or judged.triangles.flipped:
-            wrong.append(
-                f"{name}: {len(missing)} vertex numbers are lost, {judged.triangles.flipped} triangles turned over"
-            )
-        rows.append(
-            [
-                name,
-                f"{len(np.unique(faces)):,}",
-                before,
-                *(str(done.get(key, 0)) for key in ("dropped", "flipped")),
-                *(str(len(done.get(key, []))) for key in ("merged", "split")),
-                str(len(missing)),
-                f"{100 * judged.best_scale.relative_error:.1f}",
-                str(judged.triangles.flipped),
-                str(judged.triangles.crossings),
-                f"{seconds:.1f}",
-            ]
-        )
+            told = f"{len(missing)} vertex numbers are lost, {judged.triangles.flipped} triangles turned over"
+            wrong.append(f"{name}: {told}")
+        mended = [done.get(key, 0) for key in ("dropped", "flipped")]
+        mended += [len(done.get(key, [])) for key in ("merged", "split")]
+        folds = (judged.triangles.flipped, judged.triangles.crossings)
+        error = f"{100 * judged.best_scale.relative_error:.1f}"
+        cells = [name, f"{len(np.unique(faces)):,}", before, *mended, len(missing), error, *folds, f"{seconds:.1f}"]
+        rows.append(list(map(str, cells)))
     columns = ["surface", "vertices", "without mending", "dropped", "flipped away", "merged", "split", "numbers lost"]
     table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
     return wrong
@@ -133,10 +124,8 @@ def published(options):
         both = [comparison["voxflat"], comparison[SHIPPED]]
         edges = [edge(points, faces, one, of) for one, of in zip((made["voxflat"].places, places), both, strict=True)]
         pairs = zip(*map(figures, both, edges), strict=True)
-        cells = [
-            ahead(f"{name}, {figure}", shown, *pair)
-            for (figure, shown), pair in zip(FIGURES.items(), pairs, strict=True)
-        ]
+        shown = zip(FIGURES.items(), pairs, strict=True)
+        cells = [ahead(f"{name}, {figure}", digits, *pair) for (figure, digits), pair in shown]
         counts = (f"{ours:,}, {theirs:,}" for ours, theirs in zip(*map(faults, both), strict=True))
         rows.append([name, f"{len(points):,}", *cells, *counts])
     columns = ("surface", "vertices", *FIGURES, "turned over", "covering")

@@ -20,6 +20,7 @@ import nibabel
 import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
+from tables import distance_cells, shape_cells
 
 import voxflat
 from voxflat import _core
@@ -43,17 +44,12 @@ def main():
     parser.add_argument("--only", choices=["real", "simulated", "hidden", "distortion"], help="one of the tables")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
-    wrong = []
     if options.picture:
         picture(options.picture)
-    if options.only in (None, "real"):
-        wrong += real(options.folder)
-    if options.only in (None, "simulated"):
-        wrong += simulated(options)
-    if options.only in (None, "hidden"):
-        wrong += hidden(options)
-    if options.only in (None, "distortion"):
-        distortion()
+    wrong = []
+    for table in (real, simulated, hidden, distortion):
+        if options.only in (None, table.__name__):
+            wrong += table(options)
     if wrong:
         raise SystemExit("\n".join(wrong))
 
@@ -83,14 +79,14 @@ def points_of(path):
     return np.asarray(nibabel.load(path).darrays[0].data, dtype=float)
 
 
-def real(folder):
+def real(options):
     """Print the table of real surfaces, and how far homologous points lie apart."""
     print("\n| surface | sphere | vertices | cuts mm | χ | borders | turned over | covering | error % | seconds |")
     print("|---" * 10 + "|")
     wrong = []
     for side in SIDES:
         maps = {}
-        files = surfaces_of(folder, side)
+        files = surfaces_of(options.folder, side)
         for name, (surface, sphere) in files.items():
             start = time.monotonic()
             maps[name] = {"standard": voxflat.flatten(surface, cuts="standard", sphere=sphere)}
@@ -100,8 +96,6 @@ def real(folder):
             wrong += row(f"{name}, {side}", cut, maps[name]["standard"], seconds)
             maps[name]["automatic"] = whole.drop(cut.left_out).flatten(cuts="automatic")
         compare_real(side, files, maps)
-        if side == "left":
-            two_ways(folder)
     return wrong
 
 
@@ -129,16 +123,6 @@ def compare_real(side, files, maps):
         for cuts, flat in of.items():
             places[cuts].append(at(flat, sphere, wanted))
     print(f"\nhomologous points of {len(maps)} real surfaces, {side}:", spread(places), flush=True)
-
-
-def two_ways(folder):
-    """Print how far cuts by the sphere of fs_LR lie from those by the sphere of fsaverage, on one mesh."""
-    files = surfaces_of(folder, "left")
-    surface, sphere = files[HCP]
-    spheres = (sphere, files["T1Prep, fsaverage, 32k"][1])
-    one, two = (voxflat.surface(surface).cut(cuts="standard", sphere=by) for by in spheres)
-    _, named = cuts_apart(points_of(surface), one, two)
-    print("\nHCP S1200 left, cuts by fs_LR from those by fsaverage, mean mm:", named, flush=True)
 
 
 # ------------------------------------------------------------------------------------------- simulated subjects
@@ -185,9 +169,8 @@ def subject(seed, side):
     corners, weights, _ = in_triangles(dense, hemisphere["faces"], places)
     points = np.einsum("ij,ijk->ik", weights, hemisphere["white"][corners])
     points = points * random.uniform(0.9, 1.1, size=3) + smooth_field(random, points, 3.0, 3.0)
-    points = Rotation.from_rotvec(np.radians(random.normal(scale=6, size=3))).apply(points) + random.normal(
-        scale=3, size=3
-    )
+    points = Rotation.from_rotvec(np.radians(random.normal(scale=6, size=3))).apply(points)
+    points += random.normal(scale=3, size=3)
     strength = 3.0
     while True:  # a warp that folds nothing
         sphere = unit(100 * places + smooth_field(np.random.default_rng(seed + 10**6), 100 * places, strength, 3.0))
@@ -303,7 +286,7 @@ def cuts_apart(points, ours, theirs):
 # ------------------------------------------------------------------------------------------- distortion
 
 
-def distortion():
+def distortion(_):
     """Print the distortion of standard cuts beside automatic and shipped ones, on fsaverage5."""
     print()
     maps_cuts.line(*maps_cuts.COLUMNS)
@@ -318,9 +301,9 @@ def distortion():
         of.report("where the shipped map is cut", of.length, of.cut)
         places, faces = hemisphere["flat"]
         shipped = voxflat.measure((hemisphere["white"], hemisphere["faces"]), (np.nan_to_num(places), faces))
-        costs = (f"{of.length:.0f}", len(np.unique(faces)), "", "")
-        judged = maps_cuts.judged(shipped, "")
-        maps_cuts.line(f"fsaverage5 white {side}", "the shipped map itself", *costs, *judged)
+        name = (f"fsaverage5 white {side}", "the shipped map itself", f"{of.length:.0f}", len(np.unique(faces)))
+        maps_cuts.line(*name, "", "", *distance_cells(shipped), "", *shape_cells(shipped))
+    return []
 
 
 def picture(path):
@@ -331,30 +314,24 @@ def picture(path):
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(2, 2, figsize=(13, 12), layout="constrained")
-    for column, side in enumerate(SIDES):
+    for (top, bottom), side in zip(axes.T, SIDES, strict=True):
         hemisphere = anatomy.fsaverage5(side)
         surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
         flat = surface.flatten(cuts="standard", sphere=hemisphere["sphere"])
         shipped, faces = hemisphere["flat"]
-        for row_, (places, triangles, ids, title) in enumerate(
-            (
-                (flat.uv, flat.faces, flat.ids, f"{side}: voxflat, standard cuts"),
-                (shipped[:, :2], faces, np.arange(len(shipped)), f"{side}: the map that fsaverage5 comes with"),
-            )
+        for axis, places, triangles, depth, title in (
+            (top, flat.uv, flat.faces, hemisphere["sulc"][flat.ids], "voxflat, standard cuts"),
+            (bottom, shipped[:, :2], faces, hemisphere["sulc"], "the map that fsaverage5 comes with"),
         ):
-            axis = axes[row_, column]
-            depth = hemisphere["sulc"][ids]
             known = np.nan_to_num(places)
             axis.tripcolor(*known.T, triangles, depth, cmap="gray_r", vmin=-1.8, vmax=1.8, shading="gouraud")
-            axis.set(title=title, xlim=(-170, 170), ylim=(-150, 150), aspect="equal")
+            axis.set(title=f"{side}: {title}", xlim=(-170, 170), ylim=(-150, 150), aspect="equal")
             axis.axis("off")
         for cut, name in zip(flat.metadata["cuts"], flat.metadata["cut_names"], strict=True):
             lips = np.isin(flat.ids, cut)
-            axes[0, column].plot(*flat.uv[lips].T, ".", markersize=4)
+            top.plot(*flat.uv[lips].T, ".", markersize=4)
             tip = flat.uv[flat.ids == cut[-1]][0]
-            axes[0, column].annotate(
-                name, tip, tip * 0.75, ha="center", color="firebrick", arrowprops={"arrowstyle": "-"}
-            )
+            top.annotate(name, tip, tip * 0.75, ha="center", color="firebrick", arrowprops={"arrowstyle": "-"})
     figure.savefig(path, dpi=80)
 
 

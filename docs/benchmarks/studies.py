@@ -68,27 +68,33 @@ def write_freesurfer(folder: Path, hemi: str, of: Hemisphere, c_ras: tuple[float
     """Write ``surf`` and ``label`` as recon-all does."""
     for name in ("surf", "label"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    footer = {
+    for name, points in (("white", "white"), ("smoothwm", "white"), ("pial", "pial"), ("sphere.reg", "sphere")):
+        path = folder / "surf" / f"{hemi}.{name}"
+        nib.freesurfer.write_geometry(path, of[points], of["faces"], volume_info=footer(c_ras))
+    for name in ("curv", "thickness"):
+        nib.freesurfer.write_morph_data(folder / "surf" / f"{hemi}.{name}", of[name])
+    write_label(folder / "label" / f"{hemi}.cortex.label", np.flatnonzero(of["cortex"]), of["white"])
+
+
+def footer(c_ras: tuple[float, float, float]) -> dict[str, Any]:
+    """Return what FreeSurfer writes behind a surface of a conformed volume."""
+    return {
         "head": np.array([2, 0, 20], np.int32),
         "valid": "1  # volume info valid",
         "filename": "../mri/orig.mgz",
         "volume": np.array([256, 256, 256]),
         "voxelsize": np.ones(3),
-        "xras": np.array([-1.0, 0, 0]),
-        "yras": np.array([0.0, 0, -1]),
-        "zras": np.array([0.0, 1, 0]),
+        **{"xras": np.array([-1.0, 0, 0]), "yras": np.array([0.0, 0, -1]), "zras": np.array([0.0, 1, 0])},
         "cras": np.array(c_ras, dtype=float),
     }
-    for name, points in (("white", "white"), ("smoothwm", "white"), ("pial", "pial"), ("sphere.reg", "sphere")):
-        path = folder / "surf" / f"{hemi}.{name}"
-        nib.freesurfer.write_geometry(path, of[points], of["faces"], volume_info=footer)
-    for name in ("curv", "thickness"):
-        nib.freesurfer.write_morph_data(folder / "surf" / f"{hemi}.{name}", of[name])
-    inside = np.flatnonzero(of["cortex"])
+
+
+def write_label(path: Path, vertices: NDArray[Any], points: NDArray[Any]) -> None:
+    """Write a label of vertices as FreeSurfer does."""
     rows = "".join(
-        f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in zip(inside, of["white"][inside], strict=True)
+        f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in zip(vertices, points[vertices], strict=True)
     )
-    (folder / "label" / f"{hemi}.cortex.label").write_text(f"#!ascii label , from subject\n{len(inside)}\n{rows}")
+    path.write_text(f"#!ascii label , from subject\n{len(vertices)}\n{rows}")
 
 
 def write_derivatives(folder: Path, name: str, hemi: str, of: Hemisphere) -> None:

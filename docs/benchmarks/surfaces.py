@@ -14,6 +14,7 @@ from pathlib import Path
 
 import anatomy
 import numpy as np
+from scipy import ndimage
 from tables import machine
 
 import voxflat
@@ -29,20 +30,17 @@ def main():
     """Measure and print."""
     print(f"{machine()}\n")
     print(f"{'volume':26}{'voxels':>10}{'vertices':>10}{'split':>7}{'handles':>9}{'χ':>5}{'s':>7}")
-    for side in ("left", "right"):
+    for side in anatomy.SIDES:
         mesh = anatomy.fsaverage5(side)
-        for spacing in (1.0, 0.7, 0.5):
+        for spacing in anatomy.SPACINGS:
             labels, affine, _ = anatomy.voxelise(mesh["white"], mesh["faces"], spacing)
             name = f"fsaverage5 {side} {spacing} mm"
             if describe(name, labels, affine):
-                repair(name, labels, affine)
-    repaired = {}
-    for side in ("left", "right"):
-        labels, affine, probability = anatomy.mni152_white_matter(side)
+                repair(labels, affine)
+    for side in anatomy.SIDES:
+        labels, affine, _ = anatomy.mni152_white_matter(side)
         describe(f"MNI152 {side} 1 mm", labels, affine)
-        repaired[side] = (*repair(f"MNI152 {side} 1 mm", labels, affine), probability)
-    for side, (labels, affine, _) in repaired.items():
-        disks(f"MNI152 {side}, repaired", labels, affine)
+        disks(f"MNI152 {side}, repaired", repair(labels, affine), affine)
     if shutil.which("wb_command"):
         workbench()
     else:
@@ -56,12 +54,8 @@ def describe(name, labels, affine):
     seconds = time.perf_counter() - start
     topology = surface.core.topology()
     voxels = np.unique(surface.ids, axis=0)
-    mask = np.pad(labels, 1)
-    inside = mask[1:-1, 1:-1, 1:-1] != 0
-    open_side = np.zeros_like(inside)
-    for axis in range(3):
-        for step in (-1, 1):
-            open_side |= inside & (np.roll(mask, step, axis)[1:-1, 1:-1, 1:-1] == 0)
+    inside = labels != 0
+    open_side = inside & ~ndimage.binary_erosion(inside)
     assert not topology["loops"], "closed"
     assert (voxels == np.argwhere(open_side)).all(), "every surface voxel is a vertex, and every vertex a surface voxel"
     print(
@@ -71,7 +65,7 @@ def describe(name, labels, affine):
     return topology["handles"]
 
 
-def repair(name, labels, affine):
+def repair(labels, affine):
     """Print what repair changes, and return the repaired labels."""
     start = time.perf_counter()
     mask, _ = _core.repair(labels.astype(bool), [1.0, 1.0, 1.0])
@@ -79,7 +73,7 @@ def repair(name, labels, affine):
     changed = int((mask != labels.astype(bool)).sum())
     print(f"  repaired: {changed} voxels changed ({100 * changed / labels.sum():.3f} %) in {seconds:.2f} s")
     describe("  repaired", mask.astype(np.uint8), affine)
-    return mask.astype(np.uint8), affine
+    return mask.astype(np.uint8)
 
 
 def disks(name, labels, affine):
@@ -104,7 +98,7 @@ def disks(name, labels, affine):
 def workbench():
     """Print how our areal distortion differs from that of wb_command -surface-distortion, from the same files."""
     print("\nareal distortion, log2: voxflat beside wb_command -surface-distortion")
-    for side in ("left", "right"):
+    for side in anatomy.SIDES:
         mesh = anatomy.fsaverage5(side)
         places, faces = np.nan_to_num(mesh["flat"][0]), mesh["flat"][1]
         with tempfile.TemporaryDirectory() as folder:

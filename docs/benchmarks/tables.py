@@ -48,10 +48,9 @@ def shape_cells(distortion):
 
 
 def judged(value, shown, limit, what, least=False):
-    """Put a figure beside its target, and note it if the target is missed.
+    """Put a figure beside its target, the most or with `least` the least that it may be, if there is one.
 
-    `shown`: how a number is formatted. `limit`: the most that `value` may be, or with `least` the least. Without a
-    limit the figure is only shown. `what`: says in the list of misses what this is.
+    `what`: says in the list of misses what this is.
     """
     text = format(value, shown)
     if limit is None:

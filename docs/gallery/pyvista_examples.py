@@ -1,21 +1,23 @@
-"""The examples of ``mesh.voxflat``, a picture of each verb: writes ``docs/pictures/pyvista_verb_*.png`` in seconds.
+"""The examples of ``mesh.voxflat``, a picture of each verb, and what verbs show on fsaverage5: ``pyvista_*``.
 
-Nothing but PyVista is needed. The calls are those of the docstrings.
+The calls of the former are those of the docstrings; they need nothing but PyVista. fsaverage5 comes with nilearn
+(``pip install 'voxflat[demo]'``); nothing is downloaded.
 """
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
 
+from voxflat.io import read_mesh, read_overlay
+
 PICTURES = Path(__file__).parents[1] / "pictures"
 SIZE = (1000, 500)
 ABOVE = (0, 0, 0.06)  # what lies on a surface is not to be hidden by it
 LIGHT = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0}
-
-
 HILLS = ((-3, -2, 2.4, 1.6), (3, 1, 3.2, 2.0), (-1, 4, 1.8, 1.4), (2, -5, 2.0, 1.5))  # x, y, height, breadth
 
 
@@ -141,11 +143,37 @@ def bar(title: str) -> dict[str, Any]:
     return {"title": f"{title}\n", "color": "black", "n_labels": 3, "fmt": "%.1f", "height": 0.1, "width": 0.6}
 
 
+def hemisphere() -> pv.PolyData:
+    """Load the left white surface of fsaverage5, with its sulcal depth."""
+    nilearn = find_spec("nilearn")
+    assert nilearn is not None
+    assert nilearn.origin is not None
+    data = Path(nilearn.origin).parent / "datasets" / "data" / "fsaverage5"
+    white = read_mesh(data / "white_left.gii.gz")
+    mesh = pv.PolyData.from_regular_faces(white.points, white.faces)
+    mesh["sulcal depth"] = read_overlay(data / "sulc_left.gii.gz", mesh.n_points)
+    return mesh
+
+
+def cortex() -> None:
+    """Flatten the hemisphere; draw its cuts, the map beside the surface, and the way between."""
+    mesh = hemisphere()
+    flat = mesh.voxflat(progress_bar=True)
+    page = mesh.voxflat.patches(bound=1.5)
+    size: Any = {"off_screen": True, "window_size": (1400, 700)}
+    flat.voxflat.plot("areal", screenshot=PICTURES / "pyvista_plot.png", **size)
+    flat.voxflat.plot("sulcal depth", cmap="gray_r", screenshot=PICTURES / "pyvista_depth.png", **size)
+    page.voxflat.plot("patch", screenshot=PICTURES / "pyvista_patches.png", **size)
+    frames = flat.voxflat.morph(14)
+    frames.save(PICTURES / "pyvista_morph.gif", "sulcal depth", cmap="gray_r", window_size=(400, 400), fps=10)
+
+
 VERBS: list[Callable[[Path], None]] = [flatten, cut, geodesic, patches, measure, texture, morph]
 
 
 def main() -> None:
     """Draw them all."""
+    cortex()
     for verb in VERBS:
         verb(PICTURES / f"pyvista_verb_{verb.__name__}.png")
 

@@ -16,7 +16,7 @@ ORIENTATIONS = 20
 
 
 def estimate(counts):
-    """Length of links by the paper's weights."""
+    """Return the length of links by the paper's weights."""
     weights = _core.chain_weights([1.0, 1.0, 1.0], "chain-code")
     return counts @ [0, weights[1], weights[3], weights[7]]
 
@@ -49,9 +49,8 @@ def circles():
     axes.semilogx(radii, np.mean(errors, axis=1), "k-", label="mean")
     axes.semilogx(radii, np.min(errors, axis=1), "k--", label="least and greatest")
     axes.semilogx(radii, np.max(errors, axis=1), "k--")
-    axes.set(
-        xlabel="radius (voxels)", ylabel="error of the perimeter (%)", title="100 random circles a radius (figure 2)"
-    )
+    axes.set(xlabel="radius (voxels)", ylabel="error of the perimeter (%)")
+    axes.set_title("100 random circles a radius (figure 2)")
     axes.legend()
     figures.save(figure, PICTURES / "grossmann_circles.png")
 
@@ -151,10 +150,8 @@ def head():
     axes = figure.subplots(1, 3)
     axes[0].imshow(depth, cmap="gray")
     axes[0].set_title("depth image")
-    for ax, picture, title in zip(
-        axes[1:], (bricks(720, 720), chessboard(720, 720, 40)), ("bricks", "chessboard"), strict=True
-    ):
-        show(ax, textured(flat_map, picture, volume.shape), f"{title} mapped back")
+    show(axes[1], textured(flat_map, bricks(720, 720), volume.shape), "bricks mapped back")
+    show(axes[2], textured(flat_map, chessboard(720, 720, 40), volume.shape), "chessboard mapped back")
     axes[0].set_axis_off()
     figures.save(figure, PICTURES / "grossmann_head.png")
 

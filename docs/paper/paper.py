@@ -28,6 +28,12 @@ def reproduce(*parts):
     print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
 
 
+def timed(call, *arguments, **options):
+    """Return what a call returns, and the CPU seconds that it took."""
+    start = time.process_time()
+    return call(*arguments, **options), time.process_time() - start
+
+
 def row(what="", paper="", ours=""):
     """Print one line of the table."""
     print(f"{what:76}{paper:>12}{ours:>26}", flush=True)

@@ -9,13 +9,12 @@ libcgal-demo, from where `make` takes it. Other meshes and INRIMAGE volumes may 
 import gzip
 import logging
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import saucan_glue
 from matplotlib.figure import Figure
-from paper import ROOT, fsaverage5, reproduce, save_small, show, trimmed
+from paper import ROOT, fsaverage5, reproduce, save_small, show, timed, trimmed
 
 import voxflat
 from voxflat import figures
@@ -52,19 +51,16 @@ def inputs(paths):
         if not path.exists():
             print(f"{path} is not there: skipped")
             continue
-        is_volume = ".inr" in path.name
-        surfaces["skull (CT)" if path.stem == "skull_2.9" else path.name] = (
-            inrimage(path) if is_volume else voxflat.surface(path)
-        )
+        name = "skull (CT)" if path.stem == "skull_2.9" else path.name
+        surfaces[name] = inrimage(path) if ".inr" in path.name else voxflat.surface(path)
     return surfaces
 
 
 def colon(around=120, along=250, length=300.0, folds=24):
     """Return a haustrated, folded tube open at both ends, mm: 2 · around · along triangles."""
     t = np.linspace(0, 1, along + 1)
-    axis = np.stack(
-        [length * t, 35 * np.sin(2.3 * np.pi * t), 25 * np.cos(1.7 * np.pi * t) + 8 * np.sin(7 * np.pi * t)], axis=1
-    )
+    aside, rise = 35 * np.sin(2.3 * np.pi * t), 25 * np.cos(1.7 * np.pi * t) + 8 * np.sin(7 * np.pi * t)
+    axis = np.stack([length * t, aside, rise], axis=1)
     tangent = np.gradient(axis, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     side = np.cross(tangent, (0, 0, 1))
@@ -113,17 +109,15 @@ def certificates(surfaces):
 
 def numbers(surfaces):
     """Print how many patches there are, by where they begin."""
-    print(
-        f"\n{'':26}{'triangles':>10}{'limit':>14}{'random':>9}{'flattest':>10}{'curvature':>11}{'fewer':>8}{'CPU s':>8}"
-    )
+    head = f"{'random':>9}{'flattest':>10}{'curvature':>11}{'fewer':>8}{'CPU s':>8}"
+    print(f"\n{'':26}{'triangles':>10}{'limit':>14}{head}")
     print(f"{'':50}{'the paper’s seeds':>19}{'ours':>11}")
     for name, surface in surfaces.items():
         for text, limit in LIMITS.items():
             counts = [len(surface.patches(**limit, seeds="random", seed=seed)) for seed in range(SEEDS)]
             flattest = len(surface.patches(**limit, seeds="flattest"))
-            start = time.process_time()
-            ours = len(surface.patches(**limit))
-            seconds = time.process_time() - start
+            atlas, seconds = timed(surface.patches, **limit)
+            ours = len(atlas)
             random = float(np.mean(counts))
             print(
                 f"{name:26}{len(surface.faces):10}{text:>14}{random:9.0f}{flattest:10}{ours:11}"
@@ -175,12 +169,9 @@ def edge_patches(points, faces, angle):
 
 def speed(surface):
     """Print the time for the number of triangles of the paper's skull."""
-    seconds = []
-    for _ in range(3):
-        start = time.process_time()
-        atlas = surface.patches(10, threads=1)
-        seconds.append(time.process_time() - start)
-    print(f"\n{len(surface.faces)} triangles (paper: 60339), {len(atlas)} patches: {min(seconds):.2f} s of CPU time")
+    atlases, seconds = zip(*(timed(surface.patches, 10, threads=1) for _ in range(3)), strict=True)
+    told = f"{len(surface.faces)} triangles (paper: 60339), {len(atlases[0])} patches"
+    print(f"\n{told}: {min(seconds):.2f} s of CPU time")
 
 
 def pictures(surfaces):
@@ -191,9 +182,7 @@ def pictures(surfaces):
         towards = (-1.0, -0.3, 0.3) if name.startswith("fsaverage5") else (0.6, -1.0, 0.5)
         show(axes, trimmed(figures.atlas_3d(atlas, towards=towards)), f"{name}\n{len(atlas)} patches, C ≤ 1.1763")
     save_small(figure, "saucan_surfaces.png")
-    save_small(
-        figures.atlas_page(voxflat.surface(surfaces["synthetic colon"]).patches(bound=1.1763)), "saucan_page.png"
-    )
+    save_small(figures.atlas_page(surfaces["synthetic colon"].patches(bound=1.1763)), "saucan_page.png")
 
 
 if __name__ == "__main__":

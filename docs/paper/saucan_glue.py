@@ -1,11 +1,9 @@
 """Gluing the patches of Appleboim, Saucan, Zeevi (2006), their open problem: figures and a picture for `saucan.py`."""
 
-import time
-
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from paper import FSAVERAGE5
+from paper import FSAVERAGE5, timed
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
@@ -30,9 +28,7 @@ def gluing(colon):
     for name, surface in surfaces.items():
         for text, limit in {"θ = 10°": {"max_angle": 10}, "C = 1.1763": {"bound": 1.1763}}.items():
             atlas = surface.patches(**limit)
-            start = time.process_time()
-            glued = atlas.glue(BOUND)
-            seconds = time.process_time() - start
+            glued, seconds = timed(atlas.glue, BOUND)
             seams, of = glued.seams, glued.figures()
             print(
                 f"{name:26}{text:>12}{len(atlas):10}{len(glued):10}{seams.length:10.0f}"
@@ -45,16 +41,16 @@ def gluing(colon):
 def developable():
     """Print how far surfaces that can be flat are from it, and where a closed cylinder is cut."""
     print(f"\n{'developable':26}{'patches':>10}{'pieces':>10}{'cuts, mm':>10}{'max |σ − 1|':>14}")
-    for name, mesh in {
-        "wavy cylinder": sheet(40, 20, lambda x, y: (0.7 * x, y, 3 * np.sin(0.4 * x))),
-        "cone sector": sheet(
-            24, 20, lambda x, y: (0.6 * (5 + y) * np.cos(0.2 * x), 0.6 * (5 + y) * np.sin(0.2 * x), 0.8 * (5 + y))
-        ),
-        "closed cylinder, 20 mm": sheet(
-            36, 20, lambda x, y: (5 * np.cos(x * np.pi / 18), 5 * np.sin(x * np.pi / 18), y)
-        ),
-    }.items():
-        atlas = voxflat.surface(mesh).patches(10)
+
+    def cone(x, y):
+        return 0.6 * (5 + y) * np.cos(0.2 * x), 0.6 * (5 + y) * np.sin(0.2 * x), 0.8 * (5 + y)
+
+    for name, m, place in (
+        ("wavy cylinder", 40, lambda x, y: (0.7 * x, y, 3 * np.sin(0.4 * x))),
+        ("cone sector", 24, cone),
+        ("closed cylinder, 20 mm", 36, lambda x, y: (5 * np.cos(x * np.pi / 18), 5 * np.sin(x * np.pi / 18), y)),
+    ):
+        atlas = voxflat.surface(sheet(m, 20, place)).patches(10)
         glued = atlas.glue(BOUND)
         change = np.abs(glued.stretch - 1).max()
         print(f"{name:26}{len(atlas):10}{len(glued):10}{glued.seams.cuts:10.3f}{change:14.1e}", flush=True)
@@ -101,11 +97,8 @@ def naive(atlas):
             turn, shift = motion[p]
             to = np.array([place[p][v] for v in common]) @ turn.T + shift
             motion[q] = rigid(np.array([place[q][v] for v in common]), to)
-    turns = np.array([motion[label][0] for label in range(len(atlas))])
-    shifts = np.array([motion[label][1] for label in range(len(atlas))])
-    return (
-        np.einsum("fij,fkj->fki", turns[atlas.piece_ids], atlas.uv[atlas.uv_faces]) + shifts[atlas.piece_ids][:, None]
-    )
+    turns, shifts = (np.array([motion[label][k] for label in range(len(atlas))])[atlas.piece_ids] for k in (0, 1))
+    return np.einsum("fij,fkj->fki", turns, atlas.uv[atlas.uv_faces]) + shifts[:, None]
 
 
 def rigid(points, to):
@@ -153,9 +146,8 @@ def picture(surface):
     for row, (at, reach) in enumerate([(centre, half), (middles[middle], 0.5 * SEEN)]):
         for column, (corners, kept) in enumerate([(theirs, slice(None)), (ours, largest)]):
             part = axes[row, column]
-            part.add_collection(
-                PolyCollection(corners[kept], facecolor=colours[kept], edgecolor="none", alpha=None, antialiased=False)
-            )
+            drawn = PolyCollection(corners[kept], facecolor=colours[kept], edgecolor="none", antialiased=False)
+            part.add_collection(drawn)
             if column:
                 part.add_collection(LineCollection(list(outline), colors="black", linewidth=0.7 if row else 0.5))
             part.set(xlim=(at[0] - reach, at[0] + reach), ylim=(at[1] - reach, at[1] + reach), aspect="equal")

@@ -4,7 +4,6 @@ make paper-mapmaker
 """
 
 import logging
-import time
 
 import numpy as np
 import paper
@@ -35,9 +34,8 @@ def main():
 
 def flatten(surface, *, seed=0, **options):
     """Flatten, and return the CPU seconds that it took as well."""
-    start = time.process_time()
-    flat_map = voxflat.flatten(surface, voxflat.methods.Schwartz1989(**options), relax=False, seed=seed)
-    return flat_map, time.process_time() - start
+    method = voxflat.methods.Schwartz1989(**options)
+    return paper.timed(voxflat.flatten, surface, method, relax=False, seed=seed)
 
 
 def tell(flat_map):
@@ -60,11 +58,7 @@ def hemisphere(radius=20.0):
     row(f"figure 1: hemisphere of {len(flat_map)} nodes; CPU s of 3 starts", "", f"{seconds:.1f}")
     row("  stress of the 3 starts", "", " ".join(f"{stress:.4f}" for stress in flat_map.metadata["starts"]))
     tell(flat_map)
-    figure = Figure(figsize=(9, 4.4), layout="constrained")
-    space, plane = figure.subplots(1, 2)
-    show_space(space, flat_map, "a hemisphere", (0.6, -0.8, 0.45))
-    show_flat(plane, flat_map, "flattened")
-    paper.save_small(figure, "mapmaker_hemisphere.png")
+    picture(flat_map, (9, 4.4), "a hemisphere", (0.6, -0.8, 0.45), "mapmaker_hemisphere.png")
 
 
 # -------------------------------------------------------------------------------------------- cortex
@@ -103,7 +97,6 @@ def same_map(cortex):
     axes = figure.subplots(2, 2).ravel()
     for number, flat_map in enumerate(maps):
         show_flat(axes[number], flat_map, f"random start {number + 1}", CURVES[number])
-    for number, flat_map in enumerate(maps):
         axes[3].plot(flat_map.metadata["descent"]["energies"], color=CURVES[number], label=f"start {number + 1}")
     axes[3].set(xlabel="iteration", ylabel="stress", yscale="log", xlim=(0, 1.5 * max(steps)), title="descent")
     axes[3].legend(frameon=False)
@@ -150,11 +143,8 @@ def neighbourhoods(cortex):
         print(f"{name:44}{100 * share:11.1f} %{best:10}{error:7.1f} %{flipped:13}{seconds:8.1f}", flush=True)
     print()
     figure = Figure(figsize=(12, 4.6), layout="constrained")
-    for axes, name in zip(
-        figure.subplots(1, 3),
-        ("nearest neighbours", "a tenth of the nodes", "a tenth, and 50 nodes to all (the default)"),
-        strict=True,
-    ):
+    shown = ("nearest neighbours", "a tenth of the nodes", "a tenth, and 50 nodes to all (the default)")
+    for axes, name in zip(figure.subplots(1, 3), shown, strict=True):
         show_flat(axes, maps[name], name)
     paper.save_small(figure, "mapmaker_neighbourhoods.png")
 
@@ -165,20 +155,13 @@ def striate(cortex):
     flat_map, seconds = flatten(patch)
     metadata = flat_map.metadata
     row(f"figure 3: occipital cortex, {len(flat_map)} nodes (paper: 1200); CPU of 3 starts", "20 h", f"{seconds:.1f} s")
-    row(
-        f"  {metadata['neighbourhood']} rings, 50 nodes to all: stress of the 3 starts",
-        "equal",
-        " ".join(f"{stress:.5f}" for stress in metadata["starts"]),
-    )
+    stresses = " ".join(f"{stress:.5f}" for stress in metadata["starts"])
+    row(f"  {metadata['neighbourhood']} rings, 50 nodes to all: stress of the 3 starts", "equal", stresses)
     tell(flat_map)
     usual = patch.flatten(relax=False)
     row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
     row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
-    figure = Figure(figsize=(10, 5.2), layout="constrained")
-    space, plane = figure.subplots(1, 2)
-    show_space(space, flat_map, "occipital cortex from behind", (-0.35, -1.0, 0.15))
-    show_flat(plane, flat_map, "flattened")
-    paper.save_small(figure, "mapmaker_cortex.png")
+    picture(flat_map, (10, 5.2), "occipital cortex from behind", (-0.35, -1.0, 0.15), "mapmaker_cortex.png")
 
 
 # ------------------------------------------------------------------------------------------ pictures
@@ -198,15 +181,18 @@ def show_flat(axes, flat_map, title, colour=SURFACE):
     axes.set(title=title, aspect="equal", xlabel="mm")
 
 
-def show_space(axes, flat_map, title, towards):
-    """Draw the surface as a wire frame over its faces."""
-    faces = np.column_stack([np.full(len(flat_map.faces), 3), flat_map.faces])
-    mesh = pv.PolyData(flat_map.points, faces.ravel())
+def picture(flat_map, size, title, towards, name):
+    """Draw the surface as a wire frame over its faces, and its map."""
+    figure = Figure(figsize=size, layout="constrained")
+    space, plane = figure.subplots(1, 2)
+    mesh = pv.PolyData.from_regular_faces(flat_map.points, flat_map.faces)
     plotter = pv.Plotter(off_screen=True, window_size=(1100, 1000))
     plotter.add_mesh(mesh, color="#e8eef4", show_edges=True, edge_color=SURFACE, line_width=1.5, ambient=0.25)
     plotter.view_vector(towards, (0, 0, 1))
     plotter.camera.zoom(1.3)
-    paper.show(axes, paper.trimmed(plotter.screenshot(return_img=True)), title)
+    paper.show(space, paper.trimmed(plotter.screenshot(return_img=True)), title)
+    show_flat(plane, flat_map, "flattened")
+    paper.save_small(figure, name)
 
 
 if __name__ == "__main__":

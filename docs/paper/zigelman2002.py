@@ -3,14 +3,12 @@
 make paper-zigelman
 """
 
-import time
-
 import numpy as np
 import paper
 import pyvista as pv
 from grossmann2002 import bricks, chessboard
 from matplotlib.figure import Figure
-from paper import PICTURES, fsaverage5, reproduce, row, shapes, show
+from paper import PICTURES, fsaverage5, reproduce, row, shapes, show, timed
 from scipy import ndimage
 from scipy.spatial.distance import pdist
 
@@ -25,9 +23,7 @@ PAIRS = 1500  # points whose distances are compared where the truth is known
 
 def flatten(surface, **options):
     """Flatten, and return the CPU seconds that it took as well."""
-    start = time.process_time()
-    flat_map = surface.flatten(voxflat.methods.Zigelman2002(sources=SOURCES, **options), relax=False)
-    return flat_map, time.process_time() - start
+    return timed(surface.flatten, voxflat.methods.Zigelman2002(sources=SOURCES, **options), relax=False)
 
 
 # ------------------------------------------------------------------------------------------ surfaces

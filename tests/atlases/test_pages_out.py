@@ -5,23 +5,19 @@ import json
 import numpy as np
 import pytest
 import shapes
-from click.testing import CliRunner
+from lab_runs import run
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from triangle_meshes import torus
 
 import voxflat
 from voxflat import figures
-from voxflat.cli import main
 from voxflat.io import meshes
 
 pv = pytest.importorskip("pyvista")
 
 
 class TestCommand:
-    def run(self, *arguments):
-        return CliRunner().invoke(main, [*map(str, arguments)], prog_name="voxflat")
-
     @pytest.fixture
     def mesh(self, tmp_path):
         voxflat.surface(torus(20)).save(tmp_path / "torus.obj")
@@ -30,15 +26,14 @@ class TestCommand:
     @pytest.fixture
     def overlay(self, tmp_path):
         points, faces = torus(20)
-        colours = np.full((len(points), 3), [200, 100, 50], dtype=np.uint8)
         mesh = pv.PolyData.from_regular_faces(points, faces)
-        mesh.point_data["rgb"] = colours
+        mesh.point_data["rgb"] = np.full((len(points), 3), [200, 100, 50], dtype=np.uint8)
         mesh.save(tmp_path / "coloured.vtp")
         return tmp_path / "coloured.vtp"
 
     @pytest.mark.parametrize("name", ["atlas.obj", "atlas.vtp", "atlas.glb", "atlas.ply"])
     def test_textured_surfaces(self, mesh, tmp_path, name):
-        result = self.run("patches", mesh, "--max-angle", 30, "-o", tmp_path / name, "--pixel-size", 1)
+        result = run("patches", mesh, "--max-angle", 30, "-o", tmp_path / name, "--pixel-size", 1)
         assert result.exit_code == 0, result.output
         assert (tmp_path / name).stat().st_size > 1000
         if name != "atlas.glb":
@@ -48,7 +43,7 @@ class TestCommand:
     def test_what_the_texture_shows(self, mesh, overlay, tmp_path):
         pictures = []
         for options in ((), ("--heat-map",), ("--volume", overlay)):
-            result = self.run("patches", mesh, "--max-angle", 30, "-o", tmp_path / "atlas.obj", *options)
+            result = run("patches", mesh, "--max-angle", 30, "-o", tmp_path / "atlas.obj", *options)
             assert result.exit_code == 0, result.output
             with Image.open(tmp_path / "atlas.png") as picture:
                 pictures.append(np.asarray(picture))
@@ -58,13 +53,13 @@ class TestCommand:
 
     def test_images_of_a_saved_atlas(self, mesh, overlay, tmp_path):
         atlas = tmp_path / "atlas.npz"
-        assert self.run("patches", mesh, "--max-angle", 30, "-o", atlas).exit_code == 0
+        assert run("patches", mesh, "--max-angle", 30, "-o", atlas).exit_code == 0
         for name, options in (
             ("page.png", ("--volume", overlay)),
             ("heat.png", ("--heat-map",)),
             ("heat.npy", ("--heat-map", "--pixel-size", 0.5)),
         ):
-            result = self.run("image", atlas, *options, "-o", tmp_path / name)
+            result = run("image", atlas, *options, "-o", tmp_path / name)
             assert result.exit_code == 0, result.output
         assert_array_equal(np.load(tmp_path / "heat.npy"), voxflat.FlatAtlas.load(atlas).heat_map(0.5).data)
 
@@ -75,11 +70,11 @@ class TestCommand:
             ("atlas.obj", ("--heat-map", "--volume", mesh), "either --volume or --heat-map"),
             ("atlas.obj", ("--depth", 1), "--depth is for --volume"),
         ):
-            result = self.run("patches", mesh, "-o", tmp_path / name, *options)
+            result = run("patches", mesh, "-o", tmp_path / name, *options)
             assert result.exit_code == 2
             assert message in result.stderr
             assert not (tmp_path / name).exists()
-        result = self.run("image", mesh, "--heat-map", "-o", tmp_path / "x.png")
+        result = run("image", mesh, "--heat-map", "-o", tmp_path / "x.png")
         assert result.exit_code == 1
         assert "is not a flat map" in result.stderr
 

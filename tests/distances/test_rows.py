@@ -4,10 +4,8 @@ import json
 import logging
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import composed
@@ -15,32 +13,34 @@ import hard_shapes
 import numpy as np
 import pytest
 import shapes
-from click.testing import CliRunner
+from lab_runs import run
 
 import voxflat
-from voxflat import cli
+from voxflat import InputError
 from voxflat.distances import store as _store
 from voxflat.distances.rows import damaged_rows
 from voxflat.distances.table import Table
 from voxflat.io.provenance import portable
+from voxflat.methods import Voxflat
 
 fcntl = pytest.importorskip("fcntl")
 
 FILES = ["ids.npy", "journal.jsonl", "lock", "points.npy", "provenance.json", "rows.npy", "sources.npy", "store.json"]
 SOURCES = 40
 SHEET = np.ones((30, 20, 1), dtype=np.uint8)
+SURFACE = voxflat.surface(SHEET)
 INDICES = (3, -1, (4, 5), np.s_[2:30:3, ::-1], np.s_[:, 7], np.s_[[1, 5, 1]], np.s_[..., None], np.s_[[0, 3], [7, 599]])
 INDICES += (np.s_[5:5], np.s_[:, 4:4], np.s_[[True, False] * 20, 3:9], np.s_[2, [8, 8]], np.s_[9:2:-2], np.s_[[], 5])
 
 
 @pytest.fixture(scope="module")
 def expected():
-    return voxflat.surface(SHEET).geodesic(SOURCES)
+    return SURFACE.geodesic(SOURCES)
 
 
 @pytest.fixture
 def stored(tmp_path):
-    return voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
+    return SURFACE.geodesic(SOURCES, store=tmp_path / "store")
 
 
 def names(folder):
@@ -70,9 +70,7 @@ class TestAStore:
         options = {"geodesic": "chain", "link_lengths": "euclidean", "spacing": (1, 2, 1.5)}
         rows = composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **options)
         np.testing.assert_array_equal(rows, composed.geodesic(SHEET, SOURCES, **options))
-        with pytest.raises(
-            voxflat.InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"
-        ):
+        with pytest.raises(InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"):
             composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **{**options, "link_lengths": None})
 
     def test_is_opened_without_reading_it(self, stored, expected):
@@ -101,57 +99,35 @@ class TestAStore:
         assert layer.data is stored
         assert layer.contrast_limits == [0, expected.rows.max()]
 
-    def test_has_the_same_bits_for_any_number_of_threads(self, tmp_path):
-        for threads in (1, 2, 7):
-            voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / str(threads), threads=threads)
-        one, two, seven = ((tmp_path / name / "rows.npy").read_bytes() for name in "127")
-        assert one == two == seven
-
     def test_can_be_an_empty_directory_beforehand(self, tmp_path, expected):
         (tmp_path / "empty").mkdir()
-        np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "empty"), expected)
+        np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=tmp_path / "empty"), expected)
         assert names(tmp_path) == ["empty"]
 
     def test_tells_what_it_needs(self, tmp_path, log):
-        stored = voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
+        stored = SURFACE.geodesic(SOURCES, store=tmp_path / "store")
         memory, disk = messages(log)
         assert re.fullmatch(r"up to \S+ [KM]iB of memory are needed for rows in the making", memory)
         assert disk == f"up to 93.75 KiB on disk are needed in {stored.store}"
 
     def test_follows_no_change_of_directory(self, tmp_path, monkeypatch, expected):
         monkeypatch.chdir(tmp_path)
-        rows = voxflat.surface(SHEET).geodesic(SOURCES, store="here")
+        rows = SURFACE.geodesic(SOURCES, store="here")
         monkeypatch.chdir("/")
         assert rows.store == tmp_path / "here"
         rows.verify()
 
 
 class TestFlatten:
-    def test_by_a_store_is_the_same(self, tmp_path):
-        plain = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES))
-        flat = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=tmp_path / "store")
-        np.testing.assert_array_equal(flat.uv, plain.uv)
-        assert flat.distortion.figures() == plain.distortion.figures()
-        np.testing.assert_array_equal(flat.rows, voxflat.surface(SHEET).geodesic(SOURCES))
-        np.testing.assert_array_equal(voxflat.open_rows(flat.metadata["store"]).sources, flat.sources)
-
     def test_takes_and_leaves_the_store_of_geodesic(self, stored, log):
         before = (stored.store / "journal.jsonl").stat().st_mtime_ns
         log.clear()
-        voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=stored.store)
+        voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=stored.store)
         assert f"{SOURCES} rows were in the store {stored.store} already" in messages(log)
         assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
 
-    def test_of_the_paper_keeps_rows_there(self, tmp_path):
-        options = {"method": "grossmann2002", "sources": SOURCES}
-        plain = composed.flatten(SHEET, **options, rows=True)
-        flat = composed.flatten(SHEET, **options, rows=tmp_path / "store")
-        np.testing.assert_array_equal(flat.uv, plain.uv)
-        np.testing.assert_array_equal(flat.rows, plain.rows)
-        assert isinstance(flat.rows, Table)
-
     def test_saves_no_rows_of_a_store(self, tmp_path):
-        flat = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=tmp_path / "store")
+        flat = voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store")
         flat.save(tmp_path / "map.npz")
         again = voxflat.load(tmp_path / "map.npz")
         assert again.rows is None
@@ -160,78 +136,18 @@ class TestFlatten:
     def test_of_no_disk_is_refused_before_rows_are_measured(self, tmp_path):
         ring = SHEET.copy()
         ring[5:25, 5:15] = 0
-        with pytest.raises(voxflat.InputError, match="no disk"):
-            voxflat.flatten(ring, method=voxflat.methods.Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
+        with pytest.raises(InputError, match="no disk"):
+            voxflat.flatten(ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
         assert not (tmp_path / "store" / "rows.npy").exists()
 
 
 # ----------------------------------------------------------------------------------------- interruptions
 
-LARGE = np.ones((100, 100, 1), dtype=np.uint8)
-MANY = 500
-RUN = """
-import sys, logging, numpy, voxflat
-logging.basicConfig(level=logging.INFO, format="%(message)s")
-sheet = voxflat.surface(numpy.ones((100, 100, 1), numpy.uint8))
-print("computing", sheet.geodesic(500, store=sys.argv[1], sampling="random", threads=int(sys.argv[2])))
-"""
 
-
-@pytest.fixture(scope="module")
-def many(tmp_path_factory):
-    """What a run writes that nothing stops."""
-    return voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=tmp_path_factory.mktemp("many") / "store")
-
-
-def rows_known(store):
-    journal = store / "journal.jsonl"
-    return journal.read_text().count("crc32") if journal.exists() else 0
-
-
-def run_until(store, finished, threads, number):
-    """Compute in a process of its own that gets a signal when so many rows are finished; return what it logged."""
-    command = [sys.executable, "-c", RUN, store, str(threads)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60
-        while rows_known(store) < finished and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.001)
-        process.send_signal(number)
-        return process.communicate(timeout=60)[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("number", "times"), [(signal.SIGKILL, 2), (signal.SIGINT, 1)])
-def test_what_was_stopped_goes_on_and_ends_with_the_same_bits(tmp_path, number, times, log, many):
-    store = tmp_path / "store"
-    rng = np.random.default_rng(0)
-    for goal in np.sort(rng.choice(range(50, 350), size=times, replace=False)):
-        before, threads = rows_known(store), int(rng.integers(1, 4))
-        told = run_until(store, goal, threads, number)
-        assert rows_known(store) >= max(goal, before)
-        assert before == 0 or re.search(r"(\d+) rows were in the store", told) is None  # it did not come to its end
-        with pytest.raises(voxflat.InputError, match="is not complete"):
-            voxflat.open_rows(store)
-    kept = rows_known(store)
-    log.clear()
-    rows = voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=store)
-    found = int(re.search(r"(\d+) rows were in the store", "\n".join(messages(log)))[1])
-    assert found == kept
-    assert not messages(log, logging.WARNING)
-    np.testing.assert_array_equal(rows, many)
-    rows.verify()
-    assert names(store) == FILES
-    assert names(tmp_path) == ["store"]
-
-
-@pytest.mark.slow
-def test_what_was_cancelled_goes_on(tmp_path, many):
-    def refuse(stage, done, total):
-        return stage != "measuring distances"
-
+def test_what_was_cancelled_goes_on(tmp_path, expected):
     with pytest.raises(voxflat.Cancelled):
-        voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=tmp_path / "store", progress=refuse)
-    rows = voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=tmp_path / "store")
-    np.testing.assert_array_equal(rows, many)
+        SURFACE.geodesic(SOURCES, store=tmp_path / "store", progress=lambda stage, *_: stage != "measuring distances")
+    np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=tmp_path / "store"), expected)
 
 
 def test_a_full_disk_is_told_and_the_run_goes_on_later(tmp_path, expected):
@@ -245,9 +161,9 @@ voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.arg
     assert re.search(
         rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'", done.stderr
     )
-    with pytest.raises(voxflat.InputError, match="measure again with the same store"):
+    with pytest.raises(InputError, match="measure again with the same store"):
         voxflat.open_rows(store)
-    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=store), expected)
+    np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=store), expected)
 
 
 # ------------------------------------------------------------------------------------------------ damage
@@ -262,10 +178,10 @@ def spoil(path, at, value=b"\xff"):
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
     again = voxflat.open_rows(stored.store)
-    with pytest.raises(voxflat.InputError, match=r"the rows 39 of .*store do not agree .* measure again"):
+    with pytest.raises(InputError, match=r"the rows 39 of .*store do not agree .* measure again"):
         again.verify()
     log.clear()
-    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
     assert warning.startswith("1 rows of the store")
     voxflat.open_rows(stored.store).verify()
@@ -294,9 +210,9 @@ DAMAGES = {
 def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, damage):
     name, spoiled = DAMAGES[damage]
     spoiled(stored.store / name)
-    with pytest.raises(voxflat.InputError, match="measure again with the same store"):
+    with pytest.raises(InputError, match="measure again with the same store"):
         voxflat.open_rows(stored.store)
-    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     rows = voxflat.open_rows(stored.store)
     rows.verify()
     np.testing.assert_array_equal(rows.sources, expected.sources)
@@ -310,9 +226,9 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
     assert len(marks) == 4
     for at in marks:
         spoil(stored.store / name, at, bytes([whole[at] ^ 1]))  # of which NumPy raises TokenError, or SyntaxError
-        with pytest.raises(voxflat.InputError, match=rf"{name} is damaged .*; measure again with the same store"):
+        with pytest.raises(InputError, match=rf"{name} is damaged .*; measure again with the same store"):
             voxflat.open_rows(stored.store)
-        np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
+        np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
         assert (stored.store / name).read_bytes() == whole
 
 
@@ -320,31 +236,21 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
 def test_a_journal_of_other_rows_is_refused_by_readers(stored, before, after):
     journal = stored.store / "journal.jsonl"
     journal.write_bytes(journal.read_bytes().replace(before, after))
-    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
+    with pytest.raises(InputError, match=r"journal.jsonl is damaged .* or delete this one"):
         voxflat.open_rows(stored.store)
-
-
-def test_garbage_in_the_journal_costs_no_more_than_its_lines(stored, expected, log):
-    journal = stored.store / "journal.jsonl"
-    lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join([lines[0], b"\x00\xffgarbage\n{}\n[1]\n", lines[1], b'{"row": 99, "crc32": "00"}\n']))
-    log.clear()
-    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
-    assert any(re.match(r"1 rows were in the store", message) for message in messages(log))
-    voxflat.open_rows(stored.store).verify()
 
 
 @pytest.mark.parametrize("wrong", ["fffffffff", "-1"])
 def test_a_checksum_that_is_none_is_no_entry(stored, wrong):
     journal = stored.store / "journal.jsonl"
     journal.write_text(re.sub(r'("row": 1, "crc32": ")\w+', rf"\g<1>{wrong}", journal.read_text()))
-    with pytest.raises(voxflat.InputError, match="is not complete"):
+    with pytest.raises(InputError, match="is not complete"):
         voxflat.open_rows(stored.store)
 
 
 def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
     rows = len(stored)
-    with pytest.raises(voxflat.InputError, match=f"has {rows} rows, but the journal knows row {rows}; measure again"):
+    with pytest.raises(InputError, match=f"has {rows} rows, but the journal knows row {rows}; measure again"):
         damaged_rows(stored.store, {0: 0, rows: 0})
     assert damaged_rows(stored.store, {0: 0}) == [0]
 
@@ -352,10 +258,10 @@ def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
 def test_a_journal_without_its_first_line_is_refused(stored):
     spoil(stored.store / "journal.jsonl", 0, b"garbage")
     before = (stored.store / "rows.npy").read_bytes()
-    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
-        voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store)
+    with pytest.raises(InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
+        SURFACE.geodesic(SOURCES, store=stored.store)
     assert (stored.store / "rows.npy").read_bytes() == before
-    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
+    with pytest.raises(InputError, match=r"journal.jsonl is damaged .* or delete this one"):
         voxflat.open_rows(stored.store)
 
 
@@ -373,8 +279,8 @@ def test_a_journal_without_its_first_line_is_refused(stored):
 )
 def test_a_bad_description_is_refused(stored, text, message):
     (stored.store / "store.json").write_text(text)
-    for use in (voxflat.open_rows, lambda path: voxflat.surface(SHEET).geodesic(SOURCES, store=path)):
-        with pytest.raises(voxflat.InputError, match=message + r".*; choose another directory, or delete this one"):
+    for use in (voxflat.open_rows, lambda path: SURFACE.geodesic(SOURCES, store=path)):
+        with pytest.raises(InputError, match=message + r".*; choose another directory, or delete this one"):
             use(stored.store)
 
 
@@ -394,7 +300,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
         (hole, SOURCES, {}, "its surface is another (600 points; this one has 599)"),
         (mesh, 2, {}, "its surface is another (600 points; this one has 4)"),
     ]:
-        with pytest.raises(voxflat.InputError, match=re.escape(f"is a store of other rows: {message}")):
+        with pytest.raises(InputError, match=re.escape(f"is a store of other rows: {message}")):
             composed.geodesic(surface, sources, store=stored.store, **options)
     assert before == {name: (stored.store / name).read_bytes() for name in before}
 
@@ -402,7 +308,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
 def test_the_same_points_under_other_triangles_are_told_apart(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
     voxflat.surface((points, np.array([[0, 1, 2], [1, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
-    with pytest.raises(voxflat.InputError, match="its surface has other triangles"):
+    with pytest.raises(InputError, match="its surface has other triangles"):
         voxflat.surface((points, np.array([[0, 1, 3], [0, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
 
 
@@ -414,41 +320,41 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
         ("thesis", "is no store and holds other files (chapter.tex); give a new or empty one"),
         ("file", "is a file; give a directory"),
     ]:
-        with pytest.raises(voxflat.InputError, match=re.escape(message)):
-            voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / name)
-        with pytest.raises(voxflat.InputError, match="no store"):
+        with pytest.raises(InputError, match=re.escape(message)):
+            SURFACE.geodesic(SOURCES, store=tmp_path / name)
+        with pytest.raises(InputError, match="no store"):
             voxflat.open_rows(tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):
-            voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / name)
+            SURFACE.geodesic(SOURCES, store=tmp_path / name)
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
-        with pytest.raises(voxflat.InputError, match="give the name of a file or directory"):
-            voxflat.surface(SHEET).geodesic(SOURCES, store=store)
+        with pytest.raises(InputError, match="give the name of a file or directory"):
+            SURFACE.geodesic(SOURCES, store=store)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_directory_that_is_not_writable_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(PermissionError, match="store"):
-        voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
+        SURFACE.geodesic(SOURCES, store=tmp_path / "store")
 
 
 def test_a_store_in_use_is_refused(stored):
     with (stored.store / "lock").open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         with pytest.raises(BlockingIOError, match=f"in use by process {os.getpid()}: wait until that ends") as told:
-            voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store)
+            SURFACE.geodesic(SOURCES, store=stored.store)
     assert told.value.filename == str(stored.store)
-    voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store)  # a lock file that nobody holds is stale
+    SURFACE.geodesic(SOURCES, store=stored.store)  # a lock file that nobody holds is stale
 
 
 def test_too_little_memory_is_refused_with_numbers(tmp_path):
-    with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
-        voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store", memory_limit=1000)
+    with pytest.raises(InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
+        SURFACE.geodesic(SOURCES, store=tmp_path / "store", memory_limit=1000)
     mesh = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (29, 19), (30, 20))
-    with pytest.raises(voxflat.InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
+    with pytest.raises(InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
         voxflat.surface(mesh).geodesic(600, memory_limit=1_000_000)
     assert names(tmp_path) == []
 
@@ -456,36 +362,24 @@ def test_too_little_memory_is_refused_with_numbers(tmp_path):
 def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 1024}))
     with pytest.raises(OSError, match=r"93.75 KiB on disk are needed, 1 KiB are free; make room.*store"):
-        voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
+        SURFACE.geodesic(SOURCES, store=tmp_path / "store")
     assert names(tmp_path) == []
 
 
 def test_a_complete_store_needs_no_room(stored, expected, monkeypatch, log):
     log.clear()
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 0}))
-    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     assert f"{SOURCES} rows were in the store" in "\n".join(messages(log))  # none was measured again
 
 
 # ------------------------------------------------------------------------------------------- command line
 
 
-def run(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
-
-
 def test_the_command_measures_and_goes_on(tmp_path):
     np.save(tmp_path / "sheet.npy", shapes.sheet((30, 20)))
-    command = [
-        "rows",
-        tmp_path / "sheet.npy",
-        "--sources",
-        SOURCES,
-        "--spacing",
-        "1,1,2",
-        "--store",
-        tmp_path / "store",
-    ]
+    where = ("--spacing", "1,1,2", "--store", tmp_path / "store")
+    command = ["rows", tmp_path / "sheet.npy", "--sources", SOURCES, *where]
     result = run(*command)
     assert result.exit_code == 0, result.output
     assert result.stdout == f"40 x 600 distances, 0 MiB\nsaved in {tmp_path / 'store'}\n"

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from hard_shapes import sheet
 from numpy.testing import assert_allclose
 
 import voxflat
@@ -37,12 +38,7 @@ def test_a_triangle_without_area_has_no_stretch_and_one_flattened_to_a_line_has_
 
 
 def test_figures_of_a_map_are_the_medians_of_its_arrays():
-    x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-1, 1, 15))
-    corner = (np.arange(14)[:, None] * 15 + np.arange(14)).ravel()
-    faces = np.concatenate(
-        [np.column_stack([corner, corner + 1, corner + 15]), np.column_stack([corner + 1, corner + 16, corner + 15])]
-    )
-    points = np.column_stack([10 * x.ravel(), 10 * y.ravel(), 6 * (x * x - y * y).ravel()])
+    points, faces = sheet(lambda u, v: (u - 10, v - 10, 0.06 * ((u - 10) ** 2 - (v - 10) ** 2)), (20, 20), (15, 15))
     flat_map = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20), relax=False)
     triangles = flat_map.distortion.triangles
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
@@ -56,14 +52,8 @@ def test_figures_of_a_map_are_the_medians_of_its_arrays():
         assert low <= getattr(triangles, name) <= high
     assert np.average(of_points["angle"]) == pytest.approx(triangles.angle, rel=0.2)  # by points, not by areas
     assert_allclose(np.sort(np.abs(of_points["areal"]))[len(points) // 2], triangles.areal_median, rtol=0.02)
-    assert set(of_points) | set(of_triangles) == {
-        "distance_error",
-        "areal",
-        "angle",
-        "isometric",
-        "quasi_conformal",
-        "flipped",
-    }
+    names = {"distance_error", "areal", "angle", "isometric", "quasi_conformal", "flipped"}
+    assert set(of_points) | set(of_triangles) == names
     assert of_triangles["flipped"].sum() == triangles.flipped == 0
 
 

@@ -60,21 +60,10 @@ def patches(source, *limit, **given):
     return surface.patches(*limit, **given)
 
 
-def register(source, **given):
-    """Register a source."""
-    return part(source, given).register(**given)
-
-
 def check(source, **given):
     """Check a source, or a part of it."""
     chosen = {name: given.pop(name) for name in PARTS if given.get(name) is not None}
     return voxflat.check(source, **given, part=lambda surface: part(surface, dict(chosen)))
-
-
-def measure(source, flat, **given):
-    """Measure a flat map of a source."""
-    making = {name: given.pop(name) for name in MAKING if name in given}
-    return voxflat.measure(voxflat.surface(source, **making), flat, **given)
 
 
 def of_overlay(overlay, look):

@@ -106,6 +106,12 @@ def sheet(place, size, counts=None):
     return points, quads(number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
 
 
+def signed_areas(uv, faces):
+    """Return the areas of triangles in the plane, negative where they are turned over."""
+    (x, y), (u, v) = ((uv[faces[:, corner]] - uv[faces[:, 0]]).T for corner in (1, 2))
+    return (x * v - y * u) / 2
+
+
 def turned(profile, count, closed):
     """Return a surface of revolution, from its rim on; with `closed` it ends in a point on the axis."""
     angle = 2 * np.pi * np.arange(count) / count

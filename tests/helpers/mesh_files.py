@@ -73,3 +73,11 @@ def gifti(path, arrays=None, change=lambda image: None, **options):
     change(image)
     path.write_bytes(image.to_bytes())
     return path
+
+
+def write_obj(path, points, faces, places):
+    """Write an OBJ file with texture coordinates of its own at each corner, as programs that unwrap do."""
+    lines = [f"v {x:.12g} {y:.12g} {z:.12g}" for x, y, z in points]
+    lines += [f"vt {u:.12g} {v:.12g}" for u, v in places.reshape(-1, 2)]
+    lines += [f"f {a}/{3 * n + 1} {b}/{3 * n + 2} {c}/{3 * n + 3}" for n, (a, b, c) in enumerate(faces + 1)]
+    path.write_text("\n".join(lines) + "\n")

@@ -7,15 +7,7 @@ from qtpy.QtWidgets import QApplication, QComboBox, QFileDialog, QLineEdit
 
 
 class Hand:
-    """Uses a window as a user does.
-
-    Parameters
-    ----------
-    window : napari.Window
-        The window.
-    qtbot : QtBot
-        Presses keys and buttons.
-    """
+    """Uses a window as a user does; pytest-qt's `qtbot` presses keys and buttons."""
 
     def __init__(self, window, qtbot):
         self._window = window._qt_window

@@ -23,12 +23,10 @@ def ball(radius=10):
 
 
 def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=False):
-    """Curl a rectangular sheet of paper into an open cylinder and digitise it (Grossmann et al. 2002, figures 4 and 7).
+    """Curl a sheet along its length into an open cylinder and digitise it (Grossmann et al. 2002, figures 4 and 7).
 
-    `length`, `width`: of the sheet, voxels; it curls along its length. `turns`: how far it curls. `rotation`: its
-    orientation in space. `traversed`: every voxel that the sheet passes is set. Otherwise only those whose centre lies
-    within half a voxel of it, measured along the axis nearest to its normal: one voxel in each column. Returns: ndarray
-    of bool.
+    `traversed`: every voxel that the sheet passes is set. Otherwise only those whose centre lies within half a voxel of
+    it, measured along the axis nearest to its normal: one voxel in each column.
     """
     rotation = Rotation.identity() if rotation is None else rotation
     fine = 16  # samples a voxel
@@ -53,10 +51,7 @@ def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=Fa
 
 
 def depth_surface(depth):
-    """Return the voxels that a depth image passes: in each pixel from its depth down to just above its neighbours'.
-
-    `depth` int (H, W): depth in pixels, 0 where there is nothing. Returns: bool (H + 2, W + 2, D).
-    """
+    """Return the voxels that a depth image, 0 where there is nothing, passes: down to just above neighbours' depths."""
     depth = np.pad(np.asarray(depth, dtype=int), 1)
     low = depth.copy()
     for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
@@ -72,12 +67,10 @@ def head_depth():
 
 
 def line_links(direction, rng, lines=400, links=150):
-    """Count the links of digitised lines in one direction at random places of the grid.
+    """Return the mean numbers of links that step along 0 to 3 axes of digitised lines, and the lines' length, voxels.
 
     A line is cut by the planes of voxel centres across the axis along which it advances fastest; the other two
     coordinates are rounded.
-
-    Returns: `counts`, (4,), mean numbers of links that step along 0 to 3 axes; `length`, length of the lines, voxels.
     """
     step = 1 / np.abs(direction).max()
     start = rng.uniform(-0.5, 0.5, size=(lines, 1, 3))

@@ -2,26 +2,21 @@
 
 import numpy as np
 import pytest
+from hard_shapes import sheet
 
 
 def square(size=6):
     """A sheet of triangles in the plane."""
-    i, j = np.mgrid[: size + 1, : size + 1]
-    points = np.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1).astype(float)
-    corner = (i * (size + 1) + j)[:-1, :-1].ravel()
-    a, b, c, d = corner, corner + size + 1, corner + size + 2, corner + 1
-    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return sheet(lambda u, v: (u, v, 0 * u), (size, size), (size + 1, size + 1))
 
 
 def cylinder(shape=(81, 61), turns=0.7):
     """Return a range image's worth of pixels curled into a cylinder, and their places on the unrolled one."""
     row, column = np.indices(shape).reshape(2, -1).astype(float)
     radius = shape[1] / (2 * np.pi * turns)
-    points = np.stack([radius * np.sin(column / radius), -row, radius * np.cos(column / radius)], axis=1)
-    number = np.arange(row.size).reshape(shape)
-    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return (points, faces), np.stack([column, -row], axis=1)
+    ends = (shape[0] - 1, shape[1] - 1)
+    mesh = sheet(lambda u, v: (radius * np.sin(v / radius), -u, radius * np.cos(v / radius)), ends, shape)
+    return mesh, np.stack([column, -row], axis=1)
 
 
 def torus(resolution=40):
@@ -33,20 +28,18 @@ def torus(resolution=40):
 
 def bump(size=30):
     """A mesh over a square with a bump in its middle."""
-    i, j = np.mgrid[: size + 1, : size + 1].astype(float)
-    z = 6 * np.exp(-((i - size / 2) ** 2 + (j - size / 2) ** 2) / 30)
-    corner = np.arange((size + 1) ** 2).reshape(size + 1, size + 1)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
-    points = np.stack([i.ravel(), j.ravel(), z.ravel()], axis=1)
-    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+    def place(u, v):
+        return u, v, 6 * np.exp(-((u - size / 2) ** 2 + (v - size / 2) ** 2) / 30)
+
+    return sheet(place, (size, size), (size + 1, size + 1))
 
 
 def rolled(radius=10.0, angle=2.0, size=40):
     """A part of a cylinder as a mesh, and where it lies when it is unrolled."""
-    s, t = np.meshgrid(np.linspace(0, radius * angle, size + 1), np.linspace(0, 20, size + 1), indexing="ij")
-    points = np.stack([radius * np.sin(s / radius), t, radius * np.cos(s / radius)], axis=2).reshape(-1, 3)
-    _, faces = bump(size)
-    return (points, faces), np.stack([s.ravel(), t.ravel()], axis=1)
+    how = ((radius * angle, 20), (size + 1, size + 1))
+    flat, _ = sheet(lambda u, v: (u, v, 0 * u), *how)
+    return sheet(lambda u, v: (radius * np.sin(u / radius), v, radius * np.cos(u / radius)), *how), flat[:, :2]
 
 
 def singular_values(points, uv):

@@ -12,14 +12,8 @@ itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")
 
 RNG = np.random.default_rng(7)
-
-
 SHAPE = (4, 5, 6)
-
-
 NIFTI = [".nii", ".nii.gz"]
-
-
 BOTH = ["itk+nibabel", "itk", "nibabel"]
 
 

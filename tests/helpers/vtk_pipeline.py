@@ -6,6 +6,7 @@ import sys
 import warnings
 
 import voxflat
+from voxflat.methods import Voxflat
 
 facts = {"loaded by voxflat": sorted({"pyvista", "vtkmodules"} & set(sys.modules))}
 filters = voxflat.vtk
@@ -42,13 +43,13 @@ height.SetInputConnection(source.GetOutputPort())
 height.Update()
 mesh = pv.wrap(height.GetOutput())
 
-flatten = filters.FlattenSurface(method=voxflat.methods.Voxflat(sources=10), relax=False)
+flatten = filters.FlattenSurface(method=Voxflat(sources=10), relax=False)
 flatten.SetInputConnection(height.GetOutputPort())
 runs, told = [], []
 flatten.AddObserver("StartEvent", lambda *_: runs.append(1))
 flatten.AddObserver("ProgressEvent", lambda caller, _: told.append((caller.GetProgress(), caller.GetProgressText())))
 flatten.Update()
-expected = mesh.voxflat(method=voxflat.methods.Voxflat(sources=10), relax=False)
+expected = mesh.voxflat(method=Voxflat(sources=10), relax=False)
 facts["flat is the accessor's"] = same(expected, flatten.GetOutput())
 facts["arrays"] = list(expected.array_names)
 facts["sha256"] = hashlib.sha256(np.ascontiguousarray(expected.points).tobytes()).hexdigest()
@@ -61,8 +62,8 @@ counts = [len(runs)]
 everywhere = np.ones(mesh.n_points, dtype=bool)
 for options, resolution in (
     ({}, 14),  # as it was
-    ({"method": voxflat.methods.Voxflat(sources=10), "relax": False}, 14),  # the same values
-    ({"method": voxflat.methods.Voxflat(sources=11)}, 14),
+    ({"method": Voxflat(sources=10), "relax": False}, 14),  # the same values
+    ({"method": Voxflat(sources=11)}, 14),
     ({"keep": everywhere}, 14),
     ({"keep": everywhere.copy()}, 14),  # an equal mask
     ({"keep": None}, 13),  # two changes, one of the surface
@@ -81,7 +82,7 @@ def stop(caller, _):
 
 
 watch = flatten.AddObserver("ProgressEvent", stop)
-flatten.method = voxflat.methods.Voxflat(sources=12)
+flatten.method = Voxflat(sources=12)
 flatten.Update()
 facts["points after an abort"] = flatten.GetOutput().GetNumberOfPoints()
 flatten.RemoveObserver(watch)
@@ -131,10 +132,10 @@ facts["page is the accessor's"] = same(pv.wrap(height.GetOutput()).voxflat.patch
 
 image = pv.ImageData(dimensions=(9, 9, 9))
 image["ball"] = 4 - np.linalg.norm(image.points - 4, axis=1)
-of_image = filters.FlattenSurface(method=voxflat.methods.Voxflat(sources=9), threshold=0.4, relax=False)
+of_image = filters.FlattenSurface(method=Voxflat(sources=9), threshold=0.4, relax=False)
 of_image.SetInputData(image)
 of_image.Update()
 facts["image is the accessor's"] = same(
-    image.voxflat(method=voxflat.methods.Voxflat(sources=9), threshold=0.4, relax=False), of_image.GetOutput()
+    image.voxflat(method=Voxflat(sources=9), threshold=0.4, relax=False), of_image.GetOutput()
 )
 print(json.dumps(facts))

@@ -4,29 +4,17 @@ import pickle
 
 import numpy as np
 import pytest
+from hard_shapes import turned
 
 import voxflat
+from voxflat import InputError
+from voxflat.methods import Voxflat
 
 
-def cap(degrees, rings=16, radius=20.0):
+def cap(degrees, radius=20.0):
     """A cap of a sphere, so many degrees from its pole to its border."""
-    points, faces = [[0.0, 0.0, radius]], []
-    for ring in range(1, rings + 1):
-        polar = np.radians(degrees) * ring / rings
-        around = np.linspace(0, 2 * np.pi, 6 * ring, endpoint=False)
-        circle = np.stack(
-            [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), 0 * around + np.cos(polar)], 1
-        )
-        points += (radius * circle).tolist()
-        first, inner, (n, m) = 1 + 3 * ring * (ring - 1), 1 + 3 * (ring - 1) * (ring - 2), (6 * ring, 6 * ring - 6)
-        for k in range(n):
-            here, after = first + k, first + (k + 1) % n
-            near = inner + (k * (ring - 1) // ring) % m if m else 0
-            faces.append([here, after, near])
-            further = inner + ((k + 1) * (ring - 1) // ring) % m if m else 0
-            if further != near:
-                faces.append([after, further, near])
-    return np.array(points), np.array(faces)
+    polar = np.radians(np.linspace(degrees, 0, 17)[:-1])
+    return turned([(radius * np.sin(angle), radius * np.cos(angle)) for angle in polar], 36, closed=True)
 
 
 def changes(flat):
@@ -42,12 +30,12 @@ def changes(flat):
 
 
 def test_no_triangle_is_beyond_the_bound():
-    surface = cap(90)
-    usual = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60), relax=False)
+    surface = cap(115)
+    usual = voxflat.flatten(surface, method=Voxflat(sources=60), relax=False)
     assert changes(usual).max() > 1.2
     assert "area_change" not in usual.metadata
     for bound in (1.2, 1.1):
-        flat = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, max_area=bound), relax=False)
+        flat = voxflat.flatten(surface, method=Voxflat(sources=60, max_area=bound), relax=False)
         assert changes(flat).max() <= bound
         assert flat.metadata["max_area"] == bound
         assert flat.metadata["area_change"] == pytest.approx(changes(flat).max(), rel=1e-9)
@@ -57,8 +45,8 @@ def test_no_triangle_is_beyond_the_bound():
 
 def test_a_bound_that_is_kept_anyhow_changes_nothing():
     surface = cap(40)
-    usual = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60), relax=False)
-    flat = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, max_area=3), relax=False)
+    usual = voxflat.flatten(surface, method=Voxflat(sources=60), relax=False)
+    flat = voxflat.flatten(surface, method=Voxflat(sources=60, max_area=3), relax=False)
     np.testing.assert_array_equal(flat.uv, usual.uv)
 
 
@@ -68,9 +56,9 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
     with pytest.raises(
         voxflat.AreaBoundError, match=r"the best changes one by .* cut it where voxflat\.worst_places says"
     ) as found:
-        voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, max_area=1.2), relax=False)
+        voxflat.flatten(surface, method=Voxflat(sources=60, max_area=1.2), relax=False)
     error = found.value
-    assert isinstance(error, voxflat.InputError)
+    assert isinstance(error, InputError)
     assert changes(error.best).max() == pytest.approx(error.best.metadata["area_change"], rel=1e-9)
     assert changes(error.best).max() > 1.2
     again = pickle.loads(pickle.dumps(error))
@@ -82,5 +70,5 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
 
 @pytest.mark.parametrize("bound", [1, 0.5, np.nan, np.inf, "2", True, [2.0]])
 def test_a_bound_that_is_none_is_refused(bound):
-    with pytest.raises(voxflat.InputError, match="max_area is"):
-        voxflat.flatten(cap(40), method=voxflat.methods.Voxflat(max_area=bound))
+    with pytest.raises(InputError, match="max_area is"):
+        voxflat.flatten(cap(40), method=Voxflat(max_area=bound))

@@ -4,35 +4,30 @@ import itertools
 from dataclasses import replace
 
 import composed
+import hard_shapes
 import numpy as np
 import pytest
+from hard_shapes import signed_areas
 
 import voxflat
+from voxflat import InputError
+from voxflat.methods import Voxflat
 
 COLUMNS = 41
 
 
-def grid(columns, rows, around=False):
-    """Numbers of the vertices of a grid, and its triangles; closed around its columns."""
-    number = np.arange(columns * rows).reshape(columns, rows)
-    closed = np.concatenate([number, number[:1]]) if around else number
-    a, b, c, d = (n.ravel() for n in (closed[:-1, :-1], closed[1:, :-1], closed[1:, 1:], closed[:-1, 1:]))
-    return number, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-
-
 def hill(columns=COLUMNS):
     """A hump on a square with edges of 1 mm, a disk."""
-    u, v = np.meshgrid(np.arange(columns, dtype=float), np.arange(columns, dtype=float), indexing="ij")
-    height = 14 * np.exp(-((u - 18) ** 2 + (v - 22) ** 2) / 90)
-    return np.stack([u, v, height], -1).reshape(-1, 3), grid(columns, columns)[1]
+    return hard_shapes.sheet(
+        lambda u, v: (u, v, 14 * np.exp(-((u - 18) ** 2 + (v - 22) ** 2) / 90)), (columns - 1,) * 2, (columns,) * 2
+    )
 
 
 def tube():
-    """A tube of 24 times 31 vertices, open at both ends."""
-    number, faces = grid(24, 31, around=True)
-    angle, height = (n.astype(float) for n in np.divmod(number.ravel(), 31))
-    angle *= 2 * np.pi / 24
-    return (np.stack([4 * np.cos(angle), 4 * np.sin(angle), height], 1), faces), number
+    """A tube of 24 times 31 vertices, open at both ends, and their numbers."""
+    place = (2 * np.pi, 30.0)
+    points, faces = hard_shapes.sheet(lambda u, v: (4 * np.cos(u), 4 * np.sin(u), v), place, (25, 31))
+    return (points[: 24 * 31], faces % (24 * 31)), np.arange(24 * 31).reshape(24, 31)
 
 
 SURFACE = hill()
@@ -40,29 +35,21 @@ SURFACE = hill()
 
 @pytest.fixture(scope="module")
 def known():
-    return voxflat.flatten(SURFACE, method=voxflat.methods.Voxflat(sources=60))
+    return voxflat.flatten(SURFACE, method=Voxflat(sources=60))
 
 
 def energy(flat):
     return flat.metadata["descent"]["energies"][-1]
 
 
-def begun(start, **options):
-    return composed.flatten(SURFACE, start=start, sources=60, **options)
-
-
-def areas(uv, faces):
-    (ax, ay), (bx, by) = ((uv[faces[:, n]] - uv[faces[:, 0]]).T for n in (1, 2))
-    return ax * by - ay * bx
-
-
 def is_good(flat):
     triangles = flat.distortion.triangles
-    return (areas(flat.uv, flat.faces) > 0).all() and (triangles.flipped, triangles.covering, triangles.crossings) == (
-        0,
-        0,
-        0,
-    )
+    folds = (triangles.flipped, triangles.covering, triangles.crossings)
+    return (signed_areas(flat.uv, flat.faces) > 0).all() and folds == (0, 0, 0)
+
+
+def begun(start, **options):
+    return composed.flatten(SURFACE, start=start, sources=60, **options)
 
 
 def test_a_map_that_is_done_ends_at_once_where_it_is(known):
@@ -94,7 +81,7 @@ def test_a_start_may_lie_anywhere_at_any_scale_and_mirrored(known, moved, hand):
 
 def test_a_shaken_map_comes_back(known):
     shaken = known.uv + np.random.default_rng(3).uniform(-0.2, 0.2, known.uv.shape)
-    assert (areas(shaken, known.faces) > 0).all()
+    assert (signed_areas(shaken, known.faces) > 0).all()
     again = begun(shaken)
     assert again.metadata["descent"]["energies"][0] > 1.05 * energy(known)
     assert energy(again) == pytest.approx(energy(known), rel=1e-3)
@@ -105,7 +92,7 @@ def test_folds_are_mended(known):
     inside = np.zeros((COLUMNS, COLUMNS, 1))
     inside[1:-1, 1:-1] = 1
     shaken = known.uv + inside.reshape(-1, 1) * np.random.default_rng(1).uniform(-0.9, 0.9, known.uv.shape)
-    assert (areas(shaken, known.faces) < 0).sum() > 100
+    assert (signed_areas(shaken, known.faces) < 0).sum() > 100
     again = begun(shaken)
     assert energy(again) == pytest.approx(energy(known), rel=1e-3)
     assert is_good(again)
@@ -114,13 +101,11 @@ def test_folds_are_mended(known):
 @pytest.mark.slow
 def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
     surface = hill(75)
-    known = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60))
+    known = voxflat.flatten(surface, method=Voxflat(sources=60))
     shaken = known.uv + np.random.default_rng(1).uniform(-0.9, 0.9, known.uv.shape)
     stages = []
     again = voxflat.flatten(
-        surface,
-        method=voxflat.methods.Voxflat(sources=60, start=shaken),
-        progress=lambda stage, *_: stages.append(stage),
+        surface, method=Voxflat(sources=60, start=shaken), progress=lambda stage, *_: stages.append(stage)
     )
     assert "keeping distances and shapes, coarsely" in stages
     assert "unfolding" not in stages
@@ -130,29 +115,28 @@ def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
 
 def test_what_cannot_be_mended_is_refused(known):
     rolled = np.stack([np.cos(known.uv[:, 0]), known.uv[:, 1]], 1)
-    with pytest.raises(voxflat.InputError, match=r"the start turns \d+ triangles over in places that cannot be mended"):
+    with pytest.raises(InputError, match=r"the start turns \d+ triangles over in places that cannot be mended"):
         begun(rolled)
     angle = np.ptp(known.uv[:, 0]) ** -1 * 7.5 * (known.uv[:, 0] - known.uv[:, 0].min())  # more than once around
     radius = 60 - known.uv[:, 1]
     with pytest.raises(
-        voxflat.InputError, match=r"the start lies on itself \(its boundary crosses or touches itself \d+ times\)"
+        InputError, match=r"the start lies on itself \(its boundary crosses or touches itself \d+ times\)"
     ):
         begun(np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1))
 
 
 def test_a_start_without_area_is_refused(known):
-    with pytest.raises(voxflat.InputError, match="the start has hardly any area, so that descent cannot leave it"):
+    with pytest.raises(InputError, match="the start has hardly any area, so that descent cannot leave it"):
         begun(known.uv * [1, 0])
 
 
 def test_a_start_of_another_surface_is_refused_by_name(known):
-    with pytest.raises(voxflat.InputError, match="the map has 1600 points, the surface 1681 vertices"):
+    with pytest.raises(InputError, match="the map has 1600 points, the surface 1681 vertices"):
         begun(known.uv[:1600])
     other = known.uv.copy()
     other[7] = np.nan
     with pytest.raises(
-        voxflat.InputError,
-        match=r"no place for 3 of the 3200 triangles that are flattened, such as that of vertices \[\d",
+        InputError, match=r"no place for 3 of the 3200 triangles that are flattened, such as that of vertices \[\d"
     ):
         begun(other, relax=False)
 
@@ -163,37 +147,37 @@ def pairs(paths):
 
 def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
     surface, number = tube()
-    first = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60))
+    first = voxflat.flatten(surface, method=Voxflat(sources=60))
     cuts = [cut["ids"] for cut in first.metadata["automatic_cuts"]]
     first.save(tmp_path / "map.npz")
     for start in (first, tmp_path / "map.npz"):
-        again = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=60, start=start))
+        again = voxflat.flatten(surface, method=Voxflat(sources=60, start=start))
         assert (again.metadata["cuts_by"], again.metadata["automatic_cuts"]) == ("start", [])
         assert pairs(again.metadata["cuts"]) == pairs(cuts)
         assert len(again) == len(first)
         assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
     line = number[5] if cuts[0][0] not in number[5] else number[15]
-    with pytest.raises(voxflat.InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
-        voxflat.flatten(surface, method=voxflat.methods.Voxflat(start=first), cuts=[line.tolist()], relax=False)
+    with pytest.raises(InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
+        voxflat.flatten(surface, method=Voxflat(start=first), cuts=[line.tolist()], relax=False)
 
 
 @pytest.mark.slow
 def test_a_start_may_be_of_a_part(known):
     kept = np.ones(len(SURFACE[0]), dtype=bool)
     kept[: 3 * COLUMNS] = False
-    part = voxflat.surface(SURFACE).keep(kept).flatten(voxflat.methods.Voxflat(sources=60), relax=False)
-    again = voxflat.flatten(SURFACE, method=voxflat.methods.Voxflat(sources=60, start=part))
+    part = voxflat.surface(SURFACE).keep(kept).flatten(Voxflat(sources=60), relax=False)
+    again = voxflat.flatten(SURFACE, method=Voxflat(sources=60, start=part))
     assert np.array_equal(again.ids, part.ids)
     assert energy(again) == pytest.approx(energy(part), rel=1e-3)
-    smaller = voxflat.surface(SURFACE).keep(kept).flatten(voxflat.methods.Voxflat(sources=60, start=known), relax=False)
+    smaller = voxflat.surface(SURFACE).keep(kept).flatten(Voxflat(sources=60, start=known), relax=False)
     assert energy(smaller) == pytest.approx(energy(part), rel=1e-3)
 
 
 def test_voxels_have_starts_too():
     solid = np.zeros((24, 20, 6), np.uint8)
     solid[2:22, 2:18, 2:4] = 1
-    first = voxflat.surface(solid).disk((12, 10, 3), 9.0).flatten(voxflat.methods.Voxflat(sources=40))
-    again = voxflat.flatten(solid, method=voxflat.methods.Voxflat(sources=40, start=first))
+    first = voxflat.surface(solid).disk((12, 10, 3), 9.0).flatten(Voxflat(sources=40))
+    again = voxflat.flatten(solid, method=Voxflat(sources=40, start=first))
     assert np.array_equal(again.ids, first.ids)
     assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
 
@@ -202,7 +186,7 @@ def test_voxels_have_starts_too():
 def test_the_lips_of_a_new_cut_open(known):
     path = [COLUMNS * 18 + n for n in range(23)]  # from the border to the top
     cut = begun(known, cuts=[path])
-    fresh = voxflat.flatten(SURFACE, method=voxflat.methods.Voxflat(sources=60), cuts=[path])
+    fresh = voxflat.flatten(SURFACE, method=Voxflat(sources=60), cuts=[path])
     assert len(cut) == len(SURFACE[0]) + 22
     assert is_good(cut)
     assert energy(cut) == pytest.approx(energy(fresh), rel=5e-3)
