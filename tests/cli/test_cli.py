@@ -9,22 +9,22 @@ import sys
 import time
 from pathlib import Path
 
+import nibabel as nib
 import numpy as np
 import pytest
 import shapes
 from click.testing import CliRunner
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import voxflat
-from voxflat import cli
+from voxflat import cli, demo
 from voxflat.cli import options as _options
 from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
-
-nib = pytest.importorskip("nibabel")
 
 AFFINE = np.array([[0, -0.8, 0, 10], [0.8, 0, 0, -20], [0, 0, 0.8, 5], [0, 0, 0, 1.0]])
 PROGRAM = Path(sys.executable).with_name("voxflat")
@@ -80,7 +80,7 @@ def test_flatten_saves_the_map_of_the_function(shared, flat_map, tmp_path):
     out = tmp_path / "map.npz"
     result = run("flatten", shared / "surface.nii.gz", "-o", out, "--sources", 60)
     assert result.exit_code == 0
-    np.testing.assert_array_equal(voxflat.load(out).uv, flat_map.uv)
+    assert_array_equal(voxflat.load(out).uv, flat_map.uv)
     assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
 
 
@@ -221,7 +221,7 @@ def test_tiff_and_nifti_hold_the_values(shared, flat_map, tmp_path, interpolatio
         assert result.exit_code == 0, result.output
         if ".nii" in ending:
             volume = nib.load(out)
-            np.testing.assert_allclose(volume.affine, expected.affine, atol=1e-5)
+            assert_allclose(volume.affine, expected.affine, atol=1e-5)
             values = np.asarray(volume.dataobj)[..., 0]
         else:
             picture = Image.open(out)
@@ -229,13 +229,13 @@ def test_tiff_and_nifti_hold_the_values(shared, flat_map, tmp_path, interpolatio
             assert picture.tag_v2[296] == 3  # per cm
             values = np.asarray(picture)
         assert values.dtype == np.float32
-        np.testing.assert_array_equal(values, expected.data.astype(np.float32))  # NaN outside, too
+        assert_array_equal(values, expected.data.astype(np.float32))  # NaN outside, too
 
 
 def test_npy_holds_the_array(shared, flat_map, tmp_path):
     out = tmp_path / "t1.npy"
     assert run("image", shared / "map.npz", "--volume", shared / "t1.nii.gz", "-o", out).exit_code == 0
-    np.testing.assert_array_equal(np.load(out), flat_map.image(shared / "t1.nii.gz").data)
+    assert_array_equal(np.load(out), flat_map.image(shared / "t1.nii.gz").data)
 
 
 def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_path):
@@ -246,11 +246,9 @@ def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_pa
     assert picture.mode == "LA"
     grey, alpha = (np.asarray(channel) for channel in picture.split())
     inside = np.isfinite(expected.data)
-    np.testing.assert_array_equal(alpha, np.where(inside, 255, 0))
+    assert_array_equal(alpha, np.where(inside, 255, 0))
     low, high = np.percentile(expected.data[inside], (1, 99))
-    np.testing.assert_array_equal(
-        grey[inside], np.round(255 * np.clip((expected.data[inside] - low) / (high - low), 0, 1))
-    )
+    assert_array_equal(grey[inside], np.round(255 * np.clip((expected.data[inside] - low) / (high - low), 0, 1)))
     assert picture.text["Values"] == f"black {low:g}, white {high:g} (1st and 99th percentile)"
     assert picture.text["Pixel size"] == f"{expected.pixel_size:.9g} mm"
     assert picture.info["dpi"][0] == pytest.approx(25.4 / expected.pixel_size, abs=0.02)
@@ -261,7 +259,7 @@ def test_png_of_labels_has_one_colour_each(shared, flat_map, tmp_path):
     run("image", shared / "map.npz", "--volume", shared / "areas.nii.gz", "-o", out)
     labels = flat_map.image(shared / "areas.nii.gz").data
     picture = np.asarray(Image.open(out).convert("RGBA"))
-    np.testing.assert_array_equal(picture[..., 3], np.where(np.isnan(labels), 0, 255))
+    assert_array_equal(picture[..., 3], np.where(np.isnan(labels), 0, 255))
     colours = [np.unique(picture[labels == label], axis=0) for label in np.unique(labels[np.isfinite(labels)])]
     assert all(len(colour) == 1 for colour in colours)
     assert len(np.unique(np.concatenate(colours), axis=0)) == len(colours) > 5
@@ -295,7 +293,7 @@ def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
         values = np.asarray(picture)
     else:
         values = np.load(out) if ending == ".npy" else read_volume(out).data[:, :, 0]
-    np.testing.assert_array_equal(values, expected)
+    assert_array_equal(values, expected)
 
 
 def test_heat_map(shared, flat_map, tmp_path):
@@ -304,14 +302,14 @@ def test_heat_map(shared, flat_map, tmp_path):
     picture = Image.open(tmp_path / "heat.png")  # a figure, not pixel by pixel
     assert min(picture.size) > 800
     expected = flat_map.heat_map().data.astype(np.float32)
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), expected)
+    assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), expected)
 
 
 def test_an_array_without_affine_lies_where_the_flattened_volume_lies(shared, tmp_path):
     for name in ("t1.npy", "t1.nii.gz"):
         arguments = ["image", shared / "map.npz", "--volume", shared / name, "-o", tmp_path / f"{name}.npy"]
         assert run(*arguments).exit_code == 0
-    np.testing.assert_array_equal(np.load(tmp_path / "t1.npy.npy"), np.load(tmp_path / "t1.nii.gz.npy"))
+    assert_array_equal(np.load(tmp_path / "t1.npy.npy"), np.load(tmp_path / "t1.nii.gz.npy"))
 
 
 def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
@@ -331,28 +329,26 @@ def test_labels_never_change_silently(tmp_path):
             image.save(tmp_path / f"atlas{ending}")
     assert list(tmp_path.iterdir()) == []
     image.save(tmp_path / "atlas.npy")
-    np.testing.assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)
+    assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)
 
 
 def test_constant_and_partly_infinite_images_can_be_drawn(tmp_path):
     for data in (np.full((4, 4), 0.5), np.array([[0.5, np.inf], [np.nan, 1.5]]), np.full((4, 4), np.nan)):
         FlatImage(data, 0.5, (0.0, 0.0), "volume").save(tmp_path / "image.png")
         alpha = np.asarray(Image.open(tmp_path / "image.png").convert("RGBA"))[..., 3]
-        np.testing.assert_array_equal(alpha, np.where(np.isfinite(data), 255, 0))
+        assert_array_equal(alpha, np.where(np.isfinite(data), 255, 0))
 
 
 # ----------------------------------------------------------------------------------------------- demo
 
 
 def test_demo_runs_in_its_directory(tmp_path, monkeypatch):
-    demo = pytest.importorskip("voxflat.demo")
     monkeypatch.setattr(demo, "run", lambda output, progress=None, tell=print: tell(f"{output} {progress}"))
     result = run("demo", "-o", tmp_path / "results")
     assert (result.exit_code, result.stdout) == (0, f"{tmp_path / 'results'} None\n")
 
 
 def test_demo_without_its_packages_says_what_to_install(monkeypatch):
-    demo = pytest.importorskip("voxflat.demo")
 
     def missing(output, **options):
         raise ModuleNotFoundError("No module named 'pyvista'", name="pyvista")

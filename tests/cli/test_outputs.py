@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import nibabel as nib
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -19,8 +20,7 @@ from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io.provenance import described, portable
 from voxflat.io.volumes import write_volume
-
-nib = pytest.importorskip("nibabel")
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
@@ -135,7 +135,7 @@ def test_files_beside_replace_only_what_is_ours(folder):
 
 def test_python_writes_over_no_input_either(folder):
     surface = voxflat.surface("lh.white", pial="lh.pial")
-    flat_map = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=20))
+    flat_map = voxflat.flatten(surface, method=Voxflat(sources=20))
     before = everything()
     for result, path in ((surface, "lh.pial"), (surface, folder / "lh.white"), (flat_map, "lh.pial")):
         with pytest.raises(voxflat.InputError, match="it is an input"):
@@ -146,7 +146,7 @@ def test_python_writes_over_no_input_either(folder):
 
 
 def test_a_texture_found_beside_a_surface_is_an_input(folder):
-    voxflat.flatten("lh.white", method=voxflat.methods.Voxflat(sources=20)).save("map.npz")
+    voxflat.flatten("lh.white", method=Voxflat(sources=20)).save("map.npz")
     points, faces = bump(12)
     lines = ["mtllib face.mtl", *("v {} {} {}".format(*point) for point in points)]
     lines += [*("vt {} {}".format(*point[:2] / 12) for point in points), "usemtl skin"]
@@ -303,7 +303,7 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
     voxflat.surface(str(secret / "b" / "lh.white"))
     made = surface.cut("automatic", relax=False)
     made.save("cuts.json")
-    flat_map = made.flatten(voxflat.methods.Voxflat(sources=20))
+    flat_map = made.flatten(Voxflat(sources=20))
     for name in ("m.npz", "m.surf.gii", "m.vtp"):
         flat_map.save(name, sidecar=True)
     image = flat_map.image(str(secret / "values.txt"))
@@ -332,7 +332,7 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
 def test_arrays_are_told_by_their_hash(folder):
     points, faces = square(6)
     keep = np.arange(49) >= 0
-    record = voxflat.surface((points, faces)).keep(keep).flatten(voxflat.methods.Voxflat(sources=[0, 5, 48])).provenance
+    record = voxflat.surface((points, faces)).keep(keep).flatten(Voxflat(sources=[0, 5, 48])).provenance
     assert record["parameters"]["method"]["sources"] == [0, 5, 48]
     assert record["parameters"]["of"]["parameters"]["region"] == {
         "dtype": "bool",

@@ -6,11 +6,13 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from numpy.testing import assert_array_equal
 from PIL import Image
 
 import voxflat
 from voxflat import InputError, figures
 from voxflat.figures.space import load_pyvista
+from voxflat.methods import Voxflat
 
 SHAPE = (22, 26, 12)
 
@@ -26,7 +28,7 @@ def flat_map():
     front = np.zeros(SHAPE, dtype=np.uint8)
     front[:12, 3:23] = 1
     front &= np.roll(solid(), 1, axis=0) == 0
-    return voxflat.surface(solid(), spacing=(1.0, 1.0, 2.0)).keep(front).flatten(voxflat.methods.Voxflat(sources=80))
+    return voxflat.surface(solid(), spacing=(1.0, 1.0, 2.0)).keep(front).flatten(Voxflat(sources=80))
 
 
 def with_errors(flat_map, per_point):
@@ -79,7 +81,7 @@ def test_scatter_has_all_pairs_between_equal_axes(flat_map):
 def test_scatter_has_the_diagonal(flat_map):
     (axes, *_) = figures.scatter(flat_map).axes
     (line,) = axes.lines
-    np.testing.assert_array_equal(*line.get_data())
+    assert_array_equal(*line.get_data())
     assert tuple(line.get_xdata()) == axes.get_xlim()
 
 
@@ -98,7 +100,7 @@ def test_scatter_names_the_paper_s_figures(flat_map):
 def test_heat_map_shows_the_heat_map_s_pixels_in_percent(flat_map, pixel_size):
     expected = flat_map.heat_map(pixel_size)
     shown = the_image(figures.heat_map(flat_map, pixel_size))
-    np.testing.assert_array_equal(np.ma.filled(shown.get_array(), np.nan), 100 * expected.data)
+    assert_array_equal(np.ma.filled(shown.get_array(), np.nan), 100 * expected.data)
     assert tuple(shown.get_extent()) == expected.extent
     assert shown.origin == "upper"
 
@@ -209,7 +211,7 @@ def mesh_map():
     corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel()
     faces = np.concatenate([corner[:, None] + [0, 30, 1], corner[:, None] + [1, 30, 31]])
     dome = np.column_stack([x, y, 8 * np.sin(x * np.pi / 29) * np.sin(y * np.pi / 29)]), faces
-    flat_map = voxflat.surface(dome).disk(465, 9.0).flatten(voxflat.methods.Voxflat(sources=40))
+    flat_map = voxflat.surface(dome).disk(465, 9.0).flatten(Voxflat(sources=40))
     return dome, with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
 
 
@@ -285,7 +287,7 @@ def test_save_keeps_the_old_file_if_it_fails(tmp_path, monkeypatch):
 def test_save_picture_keeps_every_pixel(tmp_path):
     picture = np.random.default_rng(0).integers(0, 255, (7, 9, 3), dtype=np.uint8)
     figures.save_picture(picture, tmp_path / "picture.png")
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "picture.png")), picture)
+    assert_array_equal(np.asarray(Image.open(tmp_path / "picture.png")), picture)
 
 
 @pytest.mark.slow

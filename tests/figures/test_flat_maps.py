@@ -13,6 +13,7 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import voxflat
@@ -111,7 +112,7 @@ def test_thresholds_and_opacity_pixel_by_pixel(above, below, passes, opacity):
         shown = passes(data)
     assert (pixels[..., 3] == np.where(shown, round(255 * opacity), 0)).all()
     expected = colormaps["RdBu_r"]((data[shown] + 1) / 2, bytes=True)
-    np.testing.assert_array_equal(pixels[shown][:, :3], expected[:, :3])
+    assert_array_equal(pixels[shown][:, :3], expected[:, :3])
 
 
 def test_an_overlay_lies_where_the_map_shows_it(flat_map):
@@ -194,11 +195,11 @@ def test_a_threshold_is_symmetric_and_a_second_map_is_the_opacity(flat_map):
     (left, right, *_), width = figure.axes[1].images[1].get_extent(), shown.shape[1]
     size = (right - left) / width
     with np.errstate(invalid="ignore"):
-        np.testing.assert_array_equal(shown[..., 3] > 0, np.abs(flat_map.image(values, size).data) > 2.3)
+        assert_array_equal(shown[..., 3] > 0, np.abs(flat_map.image(values, size).data) > 2.3)
     figure = figures.flat_map(flat_map, values, opacity=figures.Overlay(sure, limits=(0, 2)))
     (shown,) = layer(figure, "data")
     expected = 255 * np.clip(np.nan_to_num(flat_map.image(sure, size).data) / 2, 0, 1)
-    np.testing.assert_allclose(shown[..., 3], np.round(expected), atol=1)
+    assert_allclose(shown[..., 3], np.round(expected), atol=1)
     assert "opacity: overlay from 0 to 2" in figure.axes[2].get_title(loc="right")
 
 
@@ -249,10 +250,10 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
     size = (right - left) / width
     strong = flat_map.image(strength, size).data
     with np.errstate(invalid="ignore"):
-        np.testing.assert_array_equal(shown[..., 3] > 0, strong > 0.5)
+        assert_array_equal(shown[..., 3] > 0, strong > 0.5)
     turns = flat_map.image(phase % 360, size, interpolation="nearest").data / 360
     seen = shown[..., 3] > 0
-    np.testing.assert_array_equal(shown[seen][:, :3], colormaps["hsv"](turns[seen], bytes=True)[:, :3])
+    assert_array_equal(shown[seen][:, :3], colormaps["hsv"](turns[seen], bytes=True)[:, :3])
     wheel = figure.axes[2].images[0].get_array()
     side = len(wheel)
     for turn in (0.1, 0.35, 0.6, 0.85):
@@ -396,7 +397,7 @@ def test_cuts_have_their_names_between_their_lips(flat_map):
     cut = dataclasses.replace(flat_map, ids=doubled, metadata=metadata)
     ((name, u, v),) = cut_names(cut)
     assert name == "calcarine"
-    np.testing.assert_allclose((u, v), flat_map.uv[[a, b]].mean(axis=0))
+    assert_allclose((u, v), flat_map.uv[[a, b]].mean(axis=0))
     assert "calcarine" in {text.get_text() for text in texts(figures.flat_map(cut), "marks")}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib import colormaps
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import voxflat
@@ -66,14 +67,14 @@ def test_each_frame_shows_its_values_where_they_lie(film):
         assert (np.abs(colours - expected).max(axis=1) <= 1).mean() > 0.97  # outline and antialiasing apart
         columns = np.flatnonzero(shown.any(axis=0))
         reach.append((columns[-1] - columns[0] + 1) / (width * 117 / 120))  # 1.5 mm of 120 on either side are margin
-    np.testing.assert_allclose(reach, np.arange(1, FRAMES + 1) / 6, atol=0.03)
+    assert_allclose(reach, np.arange(1, FRAMES + 1) / 6, atol=0.03)
     assert columns[0] == pytest.approx(width * 1.5 / 120, abs=2)
 
 
 def test_frames_are_a_sequence_with_times(film):
     assert (len(film), film._told(0), film._told(3)) == (FRAMES, "0.00 s", "2.25 s")
     assert repr(film) == f"<Movie: overlay, 5 frames of 320 x {film.size[0]} pixels, 8 a second>"
-    np.testing.assert_array_equal(film[-1], film[4])
+    assert_array_equal(film[-1], film[4])
     assert [len(film[1:3]), len(list(film))] == [2, FRAMES]
     corners = [film[n][:16, :60] for n in range(FRAMES)]
     assert all((corner.min(axis=(0, 1)) < 100).all() for corner in corners)  # something is written

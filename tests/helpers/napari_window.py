@@ -1,11 +1,8 @@
 """What tests of the napari plugin put into its window, and how they press its buttons."""
 
 import numpy as np
-import pytest
-from scipy.spatial import ConvexHull
-
-pytest.importorskip("qtpy")
 from qtpy.QtCore import QCoreApplication, QThreadPool
+from scipy.spatial import ConvexHull
 
 from voxflat._napari.workbench import Workbench
 

@@ -4,8 +4,6 @@ import pytest
 import studies
 from lab_runs import FEW, VERTICES, run
 
-pytest.importorskip("nilearn")
-
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory):

@@ -9,8 +9,6 @@ import pytest
 import studies
 from lab_runs import FEW, run
 
-pytest.importorskip("nilearn")
-
 pytestmark = pytest.mark.slow  # what it makes takes seconds
 
 PAGE = (Path(__file__).parents[2] / "docs" / "freesurfer.md").read_text()

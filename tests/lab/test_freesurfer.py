@@ -7,17 +7,18 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import nibabel as nib
 import numpy as np
 import pytest
 import studies
 from freesurfer_rule import read_patch
 from lab_runs import FEW, VERTICES, console_of, everything, run
+from nilearn.surface import load_surf_data, load_surf_mesh
+from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.report import REFERENCES
 from voxflat.lab.results import FIGURES
-
-nib = pytest.importorskip("nibabel")
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
@@ -74,8 +75,8 @@ def test_the_map_is_that_of_the_functions(made, flat_map):
     whole = voxflat.surface(surf / "lh.white", pial=surf / "lh.pial")
     label = made[0] / "label" / "lh.cortex.label"
     own = whole.keep(label).flatten(cuts="standard", sphere=surf / "lh.sphere.reg")
-    np.testing.assert_array_equal(flat_map.uv, own.uv)
-    np.testing.assert_array_equal(flat_map.ids, own.ids)
+    assert_array_equal(flat_map.uv, own.uv)
+    assert_array_equal(flat_map.ids, own.ids)
 
 
 def test_the_cortex_label_says_what_is_flattened(flat_map):
@@ -89,12 +90,12 @@ def test_measures_lie_at_the_vertices_and_nothing_lies_elsewhere(made, flat_map)
     on_map = np.unique(flat_map.ids)
     for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness"):
         found = values(folder, name)
-        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found)), on_map)
+        assert_array_equal(np.flatnonzero(np.isfinite(found)), on_map)
     of_points, found = flat_map.distortion.per_point.astype(np.float32), values(folder, "distanceerror")
     for vertex in on_map.tolist():  # on one of the sides of a cut
         assert found[vertex] in of_points[flat_map.ids == vertex]
     thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")
-    np.testing.assert_array_equal(values(folder, "thickness")[on_map], thickness[on_map])
+    assert_array_equal(values(folder, "thickness")[on_map], thickness[on_map])
 
 
 def test_a_volume_is_sampled_where_it_lies_in_the_middle_of_the_cortex(made, flat_map):
@@ -119,8 +120,8 @@ def test_the_patch_is_the_map_by_freesurfers_rule_and_turned_by_pycortexs(made, 
     points = pycortex_flat(folder, "lh", "voxflat")  # u is y of the file, v is −x: turned by a right angle, no mirror
     some = np.array(sorted(listed))
     places = np.array([listed[vertex] for vertex in some.tolist()])
-    np.testing.assert_allclose(points[some, 0], places[:, 1], atol=1e-4)
-    np.testing.assert_allclose(points[some, 1], -places[:, 0], atol=1e-4)
+    assert_allclose(points[some, 0], places[:, 1], atol=1e-4)
+    assert_allclose(points[some, 1], -places[:, 0], atol=1e-4)
 
 
 def pycortex_flat(folder, hemi, patch):
@@ -152,25 +153,24 @@ def test_workbench_reads_every_value(made, tmp_path):
         assert re.search(r"Structure: +CortexLeft", told)
     workbench("-surface-coordinates-to-metric", surf / "lh.voxflat.flat.surf.gii", tmp_path / "places.func.gii")
     places = np.stack(nib.load(tmp_path / "places.func.gii").agg_data(), axis=1)
-    np.testing.assert_array_equal(places, nib.load(surf / "lh.voxflat.flat.surf.gii").agg_data("pointset"))
+    assert_array_equal(places, nib.load(surf / "lh.voxflat.flat.surf.gii").agg_data("pointset"))
     for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z"):
         workbench("-metric-convert", "-to-nifti", surf / f"lh.voxflat.{name}.shape.gii", tmp_path / "one.nii")
         read = np.asarray(nib.load(tmp_path / "one.nii").dataobj).ravel()
-        np.testing.assert_array_equal(read, values(made[0], name))
+        assert_array_equal(read, values(made[0], name))
 
 
 def test_nilearn_reads_every_value(made, flat_map):
-    surface = pytest.importorskip("nilearn.surface")
     surf = made[0] / "surf"
-    mesh = surface.load_surf_mesh(surf / "lh.voxflat.flat.surf.gii")
+    mesh = load_surf_mesh(surf / "lh.voxflat.flat.surf.gii")
     on_map = np.unique(flat_map.ids)
     assert mesh.n_vertices == VERTICES
     for vertex in on_map.tolist():  # on one of the sides of a cut
         apart = np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1)
         assert apart.min() < 1e-4
     for name in ("distanceerror", "thickness", "z"):
-        read = surface.load_surf_data(surf / f"lh.voxflat.{name}.shape.gii")
-        np.testing.assert_array_equal(read, values(made[0], name))
+        read = load_surf_data(surf / f"lh.voxflat.{name}.shape.gii")
+        assert_array_equal(read, values(made[0], name))
 
 
 # ------------------------------------------------------------------------------- up to date, or made anew
@@ -218,7 +218,7 @@ def test_the_geometry_is_what_distances_are_measured_on(subject):
     assert run("freesurfer", subject, "--hemi", "lh", "--geometry", "pial").exit_code == 0
     flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
     wanted = studies.hemisphere("lh", FEW)["pial"][flat.ids]
-    np.testing.assert_allclose(flat.points, wanted, atol=1e-3)
+    assert_allclose(flat.points, wanted, atol=1e-3)
 
 
 def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_the_template(subject):

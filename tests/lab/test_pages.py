@@ -6,15 +6,15 @@ import re
 import zlib
 from itertools import pairwise
 
+import nibabel as nib
 import numpy as np
 import pytest
 from lab_runs import console_of
+from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.pages import layers_of, scene, thinned
 from voxflat.lab.results import Results, Shown
-
-nib = pytest.importorskip("nibabel")
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
@@ -64,17 +64,17 @@ def test_a_scene_holds_the_values_of_the_files(shown):
     content, found, faces = decoded(scene(shown.flat_map, layers, shown.cuts))
     flat = shown.flat_map
     assert content["points"] == len(np.unique(flat.faces))
-    np.testing.assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
-    np.testing.assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
-    np.testing.assert_array_equal(faces, flat.faces)
+    assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
+    assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
+    assert_array_equal(faces, flat.faces)
     by_name = {layer.name: layer for layer in layers}
     assert list(by_name)[:2] == ["thickness", "z"]
     for name, factor in (("thickness", 1), ("distanceerror", 100), ("areachange", 1)):
         wanted = factor * shown.values[name]
-        np.testing.assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
+        assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
     assert list(content["cuts"]) == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
     for line, cut in zip(content["cuts"].values(), flat.metadata["cuts"], strict=True):
-        np.testing.assert_array_equal(np.array(content["ids"])[line], cut)
+        assert_array_equal(np.array(content["ids"])[line], cut)
 
 
 def test_cuts_stay_closed_where_the_surface_is_shown_smooth(shown):
@@ -133,7 +133,7 @@ def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
     apart = np.linalg.norm(flat.uv - wanted, axis=1)
     assert np.linalg.norm(flat.uv[flat.ids == vertex][0] - wanted) < apart.min() + 1
     place = [float(part) for part in told[2].split(",")]
-    np.testing.assert_allclose(place, flat.points[flat.ids == vertex][0], atol=0.06)
+    assert_allclose(place, flat.points[flat.ids == vertex][0], atol=0.06)
     thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")[vertex]
     assert float(told[3]) == pytest.approx(thickness, rel=0.006)
 
@@ -171,6 +171,6 @@ def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_
     said, drawn = console_of(page, "--window-size=1280,900")
     assert said == []
     shown = [float(part) for part in re.search(r"<output>Vertex \d+, at \((.*?)\) mm", drawn)[1].split(",")]
-    np.testing.assert_allclose(shown, worst.places[0].point, atol=3)  # pages have fewer points
+    assert_allclose(shown, worst.places[0].point, atol=3)  # pages have fewer points
     assert float(re.search(r'data-towards="(.*?)"', drawn)[1]) == pytest.approx(1, abs=1e-3)
     assert float(re.search(r'data-off="(.*?)"', drawn)[1]) < 1.5  # pixels from the mark on the map to its point

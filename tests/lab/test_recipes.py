@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import studies
 from lab_runs import FEW
 
 from voxflat.cli.commands.bids import command
@@ -106,8 +107,6 @@ def test_nipype_makes_a_command_that_is_understood_whatever_names_are(nipypes, t
 
 @pytest.mark.slow
 def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
-    pytest.importorskip("nilearn")
-    studies = pytest.importorskip("studies")
     of = studies.hemisphere("lh", FEW)
     for n in (1, 2):
         studies.write_derivatives(tmp_path / "my study" / f"sub-0{n}" / "anat", f"sub-0{n}", "lh", of)

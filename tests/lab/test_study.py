@@ -5,18 +5,17 @@ import json
 import re
 import shutil
 
+import nibabel as nib
 import numpy as np
 import pytest
 import studies
 from lab_runs import FEW, everything, run
 from matplotlib.tri import LinearTriInterpolator, Triangulation
+from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.comparison import Sums, outliers
 from voxflat.lab.inputs import Parameters, found_in, participants
-
-nib = pytest.importorskip("nibabel")
-pytest.importorskip("nilearn")
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
@@ -236,7 +235,7 @@ def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     made = tmp_path / "out" / "sub-1" / "anat"
     flat = voxflat.load(made / "sub-1_hemi-R_desc-voxflat_flat.npz")
     values = nib.load(made / "sub-1_hemi-R_desc-voxflat_i.shape.gii").agg_data()
-    np.testing.assert_allclose(values, flat.points[:, 0] / 2 - 7.5, atol=1e-3)
+    assert_allclose(values, flat.points[:, 0] / 2 - 7.5, atol=1e-3)
     record = json.loads((made / "sub-1_hemi-R_desc-voxflat_flat.json").read_text())
     assert record["surface"]["voxels_changed"] == 1
     assert record["map"]["cuts_by"] == "automatic"
@@ -297,15 +296,15 @@ def test_means_are_those_of_the_maps_pixel_by_pixel(study, compared):
     found, scattered = (np.asarray(of.dataobj)[..., 0][rows, columns] for of in (mean, spread))
     is_inner = count == 17
     assert is_inner.sum() > 500
-    np.testing.assert_allclose(found[is_inner], values[:, is_inner].mean(axis=0), rtol=1e-4)
-    np.testing.assert_allclose(scattered[is_inner], values[:, is_inner].std(axis=0, ddof=1), rtol=1e-3)
+    assert_allclose(found[is_inner], values[:, is_inner].mean(axis=0), rtol=1e-4)
+    assert_allclose(scattered[is_inner], values[:, is_inner].std(axis=0, ddof=1), rtol=1e-3)
     assert np.isnan(found[count < 8]).all()
 
 
 def test_what_stands_out():
     usual = np.array([1.0, 1.1, 0.9, 1.05, 0.95, np.nan])
     assert not outliers(usual).any()
-    np.testing.assert_array_equal(outliers(np.append(usual, 3.0)), [False] * 6 + [True])
+    assert_array_equal(outliers(np.append(usual, 3.0)), [False] * 6 + [True])
     assert not outliers(np.array([1.0, 1.0, 9.0])).any()  # of three nobody can say
     assert not outliers(np.ones(9)).any()
 
@@ -343,8 +342,8 @@ def test_sums_forget_no_map_where_another_has_no_value():
     found = sums.result("u", "L")
     at = np.isfinite(found.mean.data) & (found.count == 2)
     u = sums.places[..., 0]
-    np.testing.assert_allclose(found.mean.data[at], u[at] + 3, atol=1e-9)
-    np.testing.assert_allclose(found.deviation.data[at], np.sqrt(18), atol=1e-9)
+    assert_allclose(found.mean.data[at], u[at] + 3, atol=1e-9)
+    assert_allclose(found.deviation.data[at], np.sqrt(18), atol=1e-9)
 
 
 def test_the_page_of_the_study(study, compared):

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
+from napari.layers import Labels
 from napari_window import FLIP, PATIENCE, bumps, cap, choose_whole, open_file, run
 from numpy.testing import assert_allclose
 
 import voxflat
 from voxflat.io import Mesh, Patch, patch_border, write_mesh, write_patch
-
-napari = pytest.importorskip("napari")
-from napari.layers import Labels  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -5,10 +5,15 @@ import os
 import shutil
 from pathlib import Path
 
+import itk
+import nibabel as nib
 import numpy as np
 import pytest
+import pyvista
 from mesh_files import fsaverage5
+from napari.layers import Image, Labels, Layer
 from napari_window import bumps, cap, open_file
+from npe2 import PluginManager, PluginManifest, io_utils
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -18,11 +23,6 @@ from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
-
-napari = pytest.importorskip("napari")
-nib = pytest.importorskip("nibabel")
-from napari.layers import Image, Labels, Layer  # noqa: E402
-from npe2 import PluginManager, PluginManifest, io_utils  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -251,7 +251,6 @@ def write_as(path, values, points, faces):
     if name.endswith((".voxflat", ".npz")):
         voxflat.flatten((points, faces)).save(path)
     elif name.endswith((".nrrd", ".nhdr", ".mha", ".mhd")):
-        itk = pytest.importorskip("itk")
         itk.imwrite(itk.image_from_array(np.ones((4, 5, 6), np.uint8)), str(path))
     elif name.endswith((".nii", ".nii.gz", ".mgz")):
         kind = nib.MGHImage if name.endswith(".mgz") else nib.Nifti1Image
@@ -271,7 +270,7 @@ def write_as(path, values, points, faces):
         whole = path.with_name("a.surf.gii").read_bytes()
         path.write_bytes(gzip.compress(whole) if name.endswith(".gz") else whole)
     elif name.endswith(".stl"):
-        pytest.importorskip("pyvista").make_tri_mesh(points, faces).save(path)
+        pyvista.make_tri_mesh(points, faces).save(path)
     elif name.endswith((".curv", ".avg_curv", ".sulc", ".thickness", ".area", ".volume")):
         nib.freesurfer.write_morph_data(path, values.astype(np.float32))
     elif name.endswith((".ply", ".vtp")):

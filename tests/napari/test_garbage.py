@@ -4,8 +4,6 @@ import gc
 import weakref
 
 import pytest
-
-pytest.importorskip("napari")
 from qtpy.QtGui import QCursor
 
 from voxflat._napari.garbage import _PutOff, put_off_collections

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from napari_window import PATIENCE
-
-pytest.importorskip("napari")
 from napari.layers import Image, Points
+from napari_window import PATIENCE
 from qtpy.QtGui import QOpenGLContext
 from vispy.gloo.glir import GlirProgram
 

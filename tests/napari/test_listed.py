@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("napari")
 from napari.layers import Image, Surface
 
 from voxflat._napari.results.listed import insert, make_room

@@ -4,22 +4,16 @@ import re
 from pathlib import Path
 
 import composed
+import dask.array as da
 import numpy as np
 import pytest
+from napari.layers import Image, Labels, Surface
 from napari_maps import same_map
-from napari_window import (
-    FLIP,
-    PATIENCE,
-    bumps,
-    cap,
-    choose,
-    choose_whole,
-    open_file,
-    run,
-    wait_for_threads,
-)
+from napari_window import FLIP, PATIENCE, bumps, cap, choose, choose_whole, open_file, run, wait_for_threads
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtGui import QShortcut
+from qtpy.QtWidgets import QAbstractButton, QComboBox, QLabel
 
 import voxflat
 from voxflat._napari.files.readers import map_reader
@@ -27,11 +21,6 @@ from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtGui import QShortcut  # noqa: E402
-from qtpy.QtWidgets import QAbstractButton, QComboBox, QLabel  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -150,7 +139,6 @@ print("imported", *sorted(set(parts) & (set(sys.modules) - before)))
 
 
 def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
-    pytest.importorskip("nilearn")
     from napari.utils import progress
 
     from voxflat.demo import THRESHOLD, demo_cortex
@@ -190,7 +178,6 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
 
 
 def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
-    pytest.importorskip("nilearn")
     from napari.utils import progress
 
     viewer = make_napari_viewer()
@@ -320,9 +307,8 @@ def test_colours_on_the_map(open_widget, qtbot):
 
 
 def test_dask_above_a_threshold(open_widget, qtbot):
-    dask = pytest.importorskip("dask.array")
     volume = cap() / 3.0
-    viewer, widget = open_widget(Image(dask.from_array(volume, chunks=8), name="probability", contrast_limits=(0, 1)))
+    viewer, widget = open_widget(Image(da.from_array(volume, chunks=8), name="probability", contrast_limits=(0, 1)))
     choose_whole(widget)
     run(widget, qtbot)
     flat_map = viewer.layers["probability distortion"].metadata["voxflat"]

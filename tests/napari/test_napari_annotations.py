@@ -5,21 +5,18 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from napari.layers import Image, Points, Shapes, Surface
 from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtCore import Qt
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Points, Shapes, Surface  # noqa: E402
-from qtpy.QtCore import Qt  # noqa: E402
-
-from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map  # noqa: E402
-from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width  # noqa: E402
-from voxflat._napari.map_viewer.sheet import Sheet  # noqa: E402
-from voxflat._napari.map_viewer.viewer_parts import canvas_widget  # noqa: E402
-from voxflat._napari.results.flat_layers import FlatLayers  # noqa: E402
-from voxflat._napari.results.run import Run  # noqa: E402
+from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
+from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget
+from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.run import Run
 
 RADIUS = 20.0
 

@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from napari.layers import Surface
 from napari_window import PATIENCE, bumps, run, sphere, wait_until_drawn
 from numpy.testing import assert_array_equal
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtWidgets import QApplication, QFileDialog
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Surface  # noqa: E402
-from qtpy.QtCore import QPoint, Qt  # noqa: E402
-from qtpy.QtWidgets import QApplication, QFileDialog  # noqa: E402
-
-from voxflat._napari.editing.drawing import Drawing  # noqa: E402
-from voxflat._napari.workbench import Workbench  # noqa: E402
-from voxflat.errors import InputError  # noqa: E402
-from voxflat.surfaces.standard.template import read_template  # noqa: E402
+from voxflat._napari.editing.drawing import Drawing
+from voxflat._napari.workbench import Workbench
+from voxflat.errors import InputError
+from voxflat.surfaces.standard.template import read_template
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -7,15 +7,13 @@ import nibabel as nib
 import numpy as np
 import pytest
 import shapes
+from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, bumps, choose, run, sphere
 from numpy.testing import assert_array_equal
 
 import voxflat
 from voxflat._napari.workbench import Workbench
 from voxflat.demo import DEPTH
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -6,7 +6,6 @@ import pytest
 from fuzz_files import corpus, damaged
 from napari_window import open_file, wait_for_threads
 
-pytest.importorskip("napari")
 pytestmark = pytest.mark.slow  # a window
 
 ENDINGS = (".gii", ".gii.gz", ".white", ".vtp", ".ply", ".stl", "map.npz", ".voxflat")

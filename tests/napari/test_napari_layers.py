@@ -1,19 +1,18 @@
 """What the napari plugin takes from layers: volumes, meshes and seed points, in mm and RAS+."""
 
+import nibabel as nib
 import numpy as np
 import pytest
+from napari.layers import Image, Labels, Points, Surface
 from napari_window import AFFINE, FLIP, bumps, cap, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtCore import QPoint, Qt
 
 import voxflat
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.seed import describe, first_vertex, first_voxel, nearest_vertex, seed_of, voxel_at
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLDS
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Points, Surface  # noqa: E402
-from qtpy.QtCore import QPoint, Qt  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -59,10 +58,9 @@ def test_units_become_millimetres():
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_world_axes_agree_with_nibabel(world):
-    orientations = pytest.importorskip("nibabel.orientations")
     layer = Image(np.ones((4, 4, 4)), scale=(1, 2, 3), translate=(5, 6, 7))
     affine = LayerVolume.of(layer, world).place.affine
-    assert orientations.aff2axcodes(affine) == tuple(world)
+    assert nib.aff2axcodes(affine) == tuple(world)
     assert_allclose(np.linalg.norm(affine[:3, 3]), np.linalg.norm((5, 6, 7)))
 
 
@@ -96,8 +94,7 @@ def test_other_dimensions_are_refused(shape):
 
 
 @pytest.mark.parametrize(
-    ("colours", "expected"),
-    [(np.full((4, 4, 4, 3), 0.5, np.float32), 128), (np.full((4, 4, 4, 4), 51, np.uint8), 51)],
+    ("colours", "expected"), [(np.full((4, 4, 4, 3), 0.5, np.float32), 128), (np.full((4, 4, 4, 4), 51, np.uint8), 51)]
 )
 def test_colours_become_bytes(colours, expected):
     data = LayerVolume.of(Image(colours, rgb=True)).read().data

@@ -10,22 +10,12 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.errors import Flaky
-from hypothesis.stateful import (
-    RuleBasedStateMachine,
-    initialize,
-    invariant,
-    rule,
-    run_state_machine_as_test,
-)
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from napari.layers import Image, Labels, Layer, Points, Shapes, Surface
+from napari.utils.notifications import ErrorNotification, notification_manager
 from napari_window import PATIENCE, bumps, cap, sphere, wait_for_threads
-
-import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Layer, Points, Shapes, Surface  # noqa: E402
-from napari.utils.notifications import ErrorNotification, notification_manager  # noqa: E402
-from qtpy.QtCore import QPoint, Qt, QThreadPool  # noqa: E402
-from qtpy.QtWidgets import (  # noqa: E402
+from qtpy.QtCore import QPoint, Qt, QThreadPool
+from qtpy.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
     QApplication,
@@ -35,10 +25,11 @@ from qtpy.QtWidgets import (  # noqa: E402
     QTableWidget,
 )
 
-from voxflat._napari.forms.layer_choice import LayerChoice  # noqa: E402
-from voxflat._napari.map_viewer.contents import suits  # noqa: E402
-from voxflat._napari.map_viewer.dock import FlatMapDock  # noqa: E402
-from voxflat._napari.workbench import Workbench  # noqa: E402
+import voxflat
+from voxflat._napari.forms.layer_choice import LayerChoice
+from voxflat._napari.map_viewer.contents import suits
+from voxflat._napari.map_viewer.dock import FlatMapDock
+from voxflat._napari.workbench import Workbench
 
 pytestmark = pytest.mark.slow  # many windows
 

@@ -3,8 +3,10 @@
 import gc
 import re
 
+import dask.array as da
 import numpy as np
 import pytest
+from napari.layers import Image, Labels, Surface
 from napari_window import (
     PATIENCE,
     bumps,
@@ -19,17 +21,14 @@ from napari_window import (
     wait_until_drawn,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtWidgets import QApplication, QWidget
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.run import Run
 from voxflat._napari.workbench import Workbench
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtCore import QPoint, Qt  # noqa: E402
-from qtpy.QtWidgets import QApplication, QWidget  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -151,9 +150,8 @@ def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(flattened, qtbot,
 
 def test_what_the_map_shows(flattened, qtbot):
     """Measures; layers, that come and change their looks; depths; time points of what is larger than memory."""
-    dask = pytest.importorskip("dask.array")
     along = np.indices((24, 24, 24))[2].astype(np.float32)
-    series = dask.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
+    series = da.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
     viewer, _, dock = flattened(Image(along, name="k"), Labels(cap(), name="sheet"))
     flat_map = dock.sheet.run.flat_map
     names = [dock.contents.itemText(n) for n in range(dock.contents.count())]

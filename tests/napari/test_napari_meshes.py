@@ -4,25 +4,15 @@ import composed
 import doors
 import numpy as np
 import pytest
+from napari.layers import Image, Surface
 from napari_maps import same_map
-from napari_window import (
-    PATIENCE,
-    bumps,
-    choose,
-    choose_whole,
-    open_file,
-    run,
-    sphere,
-)
+from napari_window import PATIENCE, bumps, choose, choose_whole, open_file, run, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Space, read_mesh
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Surface  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -6,15 +6,12 @@ from functools import partial
 import numpy as np
 import pytest
 import shapes
+from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, bumps, choose, open_file, run, sphere, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-
-from voxflat._napari.results import listed  # noqa: E402
+from voxflat._napari.results import listed
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 from itertools import pairwise
 
 import composed
+import dask.array as da
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-
-pytest.importorskip("napari")
+import zarr
 from napari.layers import Image
+from numpy.testing import assert_allclose
 
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer.contents import drawing
@@ -44,8 +44,7 @@ def folded():
 def sheet_of(points, faces, **how):
     flat_map = composed.flatten((points, faces), sources=20, **how)
     flat_map = replace(
-        flat_map,
-        metadata={**flat_map.metadata, "napari": {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}},
+        flat_map, metadata={**flat_map.metadata, "napari": {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}}
     )
     return Sheet.of(Run(map_layers(flat_map, "it"), "it"))
 
@@ -77,8 +76,6 @@ def test_angles_of_a_plane_that_is_stretched():
 @pytest.mark.parametrize("kind", ["dask", "zarr"])
 def test_microscopes_channels_are_read_where_the_surface_is(kind):
     """Two channels, two scales, µm, chunks: of the finest scale the chunks of one channel at the surface are read."""
-    da = pytest.importorskip("dask.array")
-    zarr = pytest.importorskip("zarr")
     along = np.indices((40, 40, 40))[0].astype(np.float32)
     channels, read = np.stack([along, 100 + 2 * along]), []
 

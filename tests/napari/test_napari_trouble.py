@@ -5,23 +5,11 @@ import time
 import numpy as np
 import pytest
 import shapes
-from napari_window import (
-    PATIENCE,
-    bumps,
-    cap,
-    choose,
-    choose_whole,
-    open_file,
-    run,
-    wait_for_threads,
-    wait_until_drawn,
-)
+from napari.layers import Image, Labels, Surface
+from napari_window import PATIENCE, bumps, cap, choose, choose_whole, open_file, run, wait_for_threads, wait_until_drawn
+from qtpy.QtCore import QTimer
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtCore import QTimer  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -9,19 +9,17 @@ import nibabel as nib
 import numpy as np
 import pytest
 from mesh_files import fsaverage5
+from napari_clicks import Hand
 from napari_window import wait_for_threads, wait_until_drawn
 from numpy.testing import assert_array_equal
+from qtpy.QtCore import QPoint
+from qtpy.QtWidgets import QApplication
 from scipy.spatial import ConvexHull
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh
-
-napari = pytest.importorskip("napari")
-from napari_clicks import Hand  # noqa: E402
-from qtpy.QtCore import QPoint  # noqa: E402
-from qtpy.QtWidgets import QApplication  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 

@@ -6,6 +6,8 @@ import sys
 import nibabel as nib
 import numpy as np
 import pytest
+from napari.layers import Image, Labels, Surface
+from napari.layers._source import layer_source
 from napari_window import FLIP, PATIENCE, bumps, cap, choose_whole, open_file, run
 from numpy.testing import assert_array_equal
 
@@ -16,10 +18,6 @@ from voxflat._napari.layers.sampled import overlay, shown
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.scripts import Recipe
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh, write_volume
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from napari.layers._source import layer_source  # noqa: E402
 
 pytestmark = pytest.mark.slow  # starts programs
 

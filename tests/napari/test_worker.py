@@ -3,16 +3,13 @@
 import threading
 
 import pytest
+from napari.resources import LOADING_GIF_PATH
+from napari.utils import progress
 from napari_window import PATIENCE, wait_for_threads
+from qtpy.QtWidgets import QLabel
 
+from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled
-
-napari = pytest.importorskip("napari")
-from napari.resources import LOADING_GIF_PATH  # noqa: E402
-from napari.utils import progress  # noqa: E402
-from qtpy.QtWidgets import QLabel  # noqa: E402
-
-from voxflat._napari.worker import JobWorker  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 

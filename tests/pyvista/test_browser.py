@@ -8,15 +8,15 @@ import zlib
 
 import numpy as np
 import pytest
+import pyvista as pv
 from lab_runs import console_of
 from numpy.testing import assert_allclose, assert_array_equal
 
-pv = pytest.importorskip("pyvista")
-
-import voxflat  # noqa: E402
-from voxflat import InputError  # noqa: E402
-from voxflat._pyvista.browser import browser_page  # noqa: E402
-from voxflat.maps.laying import laid  # noqa: E402
+import voxflat
+from voxflat import InputError
+from voxflat._pyvista.browser import browser_page
+from voxflat.maps.laying import laid
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow  # opens a browser
 
@@ -26,7 +26,7 @@ def flat():
     ball = pv.Icosphere(radius=20.0, nsub=2)
     ball.point_data["height </script>"] = ball.points[:, 2]
     ball.cell_data["number"] = np.arange(ball.n_cells)
-    return ball.voxflat(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    return ball.voxflat(method=Voxflat(sources=20), relax=False)
 
 
 def scene_of(text):
@@ -142,7 +142,7 @@ def test_labels_stay_labels_and_numbers_exact():
     plane.cell_data["one"] = np.arange(plane.n_cells) == 100
     plane.cell_data["height"] = middle[:, 1]
     plane.point_data["number"] = 10**9 + np.arange(plane.n_points)
-    flat = plane.voxflat(method=voxflat.methods.Voxflat(sources=20))
+    flat = plane.voxflat(method=Voxflat(sources=20))
     content, arrays, faces = scene_of(flat.voxflat.show().html)
     layers = {layer["name"]: layer for layer in content["layers"]}
     assert set(arrays["code"]) == {3, 16_711_680}
@@ -160,7 +160,7 @@ def test_labels_stay_labels_and_numbers_exact():
 
 def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
     ball = pv.Icosphere(radius=20.0, nsub=2)
-    flat_map = ball.voxflat.flatten(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    flat_map = ball.voxflat.flatten(method=Voxflat(sources=20), relax=False)
     voxflat.map_page(flat_map, "Ball").save(tmp_path / "ball.html")
     content, arrays, faces = scene_of((tmp_path / "ball.html").read_text())
     of_mesh, same, triangles = scene_of(flat.voxflat.show("Ball").html)

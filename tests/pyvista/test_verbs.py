@@ -6,13 +6,13 @@ import logging
 
 import numpy as np
 import pytest
+import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
-pv = pytest.importorskip("pyvista")
-
-import voxflat  # noqa: E402
-from voxflat import InputError  # noqa: E402
+import voxflat
+from voxflat import InputError
+from voxflat.methods import Voxflat
 
 
 def saddle(count=16):
@@ -29,14 +29,14 @@ def ball():
 @pytest.fixture(scope="module")
 def flat_ball(ball):
     """Its map, which is cut."""
-    return ball.voxflat(method=voxflat.methods.Voxflat(sources=30), relax=False)
+    return ball.voxflat(method=Voxflat(sources=30), relax=False)
 
 
 @pytest.fixture(scope="module")
 def flat(request):
     grid = saddle()
     grid.point_data["number"] = np.arange(grid.n_points)
-    return grid.voxflat(method=voxflat.methods.Voxflat(sources=30), relax=False)
+    return grid.voxflat(method=Voxflat(sources=30), relax=False)
 
 
 # ------------------------------------------------------------------------------------------- measures
@@ -73,10 +73,9 @@ def test_a_place_is_a_point_a_position_or_a_cell():
     line = grid.voxflat.path(near, cell, 255)
     assert line["vertex_ids"][0] == number
     assert line["vertex_ids"][-1] == 255
-    by_number = grid.voxflat(method=voxflat.methods.Voxflat(sources=10), seed_point=number, radius=6.0)
+    by_number = grid.voxflat(method=Voxflat(sources=10), seed_point=number, radius=6.0)
     assert_array_equal(
-        grid.voxflat(method=voxflat.methods.Voxflat(sources=10), seed_point=near, radius=6.0)["vertex_ids"],
-        by_number["vertex_ids"],
+        grid.voxflat(method=Voxflat(sources=10), seed_point=near, radius=6.0)["vertex_ids"], by_number["vertex_ids"]
     )
 
 
@@ -109,10 +108,9 @@ def test_positions_in_an_image_are_voxels():
     image["mask"] = ((k < 4) & (k > 0) & (i % 13 > 0) & (j % 11 > 0)).astype("uint8").ravel(order="F")
     voxel = (6, 6, 3)
     position = np.array([-3.0, 5.0, 2.0]) + np.array(voxel) * [1.0, 2.0, 1.5] + 0.2
-    expected = image.voxflat(method=voxflat.methods.Voxflat(sources=9), seed_point=voxel, radius=4.0)
+    expected = image.voxflat(method=Voxflat(sources=9), seed_point=voxel, radius=4.0)
     assert_array_equal(
-        image.voxflat(method=voxflat.methods.Voxflat(sources=9), seed_point=position, radius=4.0).points,
-        expected.points,
+        image.voxflat(method=Voxflat(sources=9), seed_point=position, radius=4.0).points, expected.points
     )
 
 
@@ -185,7 +183,7 @@ def test_given_cuts_of_a_grid_and_of_an_image():
 
 
 def test_a_map_of_ours_is_measured_with_its_cuts(ball, flat_ball):
-    flat_map = ball.voxflat.flatten(method=voxflat.methods.Voxflat(sources=30), relax=False)
+    flat_map = ball.voxflat.flatten(method=Voxflat(sources=30), relax=False)
     expected = voxflat.measure(ball, flat_map, sources=20, seed=3)
     measured = ball.voxflat.measure(flat_ball, sources=20, seed=3)
     assert_allclose(measured["distance_error"], expected.per_point, rtol=1e-4)  # its points are float32 in PyVista
@@ -216,7 +214,7 @@ def test_a_map_of_another_tool_is_measured():
 def test_a_map_of_an_image_is_measured():
     image = pv.ImageData(dimensions=(9, 9, 9))
     image["mask"] = (np.linalg.norm(image.points - 4, axis=1) < 3.6).astype("uint8")
-    flat = image.voxflat(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    flat = image.voxflat(method=Voxflat(sources=20), relax=False)
     measured = image.voxflat.measure(flat, sources=20)
     assert_array_equal(measured["voxel_ids"], flat["voxel_ids"])
     assert_allclose(measured["areal"], flat["areal"], atol=1e-4)
@@ -252,7 +250,7 @@ def test_a_picture_lies_as_that_of_the_map(flat):
     picture = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
     surface, texture = flat.voxflat.texture(picture)
     assert flat == before
-    expected = grid.voxflat.flatten(method=voxflat.methods.Voxflat(sources=30), relax=False).textured(picture)
+    expected = grid.voxflat.flatten(method=Voxflat(sources=30), relax=False).textured(picture)
     assert np.abs(surface["colours"].astype(int) - expected.colours).max() <= 1
     assert_allclose(surface.active_texture_coordinates, expected.texture_coordinates, atol=1e-6)
     assert_allclose(surface.points, flat["surface_points"], atol=1e-5)

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pyvista")
-
 ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "tests" / "helpers" / "vtk_pipeline.py"
 DEBIAN = ROOT / ".tools" / "debian-vtk" / "bin" / "python"  # made by `make test`
