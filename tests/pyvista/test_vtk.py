@@ -27,19 +27,13 @@ def facts(request):
     return {**found, "stderr": done.stderr}
 
 
-def test_voxflat_alone_imports_no_vtk(facts):
+def test_the_arrays_are_the_accessors_bit_by_bit_and_those_of_the_input_beside_them(facts):
     assert facts["loaded by voxflat"] == []
-
-
-def test_the_arrays_are_the_accessors_bit_by_bit(facts):
     assert facts["flat is the accessor's"]
     assert facts["page is the accessor's"]
     assert facts["image is the accessor's"]
-    assert {"distance_error", "areal", "isometric", "flipped", "vertex_ids"} <= set(facts["arrays"])
-
-
-def test_arrays_of_the_input_are_passed_on(facts):
     assert facts["elevation"]
+    assert {"distance_error", "areal", "isometric", "flipped", "vertex_ids"} <= set(facts["arrays"])
 
 
 def test_it_runs_when_its_input_or_an_option_has_changed(facts):
