@@ -7,15 +7,7 @@ from qtpy.QtWidgets import QApplication, QComboBox, QFileDialog, QLineEdit
 
 
 class Hand:
-    """Uses a window as a user does.
-
-    Parameters
-    ----------
-    window : napari.Window
-        The window.
-    qtbot : QtBot
-        Presses keys and buttons.
-    """
+    """Uses a window of napari as a user does."""
 
     def __init__(self, window, qtbot):
         self._window = window._qt_window
@@ -75,10 +67,8 @@ class Hand:
         QTimer.singleShot(50, type_name)
 
     def move(self, widget, at):
-        """Move the mouse to a place of a widget, from one beside it."""
-        for shift in (3, 0):
-            self._qtbot.mouseMove(widget, at + QPoint(shift, shift))
-            QApplication.processEvents()
+        """Move the mouse to a place of a widget."""
+        move(self._qtbot, widget, at)
 
     def click(self, widget, at):
         """Click on a place of a widget."""
@@ -105,6 +95,13 @@ class Hand:
         QApplication.processEvents()
         path.parent.mkdir(parents=True, exist_ok=True)
         assert self._window.grab().save(str(path))
+
+
+def move(qtbot, widget, at):
+    """Move the mouse to a place of a widget, from one beside it."""
+    for shift in (3, 0):
+        qtbot.mouseMove(widget, at + QPoint(shift, shift))
+        QApplication.processEvents()
 
 
 def _entry(menu, text):
