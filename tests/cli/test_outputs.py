@@ -11,7 +11,7 @@ from pathlib import Path
 import nibabel as nib
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from lab_runs import run
 from PIL import Image
 from triangle_meshes import bump, square
 
@@ -25,10 +25,6 @@ from voxflat.methods import Voxflat
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
 PROGRAM = Path(sys.executable).with_name("voxflat")
-
-
-def run(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
 
 
 def sha256(path):
@@ -57,9 +53,6 @@ def everything():
     return {path.name: path.read_bytes() for path in Path().iterdir() if path.is_file()}
 
 
-# ---------------------------------------------------------------------------------------- no input is written over
-
-
 OVER_INPUTS = {
     "pial": "surface lh.white --pial lh.pial -o lh.pial",
     "pial by another name": "surface lh.white --pial lh.pial -o ./lh.pial",
@@ -75,6 +68,8 @@ OVER_INPUTS = {
     "page": "patches lh.white --volume v.png --page v.png -o a.obj",
     "heat maps": "measure lh.white flat.png --heat-maps flat.png",
     "path": "path lh.white 0 5 --geodesic edges -o lh.white",
+    "source": "flatten map.npz -o map.npz",
+    "mask": "flatten sheet.npy --keep map.npz -o map.npz",
     "image": "image map.npz --volume v.nii -o v.nii",
 }
 
@@ -163,9 +158,6 @@ def test_a_texture_found_beside_a_surface_is_an_input(folder):
     assert files == {name: sha256(name) for name in ("map.npz", "face.obj", "face.mtl", "face.png")}
 
 
-# -------------------------------------------------------------------------------- whatever becomes of the terminal
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 @pytest.mark.parametrize(
     ("where", "status"), [("2>&-", 0), ("2>/dev/full", 0), (">&-", 0), ("0<&- >&- 2>&-", 0), (">/dev/full", 1)]
@@ -175,9 +167,6 @@ def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status
     done = subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120)
     assert done.returncode == status
     assert len(voxflat.load("map.npz")) == 100
-
-
-# ---------------------------------------------------------------------------------------- for scripts
 
 
 @pytest.mark.parametrize(
@@ -206,9 +195,6 @@ def test_errors_are_json_too(folder, command, status, error, remedy):
 def test_every_command_has_json(folder):
     for name, command in cli.main.commands.items():
         assert "--json" in {option for param in command.params for option in param.opts}, name
-
-
-# ---------------------------------------------------------------------------------------- what made it
 
 
 def test_a_record_is_in_every_kind_of_file(folder):
@@ -270,8 +256,7 @@ def test_other_results_have_records(folder):
     assert voxflat.load("m.npz").provenance["files"] == {"cuts.json": sha256("cuts.json")}
     made = told("surface", "lh.white", "-o", "s.surf.gii")
     assert made["metadata"]["provenance"] == json.loads(nib.load("s.surf.gii").meta["Provenance"])
-    judged = told("measure", "lh.white", "m.npz")
-    assert judged["provenance"]["files"] == {"m.npz": sha256("m.npz")}
+    assert told("measure", "lh.white", "m.npz")["provenance"]["files"] == {"m.npz": sha256("m.npz")}
     kept = told("rows", "lh.white", "--sources", 5, "--store", "rows")
     assert kept["provenance"]["parameters"]["sources"] == 5
     assert voxflat.open_rows("rows").provenance == kept["provenance"]

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
 @pytest.fixture(scope="module")
 def shown(made):
-    return Shown.read(Results.in_freesurfer(made[0], "lh"))
+    return Shown.read(Results.in_freesurfer(made, "lh"))
 
 
 @pytest.mark.parametrize("most", [60, 200, 10_000])
@@ -52,8 +52,7 @@ def test_a_scene_holds_the_values_of_the_files(shown):
     assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
     assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
     assert_array_equal(faces, flat.faces)
-    by_name = {layer.name: layer for layer in layers}
-    assert list(by_name)[:2] == ["thickness", "z"]
+    assert [layer.name for layer in layers][:2] == ["thickness", "z"]
     for name, factor in (("thickness", 1), ("distanceerror", 100), ("areachange", 1)):
         wanted = factor * shown.values[name]
         assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
@@ -80,13 +79,12 @@ def test_text_of_users_cannot_end_a_script(shown):
 
 
 def test_the_sides_of_cuts_are_shown_on_the_map(made, tmp_path):
-    folder, _ = made
     tell = """
       const { lips, content } = document.querySelector(".viewer").viewer;
       const ids = lips.map((edges) => edges.map((edge) => edge.map((point) => content.ids[point])));
       document.body.dataset.lips = JSON.stringify(ids);"""
-    drawn = drawn_with(tell, (folder / "voxflat.html").read_text(), tmp_path)
-    flat = voxflat.load(folder / "surf" / "lh.voxflat.flat.npz")
+    drawn = drawn_with(tell, (made / "voxflat.html").read_text(), tmp_path)
+    flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
     lips = json.loads(re.search(r'data-lips="([^"]+)"', drawn)[1])
     for shown, cut in zip(lips, flat.metadata["cuts"], strict=True):
         edges = sorted(sorted(edge) for edge in pairwise(cut))
@@ -94,31 +92,28 @@ def test_the_sides_of_cuts_are_shown_on_the_map(made, tmp_path):
 
 
 def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
-    folder, _ = made
     across, down = 0.35, 0.4  # of the canvas
     move = f"""
       const canvas = document.querySelector("canvas.flat"), box = canvas.getBoundingClientRect();
       const at = {{ clientX: box.left + {across} * box.width, clientY: box.top + {down} * box.height }};
       canvas.dispatchEvent(new PointerEvent("pointermove", at));"""
-    drawn = drawn_with(move, (folder / "voxflat.html").read_text(), tmp_path)
+    drawn = drawn_with(move, (made / "voxflat.html").read_text(), tmp_path)
     told = re.search(r"<output>Vertex (\d+), at \((.*?)\) mm\. Thickness: (\S+) mm · Z: (\S+) · ", drawn)
     vertex = int(told[1])
-    flat = voxflat.load(folder / "surf" / "lh.voxflat.flat.npz")
+    flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
     low, high = flat.uv.min(axis=0), flat.uv.max(axis=0)
     size = max((high - low) / [1.2, 1.0]) / 0.96  # mm that the canvas is high; it is 1.2 times as wide
     wanted = (low + high) / 2 + size * np.array([1.2 * (across - 0.5), 0.5 - down])
     apart = np.linalg.norm(flat.uv - wanted, axis=1)
     assert np.linalg.norm(flat.uv[flat.ids == vertex][0] - wanted) < apart.min() + 1
-    place = [float(part) for part in told[2].split(",")]
-    assert_allclose(place, flat.points[flat.ids == vertex][0], atol=0.06)
-    thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")[vertex]
+    assert_allclose([float(part) for part in told[2].split(",")], flat.points[flat.ids == vertex][0], atol=0.06)
+    thickness = nib.freesurfer.read_morph_data(made / "surf" / "lh.thickness")[vertex]
     assert float(told[3]) == pytest.approx(thickness, rel=0.006)
 
 
 def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_path):
-    folder, _ = made
-    worst = voxflat.worst_places(voxflat.load(folder / "surf" / "lh.voxflat.flat.npz"))
-    text = (folder / "voxflat.html").read_text()
+    worst = voxflat.worst_places(voxflat.load(made / "surf" / "lh.voxflat.flat.npz"))
+    text = (made / "voxflat.html").read_text()
     table = text[text.index('<table class="worst">') :]
     rows = re.findall(r"<tr><td>.*?</tr>", table[: table.index("</table>")], re.DOTALL)
     assert len(rows) == len(worst.places) > 0

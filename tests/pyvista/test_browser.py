@@ -160,8 +160,7 @@ def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
 
 def test_a_notebook_shows_the_page(flat):
     page = flat.voxflat.show("Ball")
-    frame = page._repr_html_()
-    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == page.html
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', page._repr_html_())[1]) == page.html
     assert repr(page).startswith("<MapPage: 0.")
 
 

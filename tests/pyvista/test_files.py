@@ -51,8 +51,7 @@ def test_a_flat_map_is_saved_with_the_numbers_of_its_mesh(ball, tmp_path, caplog
     assert_array_equal(faces, expected[1])
     assert 0 < len(faces) < flat.n_cells
     assert "lie at a cut that doubles vertices" in caplog.text
-    again = pv.read(tmp_path / "lh.flat.surf.gii")
-    assert_array_equal(again.regular_faces, faces)
+    assert_array_equal(pv.read(tmp_path / "lh.flat.surf.gii").regular_faces, faces)
     ball.save(tmp_path / "ball.surf.gii")
     assert_allclose(nibabel.load(tmp_path / "ball.surf.gii").darrays[0].data, ball.points, rtol=1e-6)
 

@@ -50,15 +50,11 @@ def bumpy():
     return mesh
 
 
-def turned(sign):
-    q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
-    return q * np.array([1, 1, sign * np.sign(np.linalg.det(q))])
-
-
 def image_of(volume, in_cells=False, name="labels", turn=None, **place):
     image = pv.ImageData(dimensions=np.array(volume.shape) + in_cells, **place)
     if turn is not None:
-        image.direction_matrix = turned(turn)
+        q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+        image.direction_matrix = q * np.array([1, 1, turn * np.sign(np.linalg.det(q))])
     (image.cell_data if in_cells else image.point_data)[name] = volume.ravel(order="F")
     return image
 
@@ -84,32 +80,24 @@ def flat_map(request, image):
     return flat_map
 
 
-# ------------------------------------------------------------------------------------------ images in
-
-
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_points_lie_where_vtk_has_them(place, in_cells):
-    image = image_of(sheet(), in_cells, **place)
-    flat_map = image.voxflat.flatten(method=voxflat.methods.Grossmann2002(sources=10))
-    centres = image.cell_centers().points if in_cells else image.points
-    number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
-    assert_allclose(flat_map.points, centres[number], atol=1e-4)
-    assert len(flat_map) == sheet().sum()
+    """Those of voxels lie at their centres, the finer ones of a surface at most a voxel from them along each axis."""
 
+    def apart(volume, **how):
+        image = image_of(volume, in_cells, **place)
+        flat_map = image.voxflat.flatten(**how)
+        centres = image.cell_centers().points if in_cells else image.points
+        number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
+        linear = image.index_to_physical_matrix[:3, :3]
+        return np.linalg.solve(linear, (flat_map.points - centres[number]).T)  # voxels
 
-@pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
-@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
-def test_surface_points_lie_at_their_voxels(place, in_cells):
-    """Finer than the grid, they lie at most a voxel from the centres along each axis."""
-    image = image_of(solid(), in_cells, **place)
-    flat_map = image.voxflat.flatten(method=Voxflat(sources=10), seed_point=(10, 13, 6), radius=8.0)
-    centres = image.cell_centers().points if in_cells else image.points
-    number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
-    linear = image.index_to_physical_matrix[:3, :3]
-    apart = np.linalg.solve(linear, (flat_map.points - centres[number]).T)  # voxels
-    assert np.abs(apart).max() < 1 + 1e-9
-    assert np.abs(apart.mean(axis=1)).max() < 0.5
+    at_centres = apart(sheet(), method=voxflat.methods.Grossmann2002(sources=10))
+    assert_allclose(at_centres, np.zeros((3, sheet().sum())), atol=2e-4)
+    finer = apart(solid(), method=Voxflat(sources=10), seed_point=(10, 13, 6), radius=8.0)
+    assert np.abs(finer).max() < 1 + 1e-9
+    assert np.abs(finer.mean(axis=1)).max() < 0.5
 
 
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
@@ -185,9 +173,6 @@ def test_colours_are_sampled_onto_the_map(flat_map):
         colours.voxflat("rgb")
 
 
-# ------------------------------------------------------------------------------------------ meshes in
-
-
 def test_a_mesh_is_flattened_with_all_its_arrays():
     mesh = bumpy()
     mesh["distance_error"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
@@ -210,8 +195,7 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
     ids = flat.point_data["vertex_ids"]
     assert_array_equal(np.sort(ids), np.arange(mesh.n_points))
     assert set(flat.point_data) >= set(mesh.point_data) - {"TextureCoordinates"}
-    theirs = mesh.point_data["TextureCoordinates"]
-    assert_array_equal(flat.point_data["mesh_TextureCoordinates"], theirs[ids])
+    assert_array_equal(flat.point_data["mesh_TextureCoordinates"], mesh.point_data["TextureCoordinates"][ids])
     for name in ("height", "right", "colour", "name", "Normals"):
         assert_array_equal(flat.point_data[name], mesh.point_data[name][ids])
         assert flat.point_data[name].dtype == mesh.point_data[name].dtype
@@ -230,18 +214,6 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
     assert (description["method"], description["kind"], description["vertices"]) == ("voxflat", "mesh", mesh.n_points)
 
 
-def test_a_mesh_gives_what_its_points_and_faces_give():
-    mesh = bumpy()
-    options = {"seed_point": 168, "radius": 12.0, "sources": 50, "seed": 5}
-    expected = composed.flatten((np.asarray(mesh.points), mesh.regular_faces), **options)
-    found = mesh.voxflat.flatten(**composed.with_method(options))
-    assert_array_equal(found.ids, expected.ids)
-    assert_array_equal(found.uv, expected.uv)
-    assert 20 < len(found) < mesh.n_points
-    surface = to_surface_polydata(found)
-    assert_array_equal(surface.points, mesh.points[found.ids])
-
-
 def test_keep_is_an_array_of_the_mesh():
     mesh = bumpy()
     flat = mesh.voxflat(method=Voxflat(sources=40), keep="right")
@@ -249,8 +221,7 @@ def test_keep_is_an_array_of_the_mesh():
     assert flat.n_points == mesh["right"].sum()
     mask = mesh.voxflat(method=Voxflat(sources=40), keep=np.asarray(mesh["right"]))
     assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
-    rest = mesh.voxflat(method=Voxflat(sources=40), drop="right")
-    assert not rest.point_data["right"].any()
+    assert not mesh.voxflat(method=Voxflat(sources=40), drop="right").point_data["right"].any()
     with pytest.raises(InputError, match="the patch holds no triangle"):
         mesh.voxflat(keep=np.zeros(mesh.n_points, dtype=bool))
     with pytest.raises(InputError, match=r"'misspelt' is neither an array of the points .*right.* nor a file"):
@@ -269,9 +240,6 @@ def test_arrays_of_both_sides_of_a_cut():
     assert len(numbers) == ball.n_points
     assert set(numbers[counts == 2]) == set(path[1:-1])
     assert counts.max() == 2
-
-
-# -------------------------------------------------------------------------------------------- errors
 
 
 def test_lines_beside_triangles_are_left_out():
@@ -404,8 +372,12 @@ def test_a_wrong_name_lists_the_arrays():
         image.voxflat()
 
 
-def test_arrays_that_are_no_volume_are_refused(image):
+def test_what_of_an_image_is_no_volume_to_be_flattened_is_refused(image):
     image = image.copy()
+    with pytest.raises(InputError, match="no voxel has label 7"):
+        image.voxflat(label=7)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'lable'"):
+        image.voxflat(lable=1)
     image["vectors"] = np.zeros((image.n_points, 3))
     with pytest.raises(InputError, match="'vectors' has 3 components"):
         image.voxflat("vectors")
@@ -414,17 +386,7 @@ def test_arrays_that_are_no_volume_are_refused(image):
         image.voxflat("labels")
 
 
-def test_refusals_of_flatten_reach_the_user(image):
-    with pytest.raises(InputError, match="no voxel has label 7"):
-        image.voxflat(label=7)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'lable'"):
-        image.voxflat(lable=1)
-
-
-# ----------------------------------------------------------------------------------------- meshes out
-
-
-def test_polydata_holds_the_map(flat_map):
+def test_polydata_holds_the_map_in_the_plane_and_in_space(flat_map):
     mesh = to_polydata(flat_map)
     assert_allclose(mesh.points[:, :2], flat_map.uv, atol=1e-4)
     assert (mesh.points[:, 2] == 0).all()
@@ -435,14 +397,11 @@ def test_polydata_holds_the_map(flat_map):
     assert_array_equal(mesh.cell_data["torn"], flat_map.torn)
     assert mesh.active_scalars_name == "distance_error"
     assert (mesh.compute_normals(auto_orient_normals=False)["Normals"][:, 2] > 0.99).all()
-
-
-def test_surface_polydata_has_the_same_data_in_space(flat_map):
-    flat, surface = to_polydata(flat_map), to_surface_polydata(flat_map)
+    surface = to_surface_polydata(flat_map)
     assert_allclose(surface.points, flat_map.points, atol=1e-4)
     assert np.ptp(surface.points[:, 2]) > 1
-    assert_array_equal(surface.regular_faces, flat.regular_faces)
-    assert surface.array_names == flat.array_names
+    assert_array_equal(surface.regular_faces, mesh.regular_faces)
+    assert surface.array_names == mesh.array_names
 
 
 def test_description_survives_a_file(flat_map, tmp_path):
@@ -481,9 +440,6 @@ def test_vtk_draws_the_picture_upright(flat_map):
     assert drawn[45, 50].tolist() == [255, 0, 0]
     assert drawn[75, 70].tolist() == [0, 0, 255]
     assert drawn[75, 50].tolist() == [0, 0, 0]
-
-
-# -------------------------------------------------------------------------------------- registration
 
 
 @pytest.mark.slow

@@ -16,12 +16,6 @@ from voxflat.cli import main
 QUICK = {"method": voxflat.methods.Voxflat(sources=8), "relax": False}
 
 
-def bowl(count=7):
-    """Quads of a paraboloid."""
-    x, y = np.meshgrid(np.linspace(-3, 3, count), np.linspace(-3, 3, count), indexing="ij")
-    return pv.StructuredGrid(x, y, 0.1 * (x * x + y * y))
-
-
 def surface_of(dataset):
     return dataset.extract_surface(algorithm="dataset_surface")
 
@@ -150,9 +144,6 @@ def test_what_is_no_surface_is_refused_by_every_verb():
                 called(verb, nothing)
 
 
-# --------------------------------------------------------------------------------------------- shapes
-
-
 def coarse(name):
     return getattr(pv, f"Parametric{name}")(u_res=11, v_res=11)
 
@@ -221,9 +212,6 @@ def test_shapes_are_flattened(name, caplog):
 def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
     with pytest.raises(InputError, match=REFUSED[name]):
         coarse(name).voxflat()
-
-
-# ----------------------------------------------------------------------------------------- every door
 
 
 @pytest.mark.slow

@@ -39,9 +39,6 @@ def flat():
     return grid.voxflat(method=Voxflat(sources=30), relax=False)
 
 
-# ------------------------------------------------------------------------------------------- measures
-
-
 def test_every_measure_is_an_array(flat):
     assert {"distance_error", "areal", "angle"} <= set(flat.point_data)
     assert {"isometric", "quasi_conformal", "flipped"} <= set(flat.cell_data)
@@ -53,9 +50,6 @@ def test_every_measure_is_an_array(flat):
     assert (1 / growth <= flat["isometric"] ** 2 * (1 + 1e-5)).all()
     assert not flat["flipped"].any()
     assert flat["flipped"].dtype == bool
-
-
-# ---------------------------------------------------------------------------------------------- seeds
 
 
 def test_a_place_is_a_point_a_position_or_a_cell():
@@ -135,9 +129,6 @@ def test_merged_points_have_the_distance_of_the_one_that_they_are():
     assert_allclose(mesh.voxflat.geodesic(mesh.n_points - 1)["geodesic_distance"][60], 0)
 
 
-# ------------------------------------------------------------------------------------------------ cut
-
-
 def test_a_surface_is_cut_open_with_its_data(ball):
     ball = ball.copy()
     ball.point_data["number"] = np.arange(ball.n_points)
@@ -168,9 +159,6 @@ def test_given_cuts_of_a_grid():
     opened = grid.voxflat.cut(cuts=[middle], relax=False)
     assert json.loads(opened.field_data["voxflat"][0])["cuts"][0]["ids"] == middle
     assert opened.n_points == grid.n_points + len(middle) - 1
-
-
-# -------------------------------------------------------------------------------------------- measure
 
 
 def test_a_map_of_ours_is_measured_with_its_cuts(ball, flat_ball):
@@ -233,13 +221,9 @@ def test_maps_of_other_surfaces_are_refused(ball, flat_ball):
             voxflat.measure(ball, bad)
 
 
-# ----------------------------------------------------------------------------------- texture, pictures
-
-
 def test_a_picture_lies_as_that_of_the_map(flat):
     grid, before = saddle(), flat.copy()
-    rng = np.random.default_rng(0)
-    picture = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    picture = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
     surface, texture = flat.voxflat.texture(picture)
     assert flat == before
     expected = grid.voxflat.flatten(method=Voxflat(sources=30), relax=False).textured(picture)
@@ -251,9 +235,6 @@ def test_a_picture_lies_as_that_of_the_map(flat):
     with pytest.raises(InputError, match="does not cover the map"):
         flat.voxflat.texture(picture, 0.1)
     assert flat.voxflat.texture(picture, 0.1, repeat=True)[1].repeat
-
-
-# ----------------------------------------------------------------------------------------------- plot
 
 
 def clicked(plotter, column, place):
@@ -281,8 +262,7 @@ def test_a_click_marks_the_place_on_both_sides(flat):
     plotter = flat.voxflat.plot("areal", off_screen=True, show=False, window_size=(600, 300))
     plotter.show(auto_close=False, interactive=False)
     assert marks(plotter) == [[], []]
-    cell = 200
-    corners = flat.regular_faces[cell]
+    corners = flat.regular_faces[200]
     place = np.array([0.6, 0.3, 0.1]) @ flat.points[corners]
     clicked(plotter, 1, place)
     in_space, in_plane = marks(plotter)
@@ -324,9 +304,6 @@ def test_pictures_of_all_kinds_of_arrays(flat, tmp_path):
         flat.voxflat.plot(clim=(1, 0))
     with pytest.raises(InputError, match="radius: the mesh is a flat map already"):
         flat.voxflat.plot(radius=3.0)
-
-
-# ---------------------------------------------------------------------------------------------- morph
 
 
 def test_a_morph_leads_from_the_surface_to_the_map(flat_ball):

@@ -23,8 +23,7 @@ def facts(request):
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "plugin")}
     done = subprocess.run([python, PROGRAM], capture_output=True, text=True, timeout=300, env=environment)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout.splitlines()[-1])
-    return {**found, "stderr": done.stderr}
+    return {**json.loads(done.stdout.splitlines()[-1]), "stderr": done.stderr}
 
 
 def test_the_arrays_are_the_accessors_bit_by_bit_and_those_of_the_input_beside_them(facts):
