@@ -115,10 +115,16 @@ class Endless:
         raise Cancelled("cancelled")
 
 
-def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot, monkeypatch):
+@pytest.fixture
+def wheel(make_napari_viewer, monkeypatch):
+    """What turns in a window's status bar."""
     monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
     window = make_napari_viewer().window._qt_window
     (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
+    return wheel
+
+
+def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
     worker, errors = JobWorker(Endless(), "Flatten"), []
     worker.errored.connect(errors.append)
     calls = []
@@ -138,10 +144,7 @@ def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot, monkeypa
     assert wheel.speed() == 100
 
 
-def test_the_wheel_turns_slowly_while_any_job_runs(make_napari_viewer, qtbot, monkeypatch):
-    monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
-    window = make_napari_viewer().window._qt_window
-    (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
+def test_the_wheel_turns_slowly_while_any_job_runs(wheel, qtbot):
     workers = [JobWorker(Endless(), name) for name in ("one", "other")]
     for worker in workers:
         worker.start()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from napari.layers import Image, Labels, Surface
 from napari_maps import same_map
-from napari_window import FLIP, PATIENCE, bumps, cap, choose, choose_whole, open_file, run, run_whole, wait_for_threads
+from napari_window import DOCKS, FLIP, PATIENCE, bumps, cap, choose, open_file, run, run_whole, wait_for_threads
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtGui import QShortcut
@@ -22,8 +22,6 @@ from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
-
-DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
 
 
 def test_manifest_is_valid_and_its_commands_resolve():
@@ -222,7 +220,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
     )
     qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     assert widget.form.method.currentData() == "voxflat"
-    choose_whole(widget)
+    choose(widget.form.patch, "whole")
     widget.form.options.sources.setValue(200)
     widget.form.pixel_size.setValue(1.25)
     for method in ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989"):

@@ -13,7 +13,7 @@ from hypothesis.errors import Flaky
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 from napari.layers import Image, Labels, Layer, Points, Shapes, Surface
 from napari.utils.notifications import ErrorNotification, notification_manager
-from napari_window import PATIENCE, bumps, cap, sphere, wait_for_threads
+from napari_window import DOCKS, PATIENCE, bumps, cap, sphere, wait_for_threads
 from qtpy.QtCore import QPoint, Qt, QThreadPool
 from qtpy.QtWidgets import (
     QAbstractButton,
@@ -31,7 +31,6 @@ from voxflat._napari.map_viewer.contents import suits
 from voxflat._napari.map_viewer.dock import FlatMapDock
 from voxflat._napari.workbench import Workbench
 
-DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
 RUNS = DOCKS[:2]
 FEW, STEPS = (3, 16), 25  # sequences in `make test` and actions in each; actions in each of more
 NUMBER = st.integers(0, 10**6)
@@ -83,8 +82,6 @@ class Window(RuleBasedStateMachine):
         self.add(kind)
         self.open(dock)
 
-    # ------------------------------------------------------------------------------------------- layers
-
     @rule(kind=st.sampled_from([*LAYERS]))
     def add(self, kind):
         self.viewer.add_layer(LAYERS[kind]())
@@ -129,8 +126,6 @@ class Window(RuleBasedStateMachine):
     def open_a_file(self, number):
         self.viewer.open(str(self.saved[number % len(self.saved)]), plugin="voxflat")
 
-    # --------------------------------------------------------------------------------------- the window
-
     @rule()
     def toggle_3d(self):
         self.viewer.dims.ndisplay = 5 - self.viewer.dims.ndisplay
@@ -154,8 +149,6 @@ class Window(RuleBasedStateMachine):
         self._find_docks()
         if self.docks:
             self.viewer.window.remove_dock_widget(self.docks.pop([*self.docks][number % len(self.docks)]))
-
-    # ------------------------------------------------------------------------------------ what docks ask
 
     @rule(number=NUMBER, entry=NUMBER)
     def choose(self, number, entry):
@@ -244,8 +237,6 @@ class Window(RuleBasedStateMachine):
         if clicked:
             self.qtbot.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=at)
 
-    # ------------------------------------------------------------------------------------------- waiting
-
     @rule(milliseconds=st.integers(0, 100))
     def wait(self, milliseconds):
         self.qtbot.wait(milliseconds)
@@ -321,8 +312,6 @@ class Window(RuleBasedStateMachine):
         if waiting:
             wait_for_threads(self.qtbot)
             self.nothing_went_wrong()
-
-    # ------------------------------------------------------------------------------------------- finding
 
     def _find_docks(self):
         """Look which docks are open: a first map opens one by itself."""
