@@ -152,9 +152,8 @@ def scene():
 def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
     # the front, seen along +x with z up, has +y, where the errors are put, on its left
     far = flat_map.points[:, 1] > flat_map.points[:, 1].mean()
-    picture = figures.patch_3d(
-        with_errors(flat_map, np.where(far, 0.1, 0.0)), solid() if in_place else None, size=(300, 200)
-    )
+    uneven = with_errors(flat_map, np.where(far, 0.1, 0.0))
+    picture = figures.patch_3d(uneven, solid() if in_place else None, size=(300, 200))
     assert picture.shape == (200, 300, 3)
     assert picture.dtype == np.uint8
     bright, dark = bright_and_dark(scene(picture))

@@ -198,9 +198,8 @@ def test_a_threshold_is_symmetric_and_a_second_map_is_the_opacity(flat_map):
 
 
 def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
-    right = dataclasses.replace(
-        flat_map, uv=flat_map.uv * (-0.5, 0.5), metadata={**flat_map.metadata, "structure": "CortexRight"}
-    )
+    told = {**flat_map.metadata, "structure": "CortexRight"}
+    right = dataclasses.replace(flat_map, uv=flat_map.uv * (-0.5, 0.5), metadata=told)
     low, high = np.linspace(0, 1, COUNT), np.linspace(2, 6, COUNT)
     figure = figures.flat_map([flat_map, right], figures.Overlay((low, high), label="effect"))
     paper, first, second, bar = figure.axes

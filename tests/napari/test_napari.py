@@ -215,9 +215,8 @@ def test_the_form_follows_the_kind_of_layer(open_widget):
 
 def test_result_is_that_of_the_library(open_widget, qtbot):
     labels, t1 = cap(), np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
-    viewer, widget = open_widget(
-        Image(t1, affine=FLIP, units="mm", name="T1"), Labels(labels, affine=FLIP, units="mm", name="sheet")
-    )
+    place = {"affine": FLIP, "units": "mm"}
+    viewer, widget = open_widget(Image(t1, **place, name="T1"), Labels(labels, **place, name="sheet"))
     qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     assert widget.form.method.currentData() == "voxflat"
     choose(widget.form.patch, "whole")

@@ -22,11 +22,9 @@ def newest_map(viewer):
 
 def test_parts_are_those_of_the_library(open_widget, qtbot):
     points, faces, values = bumps(25)
-    height = np.where(np.arange(len(points)) % 2 == 0, 0.5, 0.6)
-    viewer, widget = open_widget(
-        Surface((points + [0, 0, 1] * height[:, None], faces), name="lh.pial"),
-        Surface((points, faces, values), name="lh.white"),
-    )
+    above = points + [0, 0, 1] * np.where(np.arange(len(points)) % 2 == 0, 0.5, 0.6)[:, None]
+    pial, white = Surface((above, faces), name="lh.pial"), Surface((points, faces, values), name="lh.white")
+    viewer, widget = open_widget(pial, white)
     form = widget.form
     form.surface.choose(viewer.layers["lh.white"])
     assert form.pial.layer is viewer.layers["lh.pial"]

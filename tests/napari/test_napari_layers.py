@@ -72,11 +72,8 @@ def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
     itk[:3, :3], itk[:3, 3] = lps[:3, :3][np.ix_(reverse, reverse)], lps[reverse, 3]
 
     def map_of(layer, world, order):
-        flat = (
-            voxflat.surface(LayerVolume.of(layer, world).read())
-            .disk(top[order].tolist(), 20)
-            .flatten(voxflat.methods.Voxflat(sources=200))
-        )
+        disk = voxflat.surface(LayerVolume.of(layer, world).read()).disk(top[order].tolist(), 20)
+        flat = disk.flatten(voxflat.methods.Voxflat(sources=200))
         return flat.uv[np.lexsort(flat.ids[:, order].T)] - flat.uv.mean(axis=0)
 
     expected = map_of(Labels(labels, affine=AFFINE), "RAS", [0, 1, 2])

@@ -108,9 +108,8 @@ def test_the_page_fits_and_is_drawn(width, dark, tmp_path):
     text = leaning.voxflat.show("Leaning", relax=False).html.replace("</body>", f"{SEEN}</body>")
     frame = f'<iframe srcdoc="{html.escape(text)}" style="border: 0; width: {width}px; height: 844px"></iframe>'
     page.write_text(f"<!doctype html><body>{frame}</body>")  # windows of Chromium are 500 pixels wide at least
-    said, drawn = console_of(
-        page, "--window-size=1400,900", f"--blink-settings=preferredColorScheme={0 if dark else 1}"
-    )
+    scheme = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
+    said, drawn = console_of(page, "--window-size=1400,900", scheme)
     assert said == []
     seen = json.loads(html.unescape(re.search(r'data-seen="([^"]*)"', drawn)[1]))
     assert seen["width"] == width

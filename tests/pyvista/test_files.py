@@ -68,10 +68,8 @@ def test_a_saved_map_is_read(ball, tmp_path):
 def test_a_patch_is_read_with_its_surface(ball, tmp_path):
     faces = ball.regular_faces
     kept = np.flatnonzero(ball.points[:, 2] > 0)
-    write_patch(
-        tmp_path / "lh.cap.patch.3d",
-        Patch(kept, np.asarray(ball.points)[kept], patch_border(faces, kept, ball.n_points)),
-    )
+    cap = Patch(kept, np.asarray(ball.points)[kept], patch_border(faces, kept, ball.n_points))
+    write_patch(tmp_path / "lh.cap.patch.3d", cap)
     nibabel.freesurfer.write_geometry(tmp_path / "lh.white", np.asarray(ball.points), faces)
     patch = pv.read(tmp_path / "lh.cap.patch.3d", surface=str(tmp_path / "lh.white"))
     inside = np.isin(faces, kept).all(axis=1)
