@@ -8,9 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import nibabel as nib
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from lab_runs import run
 from PIL import Image
 from triangle_meshes import bump, square
 
@@ -19,16 +20,11 @@ from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io.provenance import described, portable
 from voxflat.io.volumes import write_volume
-
-nib = pytest.importorskip("nibabel")
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
 PROGRAM = Path(sys.executable).with_name("voxflat")
-
-
-def run(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
 
 
 def sha256(path):
@@ -57,9 +53,6 @@ def everything():
     return {path.name: path.read_bytes() for path in Path().iterdir() if path.is_file()}
 
 
-# ---------------------------------------------------------------------------------------- no input is written over
-
-
 OVER_INPUTS = {
     "pial": "surface lh.white --pial lh.pial -o lh.pial",
     "pial by another name": "surface lh.white --pial lh.pial -o ./lh.pial",
@@ -75,6 +68,8 @@ OVER_INPUTS = {
     "page": "patches lh.white --volume v.png --page v.png -o a.obj",
     "heat maps": "measure lh.white flat.png --heat-maps flat.png",
     "path": "path lh.white 0 5 --geodesic edges -o lh.white",
+    "source": "flatten map.npz -o map.npz",
+    "mask": "flatten sheet.npy --keep map.npz -o map.npz",
     "image": "image map.npz --volume v.nii -o v.nii",
 }
 
@@ -135,7 +130,7 @@ def test_files_beside_replace_only_what_is_ours(folder):
 
 def test_python_writes_over_no_input_either(folder):
     surface = voxflat.surface("lh.white", pial="lh.pial")
-    flat_map = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=20))
+    flat_map = voxflat.flatten(surface, method=Voxflat(sources=20))
     before = everything()
     for result, path in ((surface, "lh.pial"), (surface, folder / "lh.white"), (flat_map, "lh.pial")):
         with pytest.raises(voxflat.InputError, match="it is an input"):
@@ -146,7 +141,7 @@ def test_python_writes_over_no_input_either(folder):
 
 
 def test_a_texture_found_beside_a_surface_is_an_input(folder):
-    voxflat.flatten("lh.white", method=voxflat.methods.Voxflat(sources=20)).save("map.npz")
+    voxflat.flatten("lh.white", method=Voxflat(sources=20)).save("map.npz")
     points, faces = bump(12)
     lines = ["mtllib face.mtl", *("v {} {} {}".format(*point) for point in points)]
     lines += [*("vt {} {}".format(*point[:2] / 12) for point in points), "usemtl skin"]
@@ -163,9 +158,6 @@ def test_a_texture_found_beside_a_surface_is_an_input(folder):
     assert files == {name: sha256(name) for name in ("map.npz", "face.obj", "face.mtl", "face.png")}
 
 
-# -------------------------------------------------------------------------------- whatever becomes of the terminal
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 @pytest.mark.parametrize(
     ("where", "status"), [("2>&-", 0), ("2>/dev/full", 0), (">&-", 0), ("0<&- >&- 2>&-", 0), (">/dev/full", 1)]
@@ -175,9 +167,6 @@ def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status
     done = subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120)
     assert done.returncode == status
     assert len(voxflat.load("map.npz")) == 100
-
-
-# ---------------------------------------------------------------------------------------- for scripts
 
 
 @pytest.mark.parametrize(
@@ -206,9 +195,6 @@ def test_errors_are_json_too(folder, command, status, error, remedy):
 def test_every_command_has_json(folder):
     for name, command in cli.main.commands.items():
         assert "--json" in {option for param in command.params for option in param.opts}, name
-
-
-# ---------------------------------------------------------------------------------------- what made it
 
 
 def test_a_record_is_in_every_kind_of_file(folder):
@@ -270,8 +256,7 @@ def test_other_results_have_records(folder):
     assert voxflat.load("m.npz").provenance["files"] == {"cuts.json": sha256("cuts.json")}
     made = told("surface", "lh.white", "-o", "s.surf.gii")
     assert made["metadata"]["provenance"] == json.loads(nib.load("s.surf.gii").meta["Provenance"])
-    judged = told("measure", "lh.white", "m.npz")
-    assert judged["provenance"]["files"] == {"m.npz": sha256("m.npz")}
+    assert told("measure", "lh.white", "m.npz")["provenance"]["files"] == {"m.npz": sha256("m.npz")}
     kept = told("rows", "lh.white", "--sources", 5, "--store", "rows")
     assert kept["provenance"]["parameters"]["sources"] == 5
     assert voxflat.open_rows("rows").provenance == kept["provenance"]
@@ -303,7 +288,7 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
     voxflat.surface(str(secret / "b" / "lh.white"))
     made = surface.cut("automatic", relax=False)
     made.save("cuts.json")
-    flat_map = made.flatten(voxflat.methods.Voxflat(sources=20))
+    flat_map = made.flatten(Voxflat(sources=20))
     for name in ("m.npz", "m.surf.gii", "m.vtp"):
         flat_map.save(name, sidecar=True)
     image = flat_map.image(str(secret / "values.txt"))
@@ -332,13 +317,10 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
 def test_arrays_are_told_by_their_hash(folder):
     points, faces = square(6)
     keep = np.arange(49) >= 0
-    record = voxflat.surface((points, faces)).keep(keep).flatten(voxflat.methods.Voxflat(sources=[0, 5, 48])).provenance
+    record = voxflat.surface((points, faces)).keep(keep).flatten(Voxflat(sources=[0, 5, 48])).provenance
     assert record["parameters"]["method"]["sources"] == [0, 5, 48]
-    assert record["parameters"]["of"]["parameters"]["region"] == {
-        "dtype": "bool",
-        "shape": [49],
-        "sha256": hashlib.sha256(keep.tobytes()).hexdigest(),
-    }
+    told = {"dtype": "bool", "shape": [49], "sha256": hashlib.sha256(keep.tobytes()).hexdigest()}
+    assert record["parameters"]["of"]["parameters"]["region"] == told
     assert record["files"] == {}
 
 

@@ -6,11 +6,14 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from numpy.testing import assert_array_equal
 from PIL import Image
+from textures import grid
 
 import voxflat
 from voxflat import InputError, figures
 from voxflat.figures.space import load_pyvista
+from voxflat.methods import Voxflat
 
 SHAPE = (22, 26, 12)
 
@@ -26,7 +29,7 @@ def flat_map():
     front = np.zeros(SHAPE, dtype=np.uint8)
     front[:12, 3:23] = 1
     front &= np.roll(solid(), 1, axis=0) == 0
-    return voxflat.surface(solid(), spacing=(1.0, 1.0, 2.0)).keep(front).flatten(voxflat.methods.Voxflat(sources=80))
+    return voxflat.surface(solid(), spacing=(1.0, 1.0, 2.0)).keep(front).flatten(Voxflat(sources=80))
 
 
 def with_errors(flat_map, per_point):
@@ -56,10 +59,7 @@ def the_bar(figure):
     return figure.axes[1]
 
 
-# ------------------------------------------------------------------------------------------- scatter
-
-
-def test_scatter_has_all_pairs_between_equal_axes(flat_map):
+def test_scatter_has_all_pairs_between_equal_axes_and_the_paper_s_figures(flat_map):
     pairs = flat_map.distortion.scatter
     (axes, *_) = figures.scatter(flat_map).axes
     (hexagons,) = axes.collections
@@ -74,31 +74,20 @@ def test_scatter_has_all_pairs_between_equal_axes(flat_map):
     assert near.max() <= step  # x is geodesic, y is flat, and not the other way round
     assert "geodesic" in axes.get_xlabel()
     assert "flat" in axes.get_ylabel()
-
-
-def test_scatter_has_the_diagonal(flat_map):
-    (axes, *_) = figures.scatter(flat_map).axes
-    (line,) = axes.lines
-    np.testing.assert_array_equal(*line.get_data())
-    assert tuple(line.get_xdata()) == axes.get_xlim()
-
-
-def test_scatter_names_the_paper_s_figures(flat_map):
-    title = figures.scatter(flat_map).axes[0].get_title()
-    distortion = flat_map.distortion
+    (diagonal,) = axes.lines
+    assert_array_equal(*diagonal.get_data())
+    assert tuple(diagonal.get_xdata()) == axes.get_xlim()
+    distortion, title = flat_map.distortion, axes.get_title()
     assert f"{distortion.raw.absolute_error:.2f} mm" in title
     assert f"{100 * distortion.raw.relative_error:.1f} %" in title
     assert f"{distortion.mean_geodesic:.1f} mm" in title
-
-
-# ------------------------------------------------------------------------------------------ heat map
 
 
 @pytest.mark.parametrize("pixel_size", [None, 0.7])
 def test_heat_map_shows_the_heat_map_s_pixels_in_percent(flat_map, pixel_size):
     expected = flat_map.heat_map(pixel_size)
     shown = the_image(figures.heat_map(flat_map, pixel_size))
-    np.testing.assert_array_equal(np.ma.filled(shown.get_array(), np.nan), 100 * expected.data)
+    assert_array_equal(np.ma.filled(shown.get_array(), np.nan), 100 * expected.data)
     assert tuple(shown.get_extent()) == expected.extent
     assert shown.origin == "upper"
 
@@ -120,25 +109,16 @@ def test_heat_map_is_drawn_where_the_map_lies(flat_map):
     inferno = mpl.colormaps["inferno"]
     assert at(u, v + 4) == pytest.approx([255 * c for c in inferno(1.0)[:3]], abs=1)
     assert at(u, v - 4) == pytest.approx([255 * c for c in inferno(0.0)[:3]], abs=1)
-    left, top = axes.get_xlim()[0], axes.get_ylim()[1]
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert left < flat_map.uv[:, 0].min() < flat_map.uv[:, 0].max() < right
+    assert bottom < flat_map.uv[:, 1].min() < flat_map.uv[:, 1].max() < top
     assert at(left + 0.2, top - 0.2) == [255, 255, 255]
     assert axes.get_aspect() == 1
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("u (mm)", "v (mm)")
 
 
-def test_axes_hold_the_whole_map(flat_map):
-    for figure in (figures.heat_map(flat_map),):
-        (left, right), (bottom, top) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
-        assert left < flat_map.uv[:, 0].min() < flat_map.uv[:, 0].max() < right
-        assert bottom < flat_map.uv[:, 1].min() < flat_map.uv[:, 1].max() < top
-
-
 def test_a_map_without_error_can_be_shown(flat_map):
-    figure = figures.heat_map(with_errors(flat_map, np.zeros(len(flat_map))))
-    assert the_image(figure).get_clim() == (0, 1)
-
-
-# ------------------------------------------------------------------------------------------ spectrum
+    assert the_image(figures.heat_map(with_errors(flat_map, np.zeros(len(flat_map))))).get_clim() == (0, 1)
 
 
 def test_spectrum_marks_the_two_largest_positive_eigenvalues(flat_map):
@@ -149,19 +129,13 @@ def test_spectrum_marks_the_two_largest_positive_eigenvalues(flat_map):
     assert colours[0] == colours[2]
     assert colours[1] == colours[4]
     assert len(set(colours)) == 3
-    names = {text.get_text(): patch.get_facecolor() for text, patch in _legend(axes)}
+    legend = axes.get_legend()
+    patches = zip(legend.get_texts(), legend.legend_handles, strict=True)
+    names = {text.get_text(): patch.get_facecolor() for text, patch in patches}
     assert names["used for the map"] == colours[0]
     assert names["other, negative"] == colours[1]
     assert names["other, positive"] == colours[3]
     assert f"{100 * flat_map.metadata['planarity']:.1f} %" in axes.get_title()
-
-
-def _legend(axes):
-    legend = axes.get_legend()
-    return zip(legend.get_texts(), legend.legend_handles, strict=True)
-
-
-# ---------------------------------------------------------------------------------------- in space
 
 
 @pytest.fixture
@@ -178,14 +152,11 @@ def scene():
 def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
     # the front, seen along +x with z up, has +y, where the errors are put, on its left
     far = flat_map.points[:, 1] > flat_map.points[:, 1].mean()
-    picture = figures.patch_3d(
-        with_errors(flat_map, np.where(far, 0.1, 0.0)), solid() if in_place else None, size=(300, 200)
-    )
+    uneven = with_errors(flat_map, np.where(far, 0.1, 0.0))
+    picture = figures.patch_3d(uneven, solid() if in_place else None, size=(300, 200))
     assert picture.shape == (200, 300, 3)
     assert picture.dtype == np.uint8
-    red, green, blue = np.moveaxis(scene(picture), 2, 0)
-    bright = (red > 150) & (blue < red - 40)
-    dark = red + green + blue < 150
+    bright, dark = bright_and_dark(scene(picture))
     middle = bright.shape[1] / 2
     assert bright.sum() > 2000
     assert dark.sum() > 2000
@@ -198,6 +169,12 @@ def test_patch_3d_shows_the_surroundings_in_grey(flat_map, scene):
     assert greys(scene(figures.patch_3d(flat_map, size=(300, 200)))) < 100
 
 
+def bright_and_dark(pixels):
+    """Where a picture has the colours of large errors, and of small ones."""
+    red, green, blue = np.moveaxis(pixels, 2, 0)
+    return (red > 150) & (blue < red - 40), red + green + blue < 150
+
+
 def greys(pixels):
     return int(((np.ptp(pixels, axis=2) < 12) & (pixels.min(axis=2) > 60) & (pixels.max(axis=2) < 245)).sum())
 
@@ -205,19 +182,17 @@ def greys(pixels):
 @pytest.fixture(scope="module")
 def mesh_map():
     """A dome, and the map of its top, whose errors are 0 but for one side."""
-    x, y = np.indices((30, 30)).reshape(2, -1)
-    corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel()
-    faces = np.concatenate([corner[:, None] + [0, 30, 1], corner[:, None] + [1, 30, 31]])
-    dome = np.column_stack([x, y, 8 * np.sin(x * np.pi / 29) * np.sin(y * np.pi / 29)]), faces
-    flat_map = voxflat.surface(dome).disk(465, 9.0).flatten(voxflat.methods.Voxflat(sources=40))
+    points, faces = grid(30, 30)
+    points[:, 2] = 8 * np.sin(points[:, :2] * np.pi / 29).prod(axis=1)
+    dome = points, faces
+    flat_map = voxflat.surface(dome).disk(465, 9.0).flatten(Voxflat(sources=40))
     return dome, with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
 
 
 def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(mesh_map, scene):
     dome, flat_map = mesh_map
     alone = scene(figures.patch_3d(flat_map, size=(300, 200)))  # from above: +x, where the errors are, is right
-    red, green, blue = np.moveaxis(alone, 2, 0)
-    bright, dark = (red > 150) & (blue < red - 40), red + green + blue < 150
+    bright, dark = bright_and_dark(alone)
     assert min(bright.sum(), dark.sum()) > 2000
     assert np.nonzero(dark)[1].mean() < np.nonzero(bright)[1].mean() - 20
     in_place = scene(figures.patch_3d(flat_map, dome, size=(300, 200)))
@@ -245,9 +220,6 @@ def test_patch_3d_without_pyvista_names_the_remedy(flat_map, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(InputError, match=r"pip install 'voxflat\[pyvista\]'"):
         figures.patch_3d(flat_map)
-
-
-# -------------------------------------------------------------------------------------------- files
 
 
 @pytest.mark.slow
@@ -285,7 +257,7 @@ def test_save_keeps_the_old_file_if_it_fails(tmp_path, monkeypatch):
 def test_save_picture_keeps_every_pixel(tmp_path):
     picture = np.random.default_rng(0).integers(0, 255, (7, 9, 3), dtype=np.uint8)
     figures.save_picture(picture, tmp_path / "picture.png")
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "picture.png")), picture)
+    assert_array_equal(np.asarray(Image.open(tmp_path / "picture.png")), picture)
 
 
 @pytest.mark.slow

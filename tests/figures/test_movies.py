@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib import colormaps
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from textures import grid
 
 import voxflat
 from voxflat import InputError, cli, figures
@@ -21,12 +23,7 @@ FRAMES = 5
 @pytest.fixture(scope="module")
 def flat_map():
     """The map of a plane sheet, whose places are its own."""
-    x, y = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
-    corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
-    faces = np.concatenate([corner[:, None] + [0, HIGH, 1], corner[:, None] + [1, HIGH, HIGH + 1]])
-    return voxflat.flatten(
-        (np.column_stack([x, y, 0 * x]), faces), method=voxflat.methods.Voxflat(sources=40), relax=False
-    )
+    return voxflat.flatten(grid(HIGH, LONG), method=voxflat.methods.Voxflat(sources=40), relax=False)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +44,7 @@ def film(flat_map, along):
 
 def coloured(picture):
     """Return which pixels of a picture are no greys, but for the strip below."""
-    seen = picture[: round(0.8 * len(picture))].astype(int)
-    return np.ptp(seen, axis=2) > 8
+    return np.ptp(picture[: round(0.8 * len(picture))].astype(int), axis=2) > 8
 
 
 def test_each_frame_shows_its_values_where_they_lie(film):
@@ -66,14 +62,14 @@ def test_each_frame_shows_its_values_where_they_lie(film):
         assert (np.abs(colours - expected).max(axis=1) <= 1).mean() > 0.97  # outline and antialiasing apart
         columns = np.flatnonzero(shown.any(axis=0))
         reach.append((columns[-1] - columns[0] + 1) / (width * 117 / 120))  # 1.5 mm of 120 on either side are margin
-    np.testing.assert_allclose(reach, np.arange(1, FRAMES + 1) / 6, atol=0.03)
+    assert_allclose(reach, np.arange(1, FRAMES + 1) / 6, atol=0.03)
     assert columns[0] == pytest.approx(width * 1.5 / 120, abs=2)
 
 
 def test_frames_are_a_sequence_with_times(film):
     assert (len(film), film._told(0), film._told(3)) == (FRAMES, "0.00 s", "2.25 s")
     assert repr(film) == f"<Movie: overlay, 5 frames of 320 x {film.size[0]} pixels, 8 a second>"
-    np.testing.assert_array_equal(film[-1], film[4])
+    assert_array_equal(film[-1], film[4])
     assert [len(film[1:3]), len(list(film))] == [2, FRAMES]
     corners = [film[n][:16, :60] for n in range(FRAMES)]
     assert all((corner.min(axis=(0, 1)) < 100).all() for corner in corners)  # something is written
@@ -109,8 +105,7 @@ def test_gif(film, tmp_path):
         assert json.loads(file.info["comment"]) == {"voxflat": "x"}
         for n in range(FRAMES):
             file.seek(n)
-            apart = np.abs(np.asarray(file.convert("RGB")).astype(int) - film[n])
-            assert apart.mean() < 3
+            assert np.abs(np.asarray(file.convert("RGB")).astype(int) - film[n]).mean() < 3
 
 
 def test_mp4(film, tmp_path):
@@ -182,8 +177,7 @@ def test_the_command(flat_map, along, tmp_path):
         return CliRunner().invoke(cli.main, list(map(str, told)))
 
     look = ["--range", "-2,2", "--above", "0.5", "--below", "-0.5", "--unit", "%", "--size", "320", "--rate", "5"]
-    done = run("a.gif", *look, "--time-step", "2", "--json", "--sidecar")
-    told = json.loads(done.stdout)
+    told = json.loads(run("a.gif", *look, "--time-step", "2", "--json", "--sidecar").stdout)
     assert (told["frames"], told["width"], told["seconds"]) == (3, 320, 0.6)
     assert told["provenance"]["parameters"]["overlay"]["time_step"] == 2
     assert json.loads((tmp_path / "a.gif.json").read_text())["function"] == "movie"

@@ -1,9 +1,13 @@
 """What the tests of `voxflat.lab` share: the command line, a folder's files, and Chromium."""
 
+import base64
+import json
 import shutil
 import subprocess
+import zlib
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -20,6 +24,32 @@ def everything(folder):
     """Return what each file holds, and when it was written."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     return {str(path.relative_to(folder)): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
+
+
+def scene_of(text):
+    """Decode what a page shows: all that is written of it, its arrays by their names, and its triangles."""
+    content = json.loads(text)
+    data, arrays, at = zlib.decompress(base64.b64decode(content["data"])), {}, 0
+    for array in content["arrays"]:
+        coded = np.frombuffer(data, "<u2", array["length"], at)
+        if "known" in array:  # whole numbers
+            values = np.array([*array["known"], np.nan])[np.minimum(coded, len(array["known"]))]
+        else:
+            values = np.where(coded == 65535, np.nan, array["low"] + array["step"] * coded)
+        arrays[array["name"]] = values
+        at += 2 * array["length"]
+    faces = np.frombuffer(data, "<u4", offset=at).reshape(-1, 3)
+    assert len(faces) == content["triangles"]
+    return content, arrays, faces
+
+
+def drawn_with(script, text, folder):
+    """Open a page that runs a script some seconds later; return its elements. It says nothing in its console."""
+    page = folder / "page.html"
+    page.write_text(text.replace("</body>", f"<script>setTimeout(() => {{{script}}}, 4000);</script></body>"))
+    said, drawn = console_of(page, "--window-size=1280,900")
+    assert said == []
+    return drawn
 
 
 def console_of(page, *options):

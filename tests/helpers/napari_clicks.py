@@ -67,10 +67,8 @@ class Hand:
         QTimer.singleShot(50, type_name)
 
     def move(self, widget, at):
-        """Move the mouse to a place of a widget, from one beside it."""
-        for shift in (3, 0):
-            self._qtbot.mouseMove(widget, at + QPoint(shift, shift))
-            QApplication.processEvents()
+        """Move the mouse to a place of a widget."""
+        move(self._qtbot, widget, at)
 
     def click(self, widget, at):
         """Click on a place of a widget."""
@@ -97,6 +95,13 @@ class Hand:
         QApplication.processEvents()
         path.parent.mkdir(parents=True, exist_ok=True)
         assert self._window.grab().save(str(path))
+
+
+def move(qtbot, widget, at):
+    """Move the mouse to a place of a widget, from one beside it."""
+    for shift in (3, 0):
+        qtbot.mouseMove(widget, at + QPoint(shift, shift))
+        QApplication.processEvents()
 
 
 def _entry(menu, text):

@@ -1,9 +1,6 @@
 """Maps in layers of napari."""
 
-import pytest
 from numpy.testing import assert_array_equal
-
-napari = pytest.importorskip("napari")
 
 
 def same_map(layer, expected):

@@ -1,15 +1,14 @@
 """What tests of the napari plugin put into its window, and how they press its buttons."""
 
 import numpy as np
-import pytest
+from napari.layers import Labels
+from qtpy.QtCore import QCoreApplication, QPoint, Qt, QThreadPool
 from scipy.spatial import ConvexHull
-
-pytest.importorskip("qtpy")
-from qtpy.QtCore import QCoreApplication, QThreadPool
 
 from voxflat._napari.workbench import Workbench
 
 AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
+DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
 FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no exchanged axes
 
 
@@ -61,6 +60,21 @@ def run(widget, qtbot, timeout=PATIENCE):
     widget.start.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
     qtbot.waitUntil(lambda: Workbench.of(widget._viewer).is_settled, timeout=timeout)
+
+
+def run_whole(widget, qtbot):
+    """Flatten all of a surface; of labels all of what `cap` makes, once it is known that it is there."""
+    if isinstance(widget.form.surface.layer, Labels):
+        qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
+    choose_whole(widget)
+    run(widget, qtbot)
+
+
+def click_middle(canvas, qtbot):
+    """Click on the middle of a canvas."""
+    middle = QPoint(canvas.width() // 2, canvas.height() // 2)
+    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=middle)
+    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=middle)
 
 
 def map_dock(viewer, qtbot):

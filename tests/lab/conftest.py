@@ -4,12 +4,10 @@ import pytest
 import studies
 from lab_runs import FEW, VERTICES, run
 
-pytest.importorskip("nilearn")
-
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    """A subject that was flattened with a volume, whose value is z, and curv as overlays; what the command said."""
+def flattened(tmp_path_factory):
+    """A subject that was flattened with a volume, whose value is z, and thickness as overlays; what was said."""
     folder = tmp_path_factory.mktemp("subjects") / "sub-01"
     for hemi in ("lh", "rh"):
         studies.write_freesurfer(folder, hemi, studies.hemisphere(hemi, VERTICES), studies.C_RAS)
@@ -17,6 +15,11 @@ def made(tmp_path_factory):
     result = run("freesurfer", folder, "--overlay", "thickness", "mri/z.mgz")
     assert result.exit_code == 0, result.output
     return folder, result
+
+
+@pytest.fixture(scope="session")
+def made(flattened):
+    return flattened[0]
 
 
 @pytest.fixture

@@ -7,17 +7,18 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import nibabel as nib
 import numpy as np
 import pytest
 import studies
 from freesurfer_rule import read_patch
 from lab_runs import FEW, VERTICES, console_of, everything, run
+from nilearn.surface import load_surf_data, load_surf_mesh
+from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.report import REFERENCES
 from voxflat.lab.results import FIGURES
-
-nib = pytest.importorskip("nibabel")
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
@@ -28,25 +29,21 @@ def values(folder, name):
 
 @pytest.fixture(scope="module")
 def flat_map(made):
-    return voxflat.load(made[0] / "surf" / "lh.voxflat.flat.npz")
+    return voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
 
 
-# ------------------------------------------------------------------------------------------------ files
-
-
-def test_what_is_written(made):
-    folder, result = made
+def test_what_is_written(flattened):
+    made, result = flattened
     wanted = {f"{h}.voxflat.flat.{end}" for h in ("lh", "rh") for end in ("patch.3d", "surf.gii", "npz", "json")}
     measures = ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z")
     wanted |= {f"{h}.voxflat.{name}.shape.gii" for h in ("lh", "rh") for name in measures}
-    assert {path.name for path in (folder / "surf").glob("*voxflat*")} == wanted
+    assert {path.name for path in (made / "surf").glob("*voxflat*")} == wanted
     assert re.search(r"sub-01 lh: \d+ points, error \d+\.\d %", result.stdout)
-    assert f"report: {folder}/voxflat.html" in result.stdout
+    assert f"report: {made}/voxflat.html" in result.stdout
 
 
 def test_the_record_says_what_made_it(made, flat_map):
-    folder, _ = made
-    record = json.loads((folder / "surf" / "lh.voxflat.flat.json").read_text())
+    record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
     for file in record["inputs"].values():
         assert file["sha256"] == hashlib.sha256(Path(file["path"]).read_bytes()).hexdigest()
     assert set(record["inputs"]) == {"white", "pial", "sphere", "cortex", "overlay thickness", "overlay z"}
@@ -55,11 +52,11 @@ def test_the_record_says_what_made_it(made, flat_map):
     assert (record["surface"]["vertices"], record["surface"]["euler"]) == (VERTICES, 2)
     assert "left out" in " ".join(record["notes"])  # triangles at the cuts, of surface and patch
     for name, size in record["outputs"].items():
-        assert (folder / "surf" / name).stat().st_size == size
+        assert (made / "surf" / name).stat().st_size == size
 
 
 def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
-    record = json.loads((made[0] / "surf" / "lh.voxflat.flat.json").read_text())
+    record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
     watched = {file["sha256"] for file in record["inputs"].values()}
     provenance = flat_map.provenance
     region = provenance["parameters"]["of"]
@@ -69,38 +66,33 @@ def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
     assert len(read) == 4
 
 
-def test_the_map_is_that_of_the_functions(made, flat_map):
-    surf = made[0] / "surf"
+def test_the_map_is_that_of_the_functions_on_what_the_cortex_label_says(made, flat_map):
+    surf = made / "surf"
     whole = voxflat.surface(surf / "lh.white", pial=surf / "lh.pial")
-    label = made[0] / "label" / "lh.cortex.label"
-    own = whole.keep(label).flatten(cuts="standard", sphere=surf / "lh.sphere.reg")
-    np.testing.assert_array_equal(flat_map.uv, own.uv)
-    np.testing.assert_array_equal(flat_map.ids, own.ids)
-
-
-def test_the_cortex_label_says_what_is_flattened(flat_map):
+    own = whole.keep(made / "label" / "lh.cortex.label").flatten(cuts="standard", sphere=surf / "lh.sphere.reg")
+    assert_array_equal(flat_map.uv, own.uv)
+    assert_array_equal(flat_map.ids, own.ids)
     of = studies.hemisphere("lh", VERTICES)
     assert of["cortex"][flat_map.ids].all()
     assert len(np.unique(flat_map.ids)) > 0.97 * of["cortex"].sum()  # the largest piece of whole triangles
 
 
 def test_measures_lie_at_the_vertices_and_nothing_lies_elsewhere(made, flat_map):
-    folder, _ = made
     on_map = np.unique(flat_map.ids)
     for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness"):
-        found = values(folder, name)
-        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found)), on_map)
-    of_points, found = flat_map.distortion.per_point.astype(np.float32), values(folder, "distanceerror")
+        found = values(made, name)
+        assert_array_equal(np.flatnonzero(np.isfinite(found)), on_map)
+    of_points, found = flat_map.distortion.per_point.astype(np.float32), values(made, "distanceerror")
     for vertex in on_map.tolist():  # on one of the sides of a cut
         assert found[vertex] in of_points[flat_map.ids == vertex]
-    thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")
-    np.testing.assert_array_equal(values(folder, "thickness")[on_map], thickness[on_map])
+    thickness = nib.freesurfer.read_morph_data(made / "surf" / "lh.thickness")
+    assert_array_equal(values(made, "thickness")[on_map], thickness[on_map])
 
 
 def test_a_volume_is_sampled_where_it_lies_in_the_middle_of_the_cortex(made, flat_map):
     of, on_map = studies.hemisphere("lh", VERTICES), np.unique(flat_map.ids)
     white, pial = (of[name][:, 2] + studies.C_RAS[2] for name in ("white", "pial"))
-    share = (values(made[0], "z") - white)[on_map] / (pial - white)[on_map]
+    share = (values(made, "z") - white)[on_map] / (pial - white)[on_map]
     is_telling = np.abs(pial - white)[on_map] > 1
     # equivolume: between 0.3 and 0.7 of the way, by how the surface bends
     assert is_telling.sum() > 200
@@ -108,19 +100,18 @@ def test_a_volume_is_sampled_where_it_lies_in_the_middle_of_the_cortex(made, fla
 
 
 def test_the_patch_is_the_map_by_freesurfers_rule_and_turned_by_pycortexs(made, flat_map):
-    folder, _ = made
-    _, faces = nib.freesurfer.read_geometry(folder / "surf" / "lh.smoothwm")
-    listed, _, triangles = read_patch(folder / "surf" / "lh.voxflat.flat.patch.3d", faces)
+    _, faces = nib.freesurfer.read_geometry(made / "surf" / "lh.smoothwm")
+    listed, _, triangles = read_patch(made / "surf" / "lh.voxflat.flat.patch.3d", faces)
     of_map = {tuple(sorted(triangle)) for triangle in flat_map.ids[flat_map.faces].tolist()}
     assert {tuple(sorted(triangle)) for triangle in triangles} <= of_map
     assert len(triangles) > 0.8 * len(of_map)
     for vertex, place in listed.items():  # on one of the sides of a cut
         assert np.abs(flat_map.uv[flat_map.ids == vertex] - place[:2]).max(axis=1).min() < 1e-3
-    points = pycortex_flat(folder, "lh", "voxflat")  # u is y of the file, v is −x: turned by a right angle, no mirror
+    points = pycortex_flat(made, "lh", "voxflat")  # u is y of the file, v is −x: turned by a right angle, no mirror
     some = np.array(sorted(listed))
     places = np.array([listed[vertex] for vertex in some.tolist()])
-    np.testing.assert_allclose(points[some, 0], places[:, 1], atol=1e-4)
-    np.testing.assert_allclose(points[some, 1], -places[:, 0], atol=1e-4)
+    assert_allclose(points[some, 0], places[:, 1], atol=1e-4)
+    assert_allclose(points[some, 1], -places[:, 0], atol=1e-4)
 
 
 def pycortex_flat(folder, hemi, patch):
@@ -140,7 +131,7 @@ def pycortex_flat(folder, hemi, patch):
 
 @pytest.mark.skipif(shutil.which("wb_command") is None, reason="Connectome Workbench is not installed")
 def test_workbench_reads_every_value(made, tmp_path):
-    surf = made[0] / "surf"
+    surf = made / "surf"
 
     def workbench(*words):
         done = subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True)
@@ -152,36 +143,29 @@ def test_workbench_reads_every_value(made, tmp_path):
         assert re.search(r"Structure: +CortexLeft", told)
     workbench("-surface-coordinates-to-metric", surf / "lh.voxflat.flat.surf.gii", tmp_path / "places.func.gii")
     places = np.stack(nib.load(tmp_path / "places.func.gii").agg_data(), axis=1)
-    np.testing.assert_array_equal(places, nib.load(surf / "lh.voxflat.flat.surf.gii").agg_data("pointset"))
+    assert_array_equal(places, nib.load(surf / "lh.voxflat.flat.surf.gii").agg_data("pointset"))
     for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z"):
         workbench("-metric-convert", "-to-nifti", surf / f"lh.voxflat.{name}.shape.gii", tmp_path / "one.nii")
-        read = np.asarray(nib.load(tmp_path / "one.nii").dataobj).ravel()
-        np.testing.assert_array_equal(read, values(made[0], name))
+        assert_array_equal(np.asarray(nib.load(tmp_path / "one.nii").dataobj).ravel(), values(made, name))
 
 
 def test_nilearn_reads_every_value(made, flat_map):
-    surface = pytest.importorskip("nilearn.surface")
-    surf = made[0] / "surf"
-    mesh = surface.load_surf_mesh(surf / "lh.voxflat.flat.surf.gii")
+    surf = made / "surf"
+    mesh = load_surf_mesh(surf / "lh.voxflat.flat.surf.gii")
     on_map = np.unique(flat_map.ids)
     assert mesh.n_vertices == VERTICES
     for vertex in on_map.tolist():  # on one of the sides of a cut
         apart = np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1)
         assert apart.min() < 1e-4
     for name in ("distanceerror", "thickness", "z"):
-        read = surface.load_surf_data(surf / f"lh.voxflat.{name}.shape.gii")
-        np.testing.assert_array_equal(read, values(made[0], name))
-
-
-# ------------------------------------------------------------------------------- up to date, or made anew
+        assert_array_equal(load_surf_data(surf / f"lh.voxflat.{name}.shape.gii"), values(made, name))
 
 
 def test_what_is_up_to_date_is_left_alone(made):
-    folder, _ = made
-    before = everything(folder)
-    again = run("freesurfer", folder, "--overlay", "thickness", "--overlay", "mri/z.mgz")
+    before = everything(made)
+    again = run("freesurfer", made, "--overlay", "thickness", "--overlay", "mri/z.mgz")
     assert (again.exit_code, again.stdout.count("up to date")) == (0, 2)
-    assert everything(folder) == before
+    assert everything(made) == before
 
 
 def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):
@@ -211,14 +195,10 @@ def test_ctrl_c_leaves_nothing_that_looks_finished(subject, monkeypatch):
     assert "points" in run("freesurfer", subject, "--hemi", "lh").stdout
 
 
-# ------------------------------------------------------------------------------------------ what is made
-
-
 def test_the_geometry_is_what_distances_are_measured_on(subject):
     assert run("freesurfer", subject, "--hemi", "lh", "--geometry", "pial").exit_code == 0
     flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
-    wanted = studies.hemisphere("lh", FEW)["pial"][flat.ids]
-    np.testing.assert_allclose(flat.points, wanted, atol=1e-3)
+    assert_allclose(flat.points, studies.hemisphere("lh", FEW)["pial"][flat.ids], atol=1e-3)
 
 
 def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_the_template(subject):
@@ -250,15 +230,10 @@ def test_cuts_of_a_file(subject):
     assert all(json.dumps(cut)[1:-1].replace(" ", "") in re.sub(r"\s", "", told) for cut in cuts)
 
 
-# ------------------------------------------------------------------------------------------------ reasons
-
-
 def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
     result = run("freesurfer", subject)
     assert result.exit_code == 1
-    assert re.search(
-        r"sub-02 rh: error: \S+/surf/rh\.white: there is no such file; has recon-all finished", result.stderr
-    )
+    assert re.search(r"sub-02 rh: error: \S+/rh\.white: there is no such file; has recon-all finished", result.stderr)
     assert "sub-02 lh: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr
@@ -312,16 +287,12 @@ def test_what_is_no_directory_of_freesurfer_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# ----------------------------------------------------------------------------------------------- report
-
-
 def test_the_report_holds_everything_and_needs_no_network(made):
-    folder, _ = made
-    page = (folder / "voxflat.html").read_text()
+    page = (made / "voxflat.html").read_text()
     assert len(page) < 5e6
     assert re.findall(r"""(?:src|href)=["'](?!data:|#)""", page) == []
     assert re.findall(r"""url\(|@import|https?://(?!www\.w3\.org)""", page) == []
-    record = json.loads((folder / "surf" / "lh.voxflat.flat.json").read_text())
+    record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
     assert f"{100 * record['figures']['best_scale']['relative_error']:.2f}" in page
     for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], "flattened with voxflat"):
         assert text.replace("'", "&#39;") in page
@@ -347,7 +318,7 @@ def test_references_are_those_of_the_benchmark():
 
 
 def test_chromium_draws_the_report_on_a_dark_phone_and_says_nothing(made):
-    said, page = console_of(made[0] / "voxflat.html", "--window-size=390,840", "--force-dark-mode")
+    said, page = console_of(made / "voxflat.html", "--window-size=390,840", "--force-dark-mode")
     assert said == []
     assert '<p class="note">This browser' not in page
     assert 'class="viewer card"' in page

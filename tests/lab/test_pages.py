@@ -1,40 +1,25 @@
 """What pages are made of: fewer points for the eye, and numbers that are those of the files."""
 
-import base64
 import json
 import re
-import zlib
 from itertools import pairwise
 
+import nibabel as nib
 import numpy as np
 import pytest
-from lab_runs import console_of
+from lab_runs import drawn_with, scene_of
+from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.pages import layers_of, scene, thinned
 from voxflat.lab.results import Results, Shown
-
-nib = pytest.importorskip("nibabel")
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
 
 @pytest.fixture(scope="module")
 def shown(made):
-    return Shown.read(Results.in_freesurfer(made[0], "lh"))
-
-
-def decoded(text):
-    content = json.loads(text)
-    data, found = zlib.decompress(base64.b64decode(content["data"])), {}
-    at = 0
-    for array in content["arrays"]:
-        coded = np.frombuffer(data, "<u2", array["length"], at)
-        found[array["name"]] = np.where(coded == 65535, np.nan, array["low"] + array["step"] * coded)
-        at += 2 * array["length"]
-    faces = np.frombuffer(data, "<u4", offset=at).reshape(-1, 3)
-    assert len(faces) == content["triangles"]
-    return content, found, faces
+    return Shown.read(Results.in_freesurfer(made, "lh"))
 
 
 @pytest.mark.parametrize("most", [60, 200, 10_000])
@@ -61,24 +46,23 @@ def test_fewer_points_keep_the_outline_the_cuts_and_the_area(shown, most):
 
 def test_a_scene_holds_the_values_of_the_files(shown):
     layers = layers_of([shown.values])[0]
-    content, found, faces = decoded(scene(shown.flat_map, layers, shown.cuts))
+    content, found, faces = scene_of(scene(shown.flat_map, layers, shown.cuts))
     flat = shown.flat_map
     assert content["points"] == len(np.unique(flat.faces))
-    np.testing.assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
-    np.testing.assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
-    np.testing.assert_array_equal(faces, flat.faces)
-    by_name = {layer.name: layer for layer in layers}
-    assert list(by_name)[:2] == ["thickness", "z"]
+    assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
+    assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
+    assert_array_equal(faces, flat.faces)
+    assert [layer.name for layer in layers][:2] == ["thickness", "z"]
     for name, factor in (("thickness", 1), ("distanceerror", 100), ("areachange", 1)):
         wanted = factor * shown.values[name]
-        np.testing.assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
+        assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
     assert list(content["cuts"]) == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
     for line, cut in zip(content["cuts"].values(), flat.metadata["cuts"], strict=True):
-        np.testing.assert_array_equal(np.array(content["ids"])[line], cut)
+        assert_array_equal(np.array(content["ids"])[line], cut)
 
 
 def test_cuts_stay_closed_where_the_surface_is_shown_smooth(shown):
-    _, found, _ = decoded(scene(shown.flat_map, layers_of([shown.values])[0], {}))
+    _, found, _ = scene_of(scene(shown.flat_map, layers_of([shown.values])[0], {}))
     smooth, ids = found["smooth"].reshape(-1, 3), shown.flat_map.ids
     apart = [np.ptp(smooth[ids == vertex], axis=0).max() for vertex in np.unique(ids)]
     assert max(apart) < 0.01
@@ -95,17 +79,12 @@ def test_text_of_users_cannot_end_a_script(shown):
 
 
 def test_the_sides_of_cuts_are_shown_on_the_map(made, tmp_path):
-    folder, _ = made
-    tell = """<script>setTimeout(() => {
+    tell = """
       const { lips, content } = document.querySelector(".viewer").viewer;
       const ids = lips.map((edges) => edges.map((edge) => edge.map((point) => content.ids[point])));
-      document.body.dataset.lips = JSON.stringify(ids);
-    }, 4000);</script>"""
-    page = tmp_path / "page.html"
-    page.write_text((folder / "voxflat.html").read_text().replace("</body>", f"{tell}</body>"))
-    said, drawn = console_of(page, "--window-size=1280,900")
-    assert said == []
-    flat = voxflat.load(folder / "surf" / "lh.voxflat.flat.npz")
+      document.body.dataset.lips = JSON.stringify(ids);"""
+    drawn = drawn_with(tell, (made / "voxflat.html").read_text(), tmp_path)
+    flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
     lips = json.loads(re.search(r'data-lips="([^"]+)"', drawn)[1])
     for shown, cut in zip(lips, flat.metadata["cuts"], strict=True):
         edges = sorted(sorted(edge) for edge in pairwise(cut))
@@ -113,35 +92,28 @@ def test_the_sides_of_cuts_are_shown_on_the_map(made, tmp_path):
 
 
 def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
-    folder, _ = made
     across, down = 0.35, 0.4  # of the canvas
-    move = f"""<script>setTimeout(() => {{
+    move = f"""
       const canvas = document.querySelector("canvas.flat"), box = canvas.getBoundingClientRect();
       const at = {{ clientX: box.left + {across} * box.width, clientY: box.top + {down} * box.height }};
-      canvas.dispatchEvent(new PointerEvent("pointermove", at));
-    }}, 4000);</script>"""
-    page = tmp_path / "page.html"
-    page.write_text((folder / "voxflat.html").read_text().replace("</body>", f"{move}</body>"))
-    said, drawn = console_of(page, "--window-size=1280,900")
-    assert said == []
+      canvas.dispatchEvent(new PointerEvent("pointermove", at));"""
+    drawn = drawn_with(move, (made / "voxflat.html").read_text(), tmp_path)
     told = re.search(r"<output>Vertex (\d+), at \((.*?)\) mm\. Thickness: (\S+) mm · Z: (\S+) · ", drawn)
     vertex = int(told[1])
-    flat = voxflat.load(folder / "surf" / "lh.voxflat.flat.npz")
+    flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
     low, high = flat.uv.min(axis=0), flat.uv.max(axis=0)
     size = max((high - low) / [1.2, 1.0]) / 0.96  # mm that the canvas is high; it is 1.2 times as wide
     wanted = (low + high) / 2 + size * np.array([1.2 * (across - 0.5), 0.5 - down])
     apart = np.linalg.norm(flat.uv - wanted, axis=1)
     assert np.linalg.norm(flat.uv[flat.ids == vertex][0] - wanted) < apart.min() + 1
-    place = [float(part) for part in told[2].split(",")]
-    np.testing.assert_allclose(place, flat.points[flat.ids == vertex][0], atol=0.06)
-    thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")[vertex]
+    assert_allclose([float(part) for part in told[2].split(",")], flat.points[flat.ids == vertex][0], atol=0.06)
+    thickness = nib.freesurfer.read_morph_data(made / "surf" / "lh.thickness")[vertex]
     assert float(told[3]) == pytest.approx(thickness, rel=0.006)
 
 
 def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_path):
-    folder, _ = made
-    worst = voxflat.worst_places(voxflat.load(folder / "surf" / "lh.voxflat.flat.npz"))
-    text = (folder / "voxflat.html").read_text()
+    worst = voxflat.worst_places(voxflat.load(made / "surf" / "lh.voxflat.flat.npz"))
+    text = (made / "voxflat.html").read_text()
     table = text[text.index('<table class="worst">') :]
     rows = re.findall(r"<tr><td>.*?</tr>", table[: table.index("</table>")], re.DOTALL)
     assert len(rows) == len(worst.places) > 0
@@ -150,7 +122,7 @@ def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_
         area, ratios = f"{place.area:.1f}", f"{place.median_ratio:.2f}, at worst {place.worst_ratio:.2f}"
         assert cells[:4] == [str(place.number), place.kind, area, ratios]
         assert cells[5] == ("–" if place.cut is None else f"{place.cut.length:.0f}")
-    click = """<script>setTimeout(() => {
+    click = """
       document.querySelector("[data-place]").click();
       const viewer = document.querySelector(".viewer").viewer, out = viewer.normals.subarray(3 * viewer.marked);
       const towards = viewer.axes().away.reduce((sum, value, k) => sum - value * out[k], 0);
@@ -164,13 +136,9 @@ def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_
       }
       const view = viewer.flatView(), uv = viewer.values.uv.subarray(2 * viewer.marked);
       const wanted = [width, height].map((size, k) => ((view[5 * k] * uv[k] + view[12 + k] + 1) * size) / 2);
-      document.body.dataset.off = Math.hypot(...wanted.map((value, k) => green[k] / green[2] - value));
-    }, 4000);</script>"""
-    page = tmp_path / "page.html"
-    page.write_text(text.replace("</body>", f"{click}</body>"))
-    said, drawn = console_of(page, "--window-size=1280,900")
-    assert said == []
+      document.body.dataset.off = Math.hypot(...wanted.map((value, k) => green[k] / green[2] - value));"""
+    drawn = drawn_with(click, text, tmp_path)
     shown = [float(part) for part in re.search(r"<output>Vertex \d+, at \((.*?)\) mm", drawn)[1].split(",")]
-    np.testing.assert_allclose(shown, worst.places[0].point, atol=3)  # pages have fewer points
+    assert_allclose(shown, worst.places[0].point, atol=3)  # pages have fewer points
     assert float(re.search(r'data-towards="(.*?)"', drawn)[1]) == pytest.approx(1, abs=1e-3)
     assert float(re.search(r'data-off="(.*?)"', drawn)[1]) < 1.5  # pixels from the mark on the map to its point

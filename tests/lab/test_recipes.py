@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import studies
 from lab_runs import FEW
 
 from voxflat.cli.commands.bids import command
@@ -37,14 +38,6 @@ GIVEN = {
 
 def text(name):
     return (CLUSTER / name).read_text()
-
-
-@pytest.fixture(scope="module")
-def project():
-    return (ROOT / "pyproject.toml").read_text()
-
-
-# ------------------------------------------------------------------------------------------- descriptor
 
 
 def test_the_descriptor_is_that_of_the_command():
@@ -76,9 +69,6 @@ def is_understood(line, given):
         assert taken[name] == (tuple(value) if isinstance(value, list) else value)
 
 
-# ------------------------------------------------------------------------------------------------ Nipype
-
-
 @pytest.fixture
 def nipypes(monkeypatch):
     """The module of the recipe."""
@@ -95,10 +85,8 @@ def test_nipype_makes_a_command_that_is_understood_whatever_names_are(nipypes, t
     for given in (GIVEN, GIVEN | hostile):
         task = nipypes.VoxflatBids(**given)
         is_understood(task.cmdline, {**given, "out": str(tmp_path / given["out"])})
-    assert set(task.inputs.get()) == {one["id"] for one in json.loads(DESCRIPTOR.read_text())["inputs"]} | {
-        "args",
-        "environ",
-    }
+    known = {one["id"] for one in json.loads(DESCRIPTOR.read_text())["inputs"]}
+    assert set(task.inputs.get()) == known | {"args", "environ"}
     assert pickle.loads(pickle.dumps(task)).cmdline == task.cmdline  # as it goes to other processes
     with pytest.raises(importlib.import_module("traits.api").TraitError, match="'participant' or 'group'"):
         nipypes.VoxflatBids(**GIVEN | {"level": "everybody"})
@@ -106,8 +94,6 @@ def test_nipype_makes_a_command_that_is_understood_whatever_names_are(nipypes, t
 
 @pytest.mark.slow
 def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
-    pytest.importorskip("nilearn")
-    studies = pytest.importorskip("studies")
     of = studies.hemisphere("lh", FEW)
     for n in (1, 2):
         studies.write_derivatives(tmp_path / "my study" / f"sub-0{n}" / "anat", f"sub-0{n}", "lh", of)
@@ -129,9 +115,6 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
         nipypes.said(nipypes.VoxflatBids(**how, level="participant", labels=["01"]))
 
 
-# -------------------------------------------------------------------------------------------- containers
-
-
 def test_both_recipes_are_of_the_same_images_and_files():
     docker, apptainer = text("Dockerfile"), text("voxflat.def")
     images = re.findall(r"^FROM (\S+)", docker, re.MULTILINE)
@@ -145,10 +128,9 @@ def test_both_recipes_are_of_the_same_images_and_files():
     assert re.search(r"^USER [1-9]", docker, re.MULTILINE)
 
 
-def test_what_the_images_have_is_enough(project):
-    rust, python = (
-        re.search(pattern, text("Dockerfile"))[1] for pattern in (r"FROM rust:([\d.]+)", r"FROM python:([\d.]+)")
-    )
+def test_what_the_images_have_is_enough():
+    project = (ROOT / "pyproject.toml").read_text()
+    rust, python = (re.search(rf"FROM {one}:([\d.]+)", text("Dockerfile"))[1] for one in ("rust", "python"))
     needed = re.search(r'rust-version = "([\d.]+)"', (ROOT / "Cargo.toml").read_text())[1]
     assert _version(rust) >= _version(needed)
     assert _version(python) >= _version(re.search(r'requires-python = ">=([\d.]+)"', project)[1])

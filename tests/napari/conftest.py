@@ -2,9 +2,17 @@
 
 import gc
 from functools import cache
+from pathlib import Path
 
 import pytest
 from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
+
+
+def pytest_collection_modifyitems(items):
+    """Mark all tests of this folder: they open windows, and napari's imports alone take seconds."""
+    for item in items:
+        if item.path.is_relative_to(Path(__file__).parent):
+            item.add_marker("slow")
 
 
 @pytest.fixture(autouse=True)
@@ -77,30 +85,6 @@ def flattened(open_widget, qtbot):
 
     yield opened
     wait_for_threads(qtbot)
-
-
-@pytest.fixture
-def endings(monkeypatch):
-    """How the jobs of the plugin's widgets ended: None for a result, or the class of the error."""
-    from voxflat._napari.job import Job, PatchesJob
-
-    ended = []
-
-    def watch(run):
-        def watched(job, progress):
-            try:
-                layers = run(job, progress)
-            except Exception as error:
-                ended.append(type(error))
-                raise
-            ended.append(None)
-            return layers
-
-        return watched
-
-    for job in (Job, PatchesJob):
-        monkeypatch.setattr(job, "run", watch(job.run))
-    return ended
 
 
 @pytest.fixture

@@ -1,17 +1,12 @@
 """Layers → Measure: what keeps a surface from being flattened, and how good maps are."""
 
 import numpy as np
-import pytest
-from napari_window import FLIP, PATIENCE, bumps, cap, choose_whole, open_file, run
+from napari.layers import Labels
+from napari_window import FLIP, PATIENCE, bumps, cap, open_file, run_whole
 from numpy.testing import assert_allclose
 
 import voxflat
 from voxflat.io import Mesh, Patch, patch_border, write_mesh, write_patch
-
-napari = pytest.importorskip("napari")
-from napari.layers import Labels  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
 
 
 def ring():
@@ -41,9 +36,7 @@ def test_figures_of_a_run_and_of_another_tools_patch(open_widget, qtbot, tmp_pat
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     _, measured = viewer.window.add_plugin_dock_widget("voxflat", "Measure map")
     assert measured.table.toPlainText().startswith("No flat map")
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     viewer.layers.selection.clear()
     measured.start.click()
     flat_map = viewer.layers["sheet distortion"].metadata["voxflat"]

@@ -1,44 +1,27 @@
 """The napari plugin in a real window: what it offers and what it computes."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import composed
+import dask.array as da
 import numpy as np
 import pytest
+from napari.layers import Image, Labels, Surface
 from napari_maps import same_map
-from napari_window import (
-    FLIP,
-    PATIENCE,
-    bumps,
-    cap,
-    choose,
-    choose_whole,
-    open_file,
-    run,
-    wait_for_threads,
-)
+from napari_window import DOCKS, FLIP, PATIENCE, bumps, cap, choose, open_file, run, run_whole, wait_for_threads
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtGui import QShortcut
+from qtpy.QtWidgets import QAbstractButton, QComboBox, QLabel
 
 import voxflat
-from voxflat._napari.files.readers import map_reader
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtGui import QShortcut  # noqa: E402
-from qtpy.QtWidgets import QAbstractButton, QComboBox, QLabel  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
-
-DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
-
-
-# --------------------------------------------------------------------------------------- what is offered
 
 
 def test_manifest_is_valid_and_its_commands_resolve():
@@ -57,10 +40,9 @@ def texts_of_menu(menu, *path):
 
 def test_menus_of_a_real_viewer(make_napari_viewer):
     viewer = make_napari_viewer()
-    names = ("Flatten surface", "Flatten in patches", "Draw cuts")
-    assert {f"{name} (voxflat)" for name in names} <= set(texts_of_menu(viewer.window.layers_menu, "Transform"))
-    measures = ("Check surface", "Measure map")
-    assert {f"{name} (voxflat)" for name in measures} <= set(texts_of_menu(viewer.window.layers_menu, "Measure"))
+    transforms, measures = ("Flatten surface", "Flatten in patches", "Draw cuts"), ("Check surface", "Measure map")
+    for menu, names in (("Transform", transforms), ("Measure", measures)):
+        assert {f"{name} (voxflat)" for name in names} <= set(texts_of_menu(viewer.window.layers_menu, menu))
     assert texts_of_menu(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in DOCKS]
     assert "Demo cortex (MNI152) (voxflat)" in texts_of_menu(viewer.window.file_menu, "Open Sample")
 
@@ -79,8 +61,7 @@ def test_what_the_page_names_is_in_the_window(flattened):
         seen |= {box.itemText(row) for box in dock.findChildren(QComboBox) for row in range(box.count())}
     manifest = PluginManifest.from_distribution("voxflat")
     seen |= {"voxflat", *(f"voxflat {writer.display_name}" for writer in manifest.contributions.writers)}
-    home = Path(__file__).parents[2]
-    page, readme = ((home / name).read_text() for name in ("docs/napari.md", "README.md"))
+    page, readme = ((Path(__file__).parents[2] / name).read_text() for name in ("docs/napari.md", "README.md"))
     named = {bold or italic for bold, italic in re.findall(r"\*\*([^*\n]+)\*\*|\*([^*\n]+)\*", page)}
     named |= set(re.findall(r"\*([A-Z]\w+(?: → [^*]+)+)\*", readme))
     assert len(named) > 40
@@ -93,10 +74,8 @@ def test_what_the_page_names_is_in_the_window(flattened):
             assert one in seen, one
 
     rows = [line.split("|")[1:-1] for line in page.splitlines() if line.startswith("| ")]
-    form, keys = (
-        rows[1 : rows.index([" dock ", " key ", " what "])],
-        rows[rows.index([" dock ", " key ", " what "]) + 1 :],
-    )
+    head = rows.index([" dock ", " key ", " what "])
+    form, keys = rows[1:head], rows[head + 1 :]
     asked = {part.text() for part in widget.form.findChildren(QLabel)} | {"Advanced"}
     assert {name.strip() for row in form for name in row[0].split(",")} <= asked
     told, dock = {}, ""
@@ -107,18 +86,7 @@ def test_what_the_page_names_is_in_the_window(flattened):
     assert told == {name: found for name, found in bound.items() if found}
 
 
-def test_importing_voxflat_imports_no_napari():
-    import subprocess
-    import sys
-
-    code = "import sys, voxflat; sys.exit(any(m.split('.')[0] in ('napari', 'qtpy') for m in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 def test_napari_reads_no_more_than_the_manifest_when_it_starts():
-    import subprocess
-    import sys
-
     code = (
         "import sys; from npe2 import PluginManager; manager = PluginManager(); manager.discover(); "
         "assert 'voxflat' in manager; sys.exit('voxflat' in sys.modules)"
@@ -128,15 +96,12 @@ def test_napari_reads_no_more_than_the_manifest_when_it_starts():
 
 def test_docks_open_without_what_only_their_threads_need():
     """The imports of the first dock are the window's to wait for: matplotlib, dask and scipy took two seconds."""
-    import subprocess
-    import sys
-
     code = """
 import sys, time, napari
 from qtpy.QtWidgets import QApplication
 viewer = napari.Viewer()
 before = set(sys.modules)
-for name in ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map"):
+for name in sys.argv[1:]:
     viewer.window.add_plugin_dock_widget("voxflat", name)
 for _ in range(20):
     QApplication.processEvents()
@@ -145,12 +110,11 @@ parts = ("matplotlib", "dask", "scipy.spatial", "scipy.ndimage", "scipy.sparse",
 viewer.close()
 print("imported", *sorted(set(parts) & (set(sys.modules) - before)))
 """
-    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-c", code, *DOCKS], check=True, capture_output=True, text=True)
     assert run.stdout.splitlines()[-1] == "imported"
 
 
 def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
-    pytest.importorskip("nilearn")
     from napari.utils import progress
 
     from voxflat.demo import THRESHOLD, demo_cortex
@@ -167,18 +131,15 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     qtbot.waitUntil(lambda: not progress._all_instances, timeout=PATIENCE)
     white_matter, template, _ = demo_cortex()
     assert_array_equal(t1.data, template.data)
-    assert_array_equal(
-        labels.data == labels.selected_label, voxflat.hemisphere(white_matter, "left", threshold=THRESHOLD).data
-    )
-    assert_array_equal(labels.data == 2, voxflat.hemisphere(white_matter, "right", threshold=THRESHOLD).data)
+    for label, side in ((labels.selected_label, "left"), (2, "right")):
+        assert_array_equal(labels.data == label, voxflat.hemisphere(white_matter, side, threshold=THRESHOLD).data)
     assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
     qtbot.waitUntil(lambda: viewer.layers.selection.active is labels, timeout=PATIENCE)
     qtbot.waitUntil(lambda: all(layer.visible for layer in viewer.layers), timeout=PATIENCE)
     assert {*viewer.window._qt_viewer.controls.widgets} == {*viewer.layers}
     camera = getattr(viewer, "scene", viewer).camera
-    qtbot.waitUntil(
-        lambda: viewer.dims.order == (0, 2, 1), timeout=PATIENCE
-    )  # seen from the side, superior above, anterior right
+    # seen from the side, superior above, anterior right
+    qtbot.waitUntil(lambda: viewer.dims.order == (0, 2, 1), timeout=PATIENCE)
     assert [str(way).rpartition(".")[2].lower() for way in camera.orientation2d] == ["up", "right"]
     assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
     assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
@@ -190,7 +151,6 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
 
 
 def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
-    pytest.importorskip("nilearn")
     from napari.utils import progress
 
     viewer = make_napari_viewer()
@@ -199,9 +159,6 @@ def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
     assert not any(seed.visible for seed in seeds)
     viewer.close()
     wait_for_threads(qtbot)
-
-
-# ---------------------------------------------------------------------------------------------- choices
 
 
 def test_layers_and_labels_are_listed(open_widget, qtbot):
@@ -224,17 +181,13 @@ def test_layers_and_labels_are_listed(open_widget, qtbot):
     assert not widget.form.label.count()
 
 
-def test_threshold_starts_amid_the_contrast_limits(open_widget):
-    _, widget = open_widget(Image(np.linspace(0, 10, 1000).reshape(10, 10, 10)))
-    assert widget.form.threshold.value() == pytest.approx(5)
-    assert widget.form.threshold.isVisibleTo(widget)
-    assert not widget.form.label.isVisibleTo(widget)
-
-
 def test_the_form_follows_the_kind_of_layer(open_widget):
     points, faces, values = bumps()
-    viewer, widget = open_widget(Image(np.random.default_rng(0).random((5, 5, 5)), name="T1"))
+    viewer, widget = open_widget(Image(np.linspace(0, 10, 125).reshape(5, 5, 5), name="T1"))
     form = widget.form
+    assert form.threshold.value() == pytest.approx(5)  # amid the contrast limits
+    assert form.threshold.isVisibleTo(widget)
+    assert not form.label.isVisibleTo(widget)
     viewer.add_surface((points, faces, values), name="mesh")
     viewer.add_surface((points, faces), name="same vertices")
     viewer.add_surface((points[:4], faces[:1] * 0 + [0, 1, 2]), name="other vertices")
@@ -260,17 +213,13 @@ def test_the_form_follows_the_kind_of_layer(open_widget):
     assert not form.pial.isVisibleTo(form)
 
 
-# --------------------------------------------------------------------------------------------- flattening
-
-
 def test_result_is_that_of_the_library(open_widget, qtbot):
     labels, t1 = cap(), np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
-    viewer, widget = open_widget(
-        Image(t1, affine=FLIP, units="mm", name="T1"), Labels(labels, affine=FLIP, units="mm", name="sheet")
-    )
+    place = {"affine": FLIP, "units": "mm"}
+    viewer, widget = open_widget(Image(t1, **place, name="T1"), Labels(labels, **place, name="sheet"))
     qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     assert widget.form.method.currentData() == "voxflat"
-    choose_whole(widget)
+    choose(widget.form.patch, "whole")
     widget.form.options.sources.setValue(200)
     widget.form.pixel_size.setValue(1.25)
     for method in ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989"):
@@ -297,43 +246,32 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
         assert f"{100 * expected.distortion.raw.relative_error:.1f} %" in widget.status.text()
 
 
-def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
+def test_an_atlas_and_colours_on_the_map(open_widget, qtbot):
     atlas = np.zeros((24, 24, 24), dtype=np.int32)
     atlas[12:], atlas[:12] = 1001, 2035
-    viewer, widget = open_widget(Labels(atlas, name="atlas"), Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
+    colours = np.random.default_rng(0).integers(0, 255, (24, 24, 24, 3), dtype=np.uint8)
+    stain = Image(colours, rgb=True, name="stain")
+    viewer, widget = open_widget(Labels(atlas, name="atlas"), stain, Labels(cap(), name="sheet"))
+    run_whole(widget, qtbot)
+    assert viewer.layers["stain flattened"].rgb
     widget.form.sampled.choose(viewer.layers["atlas"])
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     layer = viewer.layers["atlas flattened"]
     assert isinstance(layer, Labels)
     assert set(np.unique(layer.data)) == {0, 1001, 2035}
 
 
-def test_colours_on_the_map(open_widget, qtbot):
-    colours = np.random.default_rng(0).integers(0, 255, (24, 24, 24, 3), dtype=np.uint8)
-    viewer, widget = open_widget(Image(colours, rgb=True, name="stain"), Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
-    run(widget, qtbot)
-    assert viewer.layers["stain flattened"].rgb
-
-
 def test_dask_above_a_threshold(open_widget, qtbot):
-    dask = pytest.importorskip("dask.array")
     volume = cap() / 3.0
-    viewer, widget = open_widget(Image(dask.from_array(volume, chunks=8), name="probability", contrast_limits=(0, 1)))
-    choose_whole(widget)
-    run(widget, qtbot)
+    viewer, widget = open_widget(Image(da.from_array(volume, chunks=8), name="probability", contrast_limits=(0, 1)))
+    run_whole(widget, qtbot)
     flat_map = viewer.layers["probability distortion"].metadata["voxflat"]
     assert_array_equal(flat_map.uv, voxflat.surface(volume, threshold=0.5).flatten().uv)
 
 
 def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     path = str(tmp_path / "map")
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
@@ -345,19 +283,3 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     voxflat.load(f"{path}.voxflat").save(f"{path}.npz")
     (again,) = open_file(viewer, qtbot, f"{path}.npz")
     assert_array_equal(again.data, opened.data)
-    np.savez(tmp_path / "other.npz", data=np.ones(3))
-    assert map_reader(str(tmp_path / "other.npz")) is None
-
-
-def test_read_a_flat_map_asks_for_it(make_napari_viewer, qtbot, tmp_path, monkeypatch):
-    from napari._app_model import get_app_model
-
-    voxflat.flatten(cap(), method="voxflat").save(tmp_path / "map.npz")
-    answers = [str(tmp_path / "map.npz"), ""]
-    monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getOpenFileName", lambda *args: (answers.pop(0), ""))
-    viewer = make_napari_viewer()
-    for _ in range(2):  # the second time nothing is chosen
-        get_app_model().commands.execute_command("voxflat.read_flat_map").result()
-        qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
-        assert [layer.name for layer in viewer.layers] == ["map distortion"]
-    assert answers == []

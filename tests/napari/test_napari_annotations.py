@@ -5,27 +5,23 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from napari.layers import Image, Points, Shapes, Surface
 from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtCore import Qt
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Points, Shapes, Surface  # noqa: E402
-from qtpy.QtCore import Qt  # noqa: E402
-
-from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map  # noqa: E402
-from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width  # noqa: E402
-from voxflat._napari.map_viewer.sheet import Sheet  # noqa: E402
-from voxflat._napari.map_viewer.viewer_parts import canvas_widget  # noqa: E402
-from voxflat._napari.results.flat_layers import FlatLayers, Run  # noqa: E402
+from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
+from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget
+from voxflat._napari.results.flat_layers import FlatLayers, Run
 
 RADIUS = 20.0
 
 
 def sheet_of(points, faces, **how):
-    flat_map = composed.flatten((points, faces), sources=20, **how)
-    return Sheet.of(Run(FlatLayers(flat_map, []), "it"))
+    return Sheet.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +39,12 @@ def ball():
 
 
 def paths(*lines):
-    lines = [np.asarray(line, dtype=float) for line in lines]
-    return Annotation(
-        np.empty((0, 3)), np.empty((0, 4), np.uint8), lines, np.full((len(lines), 4), 255, dtype=np.uint8)
-    )
+    lines, white = [np.asarray(line, dtype=float) for line in lines], np.full((len(lines), 4), 255, dtype=np.uint8)
+    return Annotation(np.empty((0, 3)), np.empty((0, 4), np.uint8), lines, white)
+
+
+def length(line):
+    return np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
 
 
 inside = st.floats(0, 28)
@@ -65,27 +63,21 @@ def test_above_a_plane_places_are_its_own(plane, corners):
     assert_array_equal(found.colours, colours[near])
     flat = np.column_stack([points[:, :2], np.full(len(points), 7)])
     assert_allclose(found.dots, plane.places(flat)[near], atol=1e-6)
-    known = plane.run.flat_map.look_up(found.dots).points
-    assert_allclose(known[:, :2], corners[near, :2], atol=1e-6)
+    assert_allclose(plane.run.flat_map.look_up(found.dots).points[:, :2], corners[near, :2], atol=1e-6)
     assert (f"{(~near).sum()} of {len(near)} points" in found.left_out) == (not near.all())
 
     low = flat + np.array([0, 0, 3])
     found = on_map(plane, [paths(low)])
     assert found.left_out == ""
-    length = np.linalg.norm(np.diff(low, axis=0), axis=1).sum()
-    assert_allclose(
-        sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in found.lines), length, rtol=0.005, atol=0.02
-    )
+    assert_allclose(sum(map(length, found.lines)), length(low), rtol=0.005, atol=0.02)
 
 
 def test_lines_that_leave_the_surface(plane):
     """Only what is near is shown, of however long a line, and it is told."""
-    long = [[-1e9, 14, 7], [1e9, 14, 7]]
-    beside = [[-30, -30, 7], [-40, 90, 7]]
-    far = [[0, 0, 1e6], [9, 9, 1e6]]
+    long, beside, far = [[-1e9, 14, 7], [1e9, 14, 7]], [[-30, -30, 7], [-40, 90, 7]], [[0, 0, 1e6], [9, 9, 1e6]]
     found = on_map(plane, [paths(long), paths(beside, far)])
-    assert len(found.lines) == 1
-    first, last = found.lines[0][[0, -1]]
+    (line,) = found.lines
+    first, last = line[[0, -1]]
     assert_allclose(np.linalg.norm(last - first), 28, atol=0.1)
     assert "all or parts of 3 of 3 shapes" in found.left_out
     nothing = on_map(plane, [])
@@ -94,11 +86,8 @@ def test_lines_that_leave_the_surface(plane):
 
 def test_a_line_is_broken_at_a_cut(ball):
     turn = np.linspace(0, 2 * np.pi, 60)
-    rings = [
-        RADIUS * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]),
-        RADIUS * np.column_stack([0 * turn, np.cos(turn), np.sin(turn)]),
-    ]
-    found = on_map(ball, [paths(*rings)])
+    ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    found = on_map(ball, [paths(ring, np.roll(ring, 1, axis=1))])
     assert found.left_out == ""
     assert len(found.lines) > 2  # a closed surface is cut at least once around
     steps = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in found.lines])
@@ -111,7 +100,7 @@ def test_a_slice_of_a_ball_is_a_circle(ball, axis):
     level = 6.5
     border, cuts = edges(ball)
     assert len(border) == 0  # of a closed surface all of the rim is cut
-    rim = sum(np.linalg.norm(np.diff(ball.points[line], axis=0), axis=1).sum() for line in ball.rim)
+    rim = sum(length(ball.points[line]) for line in ball.rim)
     assert_allclose(2 * np.linalg.norm(cuts[:, 1] - cuts[:, 0], axis=1).sum(), rim)
     surface, marks = in_slice(ball, cuts, axis, level)
     assert_allclose(surface[..., axis], level, atol=1e-12)
@@ -131,15 +120,11 @@ def test_the_border_of_a_part(plane):
     assert_allclose(np.linalg.norm(border[:, 1] - border[:, 0], axis=1).sum(), 4 * 28)
 
 
-# ------------------------------------------------------------------------------------------- in the window
-
-
 def dots(dock, qtbot):
     wait_for_picture(dock, qtbot)
     return dock.canvas.annotations.dots
 
 
-@pytest.mark.slow
 def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     points, faces, values = bumps(13)
     place = {"scale": (2000.0, 500.0, 3000.0), "translate": (5e3, -4e3, 7e3), "units": "um"}
@@ -207,7 +192,6 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     same(dots(dock, qtbot), points[[90, 30]])
 
 
-@pytest.mark.slow
 def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
     points, faces, values = bumps(13)
     film = Image(np.zeros((3, 30, 30, 9), dtype=np.uint8), name="film")
@@ -223,7 +207,6 @@ def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
     assert not dock.left_out.isVisible()
 
 
-@pytest.mark.slow
 def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     points, faces = sphere(200)
     volume = Image(np.zeros((20, 20, 25)), name="v", scale=(3, 3, 2), translate=(-27, -27, -24), units="mm")
@@ -279,7 +262,6 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
         qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
         assert dock.click.currentText() != before
     wait_for_picture(dock, qtbot)
-    wait_for_picture(dock, qtbot)
     viewer.layers.remove("ball, the part on the map")
     viewer.dims.ndisplay = 2  # someone took it out: it stays away
     wait_for_picture(dock, qtbot)
@@ -287,7 +269,6 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     viewer.window.remove_dock_widget(dock)
 
 
-@pytest.mark.slow
 def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_viewer):
     points, faces, _ = bumps(9)
     voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)).save(tmp_path / "map.voxflat")

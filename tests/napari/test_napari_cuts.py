@@ -8,22 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from napari_window import PATIENCE, bumps, run, sphere, wait_until_drawn
+from napari.layers import Surface
+from napari_window import PATIENCE, bumps, click_middle, run, sphere, wait_until_drawn
 from numpy.testing import assert_array_equal
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QApplication, QFileDialog
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Surface  # noqa: E402
-from qtpy.QtCore import QPoint, Qt  # noqa: E402
-from qtpy.QtWidgets import QApplication, QFileDialog  # noqa: E402
-
-from voxflat._napari.editing.drawing import Drawing  # noqa: E402
-from voxflat._napari.workbench import Workbench  # noqa: E402
-from voxflat.errors import InputError  # noqa: E402
-from voxflat.surfaces.standard.template import read_template  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
+from voxflat._napari.editing.drawing import Drawing
+from voxflat._napari.workbench import Workbench
+from voxflat.errors import InputError
+from voxflat.surfaces.standard.template import read_template
 
 POINTS, FACES, _ = bumps()
 WHOLE = voxflat.surface((POINTS, FACES))
@@ -73,17 +68,27 @@ def test_a_cut_is_the_shortest_way_from_stop_to_stop():
     assert apart.cuts[0].stops == (0,)  # as it was
 
 
+def press(dock, qtbot, *names):
+    """Press buttons, and wait until what each began has come to its end."""
+    for name in names:
+        assert getattr(dock, name).isEnabled()
+        getattr(dock, name).click()
+        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+
+
+def draw(dock, *stops):
+    """Add stops, as clicks on the surface do."""
+    for stop in stops:
+        dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
+
+
 def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"), show=True)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
 
-    def wait():
-        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
-
     assert not dock.draw.isEnabled()
-    dock.begin.click()
-    wait()
+    press(dock, qtbot, "begin")
     assert viewer.dims.ndisplay == 3
     assert not viewer.layers["ball"].visible
     camera = getattr(viewer, "scene", viewer).camera
@@ -93,9 +98,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
         camera.set_view_direction(view_direction=direction, up_direction=(0, 0.3, 1))
         camera.center = (0, 0, 0)
         wait_until_drawn(viewer, qtbot)
-        centre = QPoint(canvas.width() // 2, canvas.height() // 2)
-        qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
-        qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
+        click_middle(canvas, qtbot)
         place = -20 * np.array(direction) / np.linalg.norm(direction)  # what looks at the eye
         clicked.append(int(np.linalg.norm(points - place, axis=1).argmin()))
     assert len(dock.drawing.cuts) == 1
@@ -110,8 +113,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
         qtbot.keyClick(where, Qt.Key.Key_Z, control | shift)
         assert dock.drawing.cuts[0].stops == stops
 
-    dock.weigh.click()
-    wait()
+    press(dock, qtbot, "weigh")
     assert dock.cuts.item(0, 2).text().endswith(" %")
     assert "off with all cuts" in dock.status.text()
     path = tmp_path / "cuts.json"
@@ -130,16 +132,14 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     dock.cuts.setCurrentCell(0, 0)
     dock.remove.click()
     assert dock.cuts.rowCount() == 0
-    dock.automatic.click()
-    wait()
+    press(dock, qtbot, "automatic")
     found = voxflat.surface((points, faces)).cut(cuts="automatic")
     assert [len(path) for path in dock.drawing.paths()] == [len(cut.ids) for cut in found.cuts]
     titles = [dock.cuts.item(row, 0).text() for row in range(dock.cuts.rowCount())]
     assert titles == [found.title(number) for number in range(len(found.cuts))]  # as the command line's
     assert titles[0].startswith("cut 1, ")
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
-    dock.load.click()
-    wait()
+    press(dock, qtbot, "load")
     assert dock.drawing.cuts[0].name == "cut 1"
 
     viewer.window.remove_dock_widget(dock)
@@ -160,9 +160,7 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
     assert not dock.template.isEnabled()
-    for button in (dock.begin, dock.standard):
-        button.click()
-        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    press(dock, qtbot, "begin", "standard")
     left_out = expected.left_out
     assert 0 < len(left_out) < 400
     assert_array_equal(dock.drawing.left_out, left_out)
@@ -176,10 +174,9 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
     assert (seen[:, 0] == seen[:, 2]).all()
     dock.redo.click()
 
-    for name, button in (("cuts", dock.save), ("mine", dock.template)):
+    for name, button in (("cuts", "save"), ("mine", "template")):
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, name=name: (str(tmp_path / name), ""))
-        button.click()
-        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+        press(dock, qtbot, button)
     assert json.loads((tmp_path / "cuts.json").read_text())["drop"] == left_out.tolist()
     assert "the same cuts for every brain" in dock.status.text(), dock.status.text()
     assert [line.name for line in read_template(tmp_path / "mine.json").cuts] == [cut.name for cut in expected.cuts]
@@ -203,10 +200,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     first = bench.current.flat_map
     assert widget.form.go_on.isVisibleTo(widget)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
-    for button in (dock.begin, dock.of_map):
-        assert button.isEnabled()
-        button.click()
-        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    press(dock, qtbot, "begin", "of_map")
     told = first.metadata
     own = [*told["cuts"], *(cut["ids"] for cut in told["automatic_cuts"])]
     assert [path.tolist() for path in dock.drawing.paths()] == own
@@ -217,8 +211,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     uncut = np.setdiff1d(np.arange(len(points)), np.concatenate(own))
     apart = np.linalg.norm(points[uncut, None] - points[np.concatenate(own)], axis=2).min(axis=1)
     beside = int(uncut[apart.argmax()])
-    for stop in (on_a_cut, beside):
-        dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
+    draw(dock, on_a_cut, beside)
     assert len(dock.drawing.cuts) == len(own) + 1
     dock.again.click()
     assert not messages
@@ -260,26 +253,22 @@ def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_thei
     """A single stop is no cut, and has no gain; cuts that were changed meanwhile are not told those of others."""
     viewer, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
 
-    def wait():
-        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
-
     def gains():
         return [dock.cuts.item(row, 2).text() for row in range(dock.cuts.rowCount())]
 
-    dock.begin.click()
-    wait()
-    for stop in (5, None, 0, 20):  # the first cut is but a stop
-        dock._do(lambda drawing, stop=stop: drawing.end_cut() if stop is None else drawing.add_stop(stop))
-    dock.weigh.click()
-    wait()
+    press(dock, qtbot, "begin")
+    draw(dock, 5)  # the first cut is but a stop
+    dock._do(Drawing.end_cut)
+    draw(dock, 0, 20)
+    press(dock, qtbot, "weigh")
     assert gains() == ["", "unknown"]
     assert "too small" in dock.status.text()
     dock._on_weighed((0.1, [0.02]))
     assert gains() == ["", "+2.0 %"]
     assert "10.0 % off" in dock.status.text()
     dock.weigh.click()
-    dock._do(lambda drawing: drawing.add_stop(30))  # as a click on the surface meanwhile
-    wait()
+    draw(dock, 30)  # as a click on the surface meanwhile
+    qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
     assert gains() == ["", ""]
     assert "weigh them again" in dock.status.text()
 
@@ -294,13 +283,10 @@ def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_thei
 
 def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monkeypatch):
     viewer, dock = open_widget(Surface(sphere(150), name="ball"), name="Draw cuts")
-    dock.begin.click()
-    qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
-    for stop in (0, 40):
-        dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
+    press(dock, qtbot, "begin")
+    draw(dock, 0, 40)
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "t.json"), ""))
-    dock.template.click()
-    qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    press(dock, qtbot, "template")
     assert dock.status.text() not in ("", "making the template…")
     assert not (tmp_path / "t.json").exists()
     viewer.bind_key("Shift-N", print)

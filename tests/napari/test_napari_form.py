@@ -3,21 +3,17 @@
 import subprocess
 import sys
 
-import nibabel as nib
 import numpy as np
 import pytest
 import shapes
+from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, bumps, choose, run, sphere
 from numpy.testing import assert_array_equal
+from scipy import ndimage
 
 import voxflat
 from voxflat._napari.workbench import Workbench
 from voxflat.demo import DEPTH
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
 
 
 def newest_map(viewer):
@@ -26,11 +22,9 @@ def newest_map(viewer):
 
 def test_parts_are_those_of_the_library(open_widget, qtbot):
     points, faces, values = bumps(25)
-    height = np.where(np.arange(len(points)) % 2 == 0, 0.5, 0.6)
-    viewer, widget = open_widget(
-        Surface((points + [0, 0, 1] * height[:, None], faces), name="lh.pial"),
-        Surface((points, faces, values), name="lh.white"),
-    )
+    above = points + [0, 0, 1] * np.where(np.arange(len(points)) % 2 == 0, 0.5, 0.6)[:, None]
+    pial, white = Surface((above, faces), name="lh.pial"), Surface((points, faces, values), name="lh.white")
+    viewer, widget = open_widget(pial, white)
     form = widget.form
     form.surface.choose(viewer.layers["lh.white"])
     assert form.pial.layer is viewer.layers["lh.pial"]
@@ -85,7 +79,7 @@ def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
     form.threshold.preview.click()
     assert len(viewer.layers) == layers
 
-    edge = int(np.count_nonzero(inside & ~shapes_eroded(inside)))
+    edge = int(np.count_nonzero(inside & ~ndimage.binary_erosion(inside)))
     qtbot.waitUntil(lambda: "points" in form.plan.text(), timeout=PATIENCE)
     qtbot.waitUntil(lambda: f"{float(f'{edge:.2g}'):,.0f}\u00a0points" in form.plan.text(), timeout=PATIENCE)
     assert "automatic cuts" in form.plan.text()
@@ -98,30 +92,6 @@ def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
     run(widget, qtbot)
     expected = voxflat.surface(probability, threshold=0.9, affine=np.eye(4)).keep(half).flatten()
     assert_array_equal(newest_map(viewer).uv, expected.uv)
-
-
-def shapes_eroded(inside):
-    from scipy import ndimage
-
-    return ndimage.binary_erosion(inside)
-
-
-def test_of_a_subjects_surfaces_white_is_usual_to_pial_whatever_came_first(make_napari_viewer, tmp_path):
-    points, faces, values = bumps(9)
-    for number, name in enumerate(("pial", "white", "inflated")):
-        nib.freesurfer.write_geometry(tmp_path / f"lh.{name}", np.add(points, [0, 0, number]), faces)
-    nib.freesurfer.write_morph_data(tmp_path / "lh.thickness", values)
-    viewer = make_napari_viewer()
-    for name in ("pial", "white", "inflated", "thickness"):
-        viewer.open(str(tmp_path / f"lh.{name}"), plugin="voxflat")
-    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
-    form = widget.form
-    chosen = [choice.currentText() for choice in (form.surface, form.pial, form.sampled)]
-    assert chosen == ["lh.white", "lh.pial", "lh.thickness"]
-    assert_array_equal(viewer.layers["lh.thickness"].vertices, viewer.layers["lh.pial"].vertices)
-    form.surface.choose(viewer.layers["lh.thickness"])
-    assert form.pial.layer is None  # it lies there itself
-    assert "midway" not in form.plan.text()
 
 
 def test_the_surface_follows_what_the_user_would_mean_until_the_user_chooses(open_widget, qtbot):
@@ -149,16 +119,13 @@ def test_the_surface_follows_what_the_user_would_mean_until_the_user_chooses(ope
     assert chosen.layer is viewer.layers["T1"]
     viewer.layers.remove("T1")
     assert chosen.layer in (older, newer)  # what was chosen is gone
-
-
-def test_a_surface_that_is_flattened_stays_chosen(open_widget, qtbot):
-    points, faces, _ = bumps(9)
-    viewer, widget = open_widget(Surface((points, faces), name="first"), Surface((points, faces), name="second"))
+    viewer.layers.clear()
+    viewer.layers.extend(Surface((points, faces), name=name) for name in ("first", "second"))
     qtbot.wait(10)
     viewer.layers.selection.active = viewer.layers["first"]
     run(widget, qtbot)
     viewer.layers.selection.active = viewer.layers["second"]
-    assert widget.form.surface.layer is viewer.layers["first"]
+    assert chosen.layer is viewer.layers["first"]  # as it was flattened
 
 
 CLOSED_MEANWHILE = """
@@ -194,8 +161,7 @@ def test_what_is_usual(open_widget):
     viewer.add_labels(head, scale=(200, 200, 200), units="micrometer", name="embryo")
     form.surface.choose(viewer.layers["embryo"])
     assert form.sample_depth.value() == 0
-    white = viewer.add_surface((points, faces), name="lh.white")
-    form.surface.choose(white)
+    form.surface.choose(viewer.add_surface((points, faces), name="lh.white"))
     assert form.sample_depth.value() == DEPTH
     assert "Opens a closed surface along automatic cuts" in form.plan.text()
     assert f"{len(points):,}\u00a0points" in form.plan.text()

@@ -1,8 +1,10 @@
 """What the napari plugin takes from layers: volumes, meshes and seed points, in mm and RAS+."""
 
+import nibabel as nib
 import numpy as np
 import pytest
-from napari_window import AFFINE, FLIP, bumps, cap, wait_until_drawn
+from napari.layers import Image, Labels, Points, Surface
+from napari_window import AFFINE, bumps, cap, click_middle, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -10,14 +12,6 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.seed import describe, first_vertex, first_voxel, nearest_vertex, seed_of, voxel_at
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLDS
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Points, Surface  # noqa: E402
-from qtpy.QtCore import QPoint, Qt  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
-
-# -------------------------------------------------------------------------------------- layers to volumes
 
 TRANSFORMS = [
     {},
@@ -39,8 +33,7 @@ def test_affine_agrees_with_the_layer(kind, transform):
 
 def test_multiscale_takes_its_finest_level():
     fine = np.random.default_rng(0).random((8, 8, 8))
-    layer = Image([fine, fine[::2, ::2, ::2]], multiscale=True, scale=(2, 2, 2))
-    volume = LayerVolume.of(layer).read()
+    volume = LayerVolume.of(Image([fine, fine[::2, ::2, ::2]], multiscale=True, scale=(2, 2, 2))).read()
     assert_array_equal(volume.data, fine)
     assert_allclose(volume.affine, np.diag([2, 2, 2, 1]))
 
@@ -53,16 +46,20 @@ def test_units_become_millimetres():
     pixels = LayerVolume.of(Image(data))
     assert_allclose(pixels.place.affine, np.eye(4))
     assert "taken as mm" in pixels.origin["unit"]
-    with pytest.raises(voxflat.InputError, match="second"):
-        LayerVolume.of(Image(data, units=("second", "mm", "mm")))
+    points, faces, _ = bumps(4)
+    mesh = LayerMesh.of(Surface((points, faces), scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
+    assert_allclose(mesh.read().points, points * [0.25, 0.25, 0.5] + [1, 0, 0])
+    assert_array_equal(LayerMesh.of(Surface((points, faces))).read().points, points)
+    for of, layer in ((LayerVolume, Image(data)), (LayerMesh, Surface((points, faces)))):
+        layer.units = ("second", "mm", "mm")
+        with pytest.raises(voxflat.InputError, match="second"):
+            of.of(layer)
 
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_world_axes_agree_with_nibabel(world):
-    orientations = pytest.importorskip("nibabel.orientations")
-    layer = Image(np.ones((4, 4, 4)), scale=(1, 2, 3), translate=(5, 6, 7))
-    affine = LayerVolume.of(layer, world).place.affine
-    assert orientations.aff2axcodes(affine) == tuple(world)
+    affine = LayerVolume.of(Image(np.ones((4, 4, 4)), scale=(1, 2, 3), translate=(5, 6, 7)), world).place.affine
+    assert nib.aff2axcodes(affine) == tuple(world)
     assert_allclose(np.linalg.norm(affine[:3, 3]), np.linalg.norm((5, 6, 7)))
 
 
@@ -75,11 +72,8 @@ def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
     itk[:3, :3], itk[:3, 3] = lps[:3, :3][np.ix_(reverse, reverse)], lps[reverse, 3]
 
     def map_of(layer, world, order):
-        flat = (
-            voxflat.surface(LayerVolume.of(layer, world).read())
-            .disk(top[order].tolist(), 20)
-            .flatten(voxflat.methods.Voxflat(sources=200))
-        )
+        disk = voxflat.surface(LayerVolume.of(layer, world).read()).disk(top[order].tolist(), 20)
+        flat = disk.flatten(voxflat.methods.Voxflat(sources=200))
         return flat.uv[np.lexsort(flat.ids[:, order].T)] - flat.uv.mean(axis=0)
 
     expected = map_of(Labels(labels, affine=AFFINE), "RAS", [0, 1, 2])
@@ -89,23 +83,13 @@ def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
     assert np.linalg.det(expected.T @ wrong) < 0
 
 
-@pytest.mark.parametrize("shape", [(8, 8), (2, 8, 8, 8)])
-def test_other_dimensions_are_refused(shape):
-    with pytest.raises(voxflat.InputError, match=f"{len(shape)} dimensions"):
-        LayerVolume.of(Image(np.ones(shape)))
-
-
 @pytest.mark.parametrize(
-    ("colours", "expected"),
-    [(np.full((4, 4, 4, 3), 0.5, np.float32), 128), (np.full((4, 4, 4, 4), 51, np.uint8), 51)],
+    ("colours", "expected"), [(np.full((4, 4, 4, 3), 0.5, np.float32), 128), (np.full((4, 4, 4, 4), 51, np.uint8), 51)]
 )
 def test_colours_become_bytes(colours, expected):
     data = LayerVolume.of(Image(colours, rgb=True)).read().data
     assert data.dtype == np.uint8
     assert (data == expected).all()
-
-
-# --------------------------------------------------------------------------------------- layers to meshes
 
 
 @pytest.mark.parametrize("world", WORLDS)
@@ -120,15 +104,6 @@ def test_vertices_agree_with_the_layer_and_outside_stays_outside(transform, worl
     a, b, c = read.points[read.faces].transpose(1, 0, 2)
     assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), above[read.faces[:, 0]] - a) > 0).all()
     assert mesh.origin["world_axes"] == world
-
-
-def test_units_of_meshes_become_millimetres():
-    points, faces, _ = bumps(4)
-    microns = LayerMesh.of(Surface((points, faces), scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
-    assert_allclose(microns.read().points, points * [0.25, 0.25, 0.5] + [1, 0, 0])
-    assert_array_equal(LayerMesh.of(Surface((points, faces))).read().points, points)
-    with pytest.raises(voxflat.InputError, match="second"):
-        LayerMesh.of(Surface((points, faces), units=("second", "mm", "mm")))
 
 
 def test_what_a_file_says_of_its_side_and_space_is_known_of_the_layer(tmp_path):
@@ -152,9 +127,6 @@ def test_kept_are_vertices_with_a_value():
     assert np.flatnonzero(LayerMesh.of(Surface((points, faces, values))).kept()).tolist() == [0, 2]
 
 
-# ------------------------------------------------------------------------------------------ seed points
-
-
 def test_seed_is_the_selected_point_or_the_last():
     layer = Labels(cap(), affine=AFFINE, units="mm")
     voxels = np.array([[3, 4, 5], [6, 7, 8]])
@@ -166,9 +138,6 @@ def test_seed_is_the_selected_point_or_the_last():
     assert seed_of(points, layer) == (3, 4, 5)
     assert seed_of(Points(world * 1000, units="micrometer"), layer) == (6, 7, 8)
     assert seed_of(Points(ndim=3), layer) is None
-
-
-def test_voxel_outside_the_layer_is_none():
     layer = Labels(cap(24))
     assert voxel_at(layer, (23.4, 0, 0)) == (23, 0, 0)
     assert voxel_at(layer, (23.6, 0, 0)) is None
@@ -178,9 +147,8 @@ def test_ray_meets_the_first_voxel_of_the_foreground():
     data = np.zeros((9, 9, 9), dtype=np.uint8)
     data[4, 4, 3:6] = 2
     start, end = np.array([4.0, 4, -0.5]), np.array([4.0, 4, 8.5])
-    assert first_voxel(Labels(data), start, end, lambda values: values == 2) == (4, 4, 3)
-    assert first_voxel(Labels(data), end, start, lambda values: values == 2) == (4, 4, 5)
-    assert first_voxel(Labels(data), start, end, lambda values: values == 1) is None
+    for label, ends, voxel in ((2, (start, end), (4, 4, 3)), (2, (end, start), (4, 4, 5)), (1, (start, end), None)):
+        assert first_voxel(Labels(data), *ends, lambda values, label=label: values == label) == voxel
 
 
 def test_seed_of_a_mesh_is_the_nearest_vertex_in_use():
@@ -221,10 +189,7 @@ def test_click_on_a_mesh_sets_the_seed(open_widget, qtbot):
     camera.set_view_direction(view_direction=(0.1, 0.1, -1), up_direction=(0, -1, 0))
     camera.center = np.array(points[12 * 25 + 12]) * (1, 2, 1)
     wait_until_drawn(viewer, qtbot)
-    canvas = viewer.window._qt_viewer.canvas.native
-    centre = QPoint(canvas.width() // 2, canvas.height() // 2)
-    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
-    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
+    click_middle(viewer.window._qt_viewer.canvas.native, qtbot)
     assert widget.form.seed.point == 12 * 25 + 12
     assert_allclose(viewer.layers["seed point"].data, points[[12 * 25 + 12]])
     viewer.layers["seed point"].data = points[[100]] + 0.3
@@ -244,10 +209,7 @@ def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
     painted = labels.copy()
     wait_until_drawn(viewer, qtbot)
     widget.form.seed.pick.click()
-    canvas = viewer.window._qt_viewer.canvas.native
-    centre = QPoint(canvas.width() // 2, canvas.height() // 2)
-    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
-    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
+    click_middle(viewer.window._qt_viewer.canvas.native, qtbot)
     i, j, k = widget.form.seed.point
     assert i in ((7,) if ndisplay == 2 else (5, 14))  # in 3D the surface
     assert abs(j - 9.5) <= 1
@@ -255,14 +217,5 @@ def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
     assert not widget.form.seed.pick.isChecked()
     assert_array_equal(layer.data, painted)
     assert viewer.layers["seed point"].data.tolist() == [[i, j, k]]
-
-
-def test_seed_follows_the_point(open_widget):
-    viewer, widget = open_widget(Labels(cap(), affine=FLIP))
-    assert widget.form.seed.point is None
-    widget.form.seed.set_point((4, 5, 6))
-    assert widget.form.seed.point == (4, 5, 6)
-    viewer.layers["seed point"].data = [(7, 8, 9)]
-    assert widget.form.seed.point == (7, 8, 9)
     viewer.layers.remove("seed point")
     assert widget.form.seed.point is None

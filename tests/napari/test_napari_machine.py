@@ -10,22 +10,12 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.errors import Flaky
-from hypothesis.stateful import (
-    RuleBasedStateMachine,
-    initialize,
-    invariant,
-    rule,
-    run_state_machine_as_test,
-)
-from napari_window import PATIENCE, bumps, cap, sphere, wait_for_threads
-
-import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Layer, Points, Shapes, Surface  # noqa: E402
-from napari.utils.notifications import ErrorNotification, notification_manager  # noqa: E402
-from qtpy.QtCore import QPoint, Qt, QThreadPool  # noqa: E402
-from qtpy.QtWidgets import (  # noqa: E402
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from napari.layers import Image, Labels, Layer, Points, Shapes, Surface
+from napari.utils.notifications import ErrorNotification, notification_manager
+from napari_window import DOCKS, PATIENCE, bumps, cap, sphere, wait_for_threads
+from qtpy.QtCore import QPoint, Qt, QThreadPool
+from qtpy.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
     QApplication,
@@ -35,39 +25,28 @@ from qtpy.QtWidgets import (  # noqa: E402
     QTableWidget,
 )
 
-from voxflat._napari.forms.layer_choice import LayerChoice  # noqa: E402
-from voxflat._napari.map_viewer.contents import suits  # noqa: E402
-from voxflat._napari.map_viewer.dock import FlatMapDock  # noqa: E402
-from voxflat._napari.workbench import Workbench  # noqa: E402
+import voxflat
+from voxflat._napari.forms.layer_choice import LayerChoice
+from voxflat._napari.map_viewer.contents import suits
+from voxflat._napari.map_viewer.dock import FlatMapDock
+from voxflat._napari.workbench import Workbench
 
-pytestmark = pytest.mark.slow  # many windows
-
-DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
 RUNS = DOCKS[:2]
 FEW, STEPS = (3, 16), 25  # sequences in `make test` and actions in each; actions in each of more
 NUMBER = st.integers(0, 10**6)
 SHARE = st.floats(0, 1)
 
 
-def ball():
-    return Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2), name="ball")
-
-
-def grid():
-    points, faces, values = bumps(9)
-    return Surface((points, faces, values), name="grid", units="mm")
-
-
 LAYERS = {
     "labels": lambda: Labels(cap(12), name="sheet"),
-    "ball": ball,
+    "ball": lambda: Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2), name="ball"),
     "image": lambda: Image(cap(12).astype(np.float32), name="T1"),
     "image in µm": lambda: Image(cap(12).astype(np.float32), name="microscope", units="um", scale=(9, 9, 9)),
     "colours": lambda: Image(np.zeros((12, 12, 12, 3), dtype=np.uint8), name="colours", rgb=True),
     "film": lambda: Image(np.random.default_rng(0).random((2, 12, 12, 12)), name="film"),
     "picture": lambda: Image(np.eye(9), name="picture"),
     "empty": lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8), name="empty"),
-    "grid": grid,
+    "grid": lambda: Surface(bumps(9), name="grid", units="mm"),
     "sphere": lambda: Surface(sphere(150), name="sphere"),
     "points": lambda: Points([[5, 5, 9], [6, 6, 9]], name="points"),
     "no points": lambda: Points(np.empty((0, 3)), ndim=3, name="no points"),
@@ -103,16 +82,17 @@ class Window(RuleBasedStateMachine):
         self.add(kind)
         self.open(dock)
 
-    # ------------------------------------------------------------------------------------------- layers
-
     @rule(kind=st.sampled_from([*LAYERS]))
     def add(self, kind):
         self.viewer.add_layer(LAYERS[kind]())
 
+    def _layer(self, number):
+        return self.viewer.layers[number % len(self.viewer.layers)] if self.viewer.layers else None
+
     @rule(number=NUMBER)
     def delete(self, number):
         if self.viewer.layers:
-            self.viewer.layers.pop(number % len(self.viewer.layers))
+            self.viewer.layers.remove(self._layer(number))
 
     @rule(sure=st.sampled_from([False, False, True]))
     def delete_all(self, sure):
@@ -122,17 +102,16 @@ class Window(RuleBasedStateMachine):
     @rule(number=NUMBER, name=st.sampled_from(["a", "pial", "inflated", "<b>"]))
     def rename(self, number, name):
         if self.viewer.layers:
-            self.viewer.layers[number % len(self.viewer.layers)].name = name
+            self._layer(number).name = name
 
     @rule(number=NUMBER)
     def select(self, number):
-        if self.viewer.layers:
-            self.viewer.layers.selection.active = self.viewer.layers[number % len(self.viewer.layers)]
+        self.viewer.layers.selection.active = self._layer(number)
 
     @rule(number=NUMBER)
     def hide_or_show(self, number):
         if self.viewer.layers:
-            layer = self.viewer.layers[number % len(self.viewer.layers)]
+            layer = self._layer(number)
             layer.visible = not layer.visible
 
     @rule(number=NUMBER, label=st.integers(0, 4))
@@ -146,8 +125,6 @@ class Window(RuleBasedStateMachine):
     @rule(number=NUMBER)
     def open_a_file(self, number):
         self.viewer.open(str(self.saved[number % len(self.saved)]), plugin="voxflat")
-
-    # --------------------------------------------------------------------------------------- the window
 
     @rule()
     def toggle_3d(self):
@@ -171,10 +148,7 @@ class Window(RuleBasedStateMachine):
     def close(self, number):
         self._find_docks()
         if self.docks:
-            name = [*self.docks][number % len(self.docks)]
-            self.viewer.window.remove_dock_widget(self.docks.pop(name))
-
-    # ------------------------------------------------------------------------------------ what docks ask
+            self.viewer.window.remove_dock_widget(self.docks.pop([*self.docks][number % len(self.docks)]))
 
     @rule(number=NUMBER, entry=NUMBER)
     def choose(self, number, entry):
@@ -263,8 +237,6 @@ class Window(RuleBasedStateMachine):
         if clicked:
             self.qtbot.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=at)
 
-    # ------------------------------------------------------------------------------------------- waiting
-
     @rule(milliseconds=st.integers(0, 100))
     def wait(self, milliseconds):
         self.qtbot.wait(milliseconds)
@@ -308,9 +280,7 @@ class Window(RuleBasedStateMachine):
         assert dock.runs.count() == len(bench.runs)
         offered = [one for one in dock.contents._offered if isinstance(one, Layer)]
         run = bench.current
-        assert offered == (
-            [] if run is None else [layer for layer in reversed(self.viewer.layers) if suits(layer, run)]
-        )
+        assert offered == [layer for layer in reversed(self.viewer.layers) if run is not None and suits(layer, run)]
         assert (dock.sheet is None) == (run is None), dock.text.text()
 
     @invariant()
@@ -342,8 +312,6 @@ class Window(RuleBasedStateMachine):
         if waiting:
             wait_for_threads(self.qtbot)
             self.nothing_went_wrong()
-
-    # ------------------------------------------------------------------------------------------- finding
 
     def _find_docks(self):
         """Look which docks are open: a first map opens one by itself."""

@@ -3,22 +3,28 @@
 import gc
 import re
 
+import dask.array as da
 import numpy as np
 import pytest
+from napari.layers import Image, Labels, Surface
+from napari_clicks import move
 from napari_window import (
     PATIENCE,
     bumps,
     cap,
     choose,
-    choose_whole,
+    click_middle,
     map_dock,
     run,
+    run_whole,
     sphere,
     wait_for_picture,
     wait_for_threads,
     wait_until_drawn,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtWidgets import QApplication, QWidget
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
@@ -26,25 +32,11 @@ from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.workbench import Workbench
 
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtCore import QPoint, Qt  # noqa: E402
-from qtpy.QtWidgets import QApplication, QWidget  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
-
 SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
 
 
-def move(widget, qtbot, at):
-    """Move the mouse to a place of a widget, from one beside it."""
-    for shift in (3, 0):
-        qtbot.mouseMove(widget, at + QPoint(shift, shift))
-        QApplication.processEvents()
-
-
 def to_map(dock, qtbot, u, v):
-    move(dock.canvas.viewport(), qtbot, dock.canvas.position(u, v))
+    move(qtbot, dock.canvas.viewport(), dock.canvas.position(u, v))
 
 
 @pytest.mark.parametrize("unit", ["mm", "micrometer"])
@@ -57,8 +49,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     viewer, _, dock = flattened(volume, Surface((points, faces, values), name="bumps", **place))
     flat_map = dock.sheet.run.flat_map
     world = factor * (points * SCALE + CORNER)
-    row = int(np.flatnonzero(flat_map.ids == 12 * 25 + 12)[0])
-    u, v = flat_map.uv[row]
+    u, v = flat_map.uv[int(np.flatnonzero(flat_map.ids == 12 * 25 + 12)[0])]
 
     # the map points: the ring is where the vertex is, in a slice of any depth and in 3D
     to_map(dock, qtbot, u, v)
@@ -76,14 +67,12 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
         marked = dock.link.to_world(dock.link._marked)  # the map's pixels are others where the dock's size is
         view = viewer.window._qt_viewer.canvas.view
         shown = [marked[axis] for axis in reversed(viewer.dims.displayed)]
-        x, y, _, w = (view.transform * view.scene.transform).map(
-            [*shown, 0, 1][: 4 if ndisplay == 2 else 3] + [1] * (ndisplay == 3)
-        )
+        at = [*shown, 0, 1] if ndisplay == 2 else [*shown, 1]
+        x, y, _, w = (view.transform * view.scene.transform).map(at)
         assert_allclose(projected(viewer, marked, (canvas.width(), canvas.height())), (x / w, y / w), atol=1)
         assert dock.link.ring.isVisible()
-        assert_allclose(
-            [dock.link.ring.geometry().center().x(), dock.link.ring.geometry().center().y()], (x / w, y / w), atol=2
-        )
+        centre = dock.link.ring.geometry().center()
+        assert_allclose((centre.x(), centre.y()), (x / w, y / w), atol=2)
     # in 3D the mouse on the canvas over the vertex: the map shows its place
     camera(viewer).set_view_direction(view_direction=(0.1, 0.1, -1), up_direction=(0, -1, 0))
     camera(viewer).center = world[312]
@@ -92,7 +81,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
 
     def ring():
         """Point at the middle of the canvas, and return where the ring of the map is."""
-        move(canvas, qtbot, QPoint(canvas.width() // 2, canvas.height() // 2))
+        move(qtbot, canvas, QPoint(canvas.width() // 2, canvas.height() // 2))
         return np.array([dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()])
 
     # the sliders, that 3D has not, give their height to the canvas when Qt comes to it
@@ -112,21 +101,16 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     expected = flat_map.points_to_map(there)[0]
     qtbot.waitUntil(lambda: np.abs(ring() - expected).max() < 1.5, timeout=PATIENCE)
     found = ring()
-    middle = QPoint(canvas.width() // 2, canvas.height() // 2)
-    qtbot.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=middle)
-    seen = dock.canvas.position(*found)
-    viewport = dock.canvas.viewport()
-    assert abs(seen.x() - viewport.width() / 2) < 3
-    assert abs(seen.y() - viewport.height() / 2) < 3
-    move(canvas, qtbot, QPoint(2, 2))  # far from the surface
+    click_middle(canvas, qtbot)
+    seen, viewport = dock.canvas.position(*found), dock.canvas.viewport()
+    assert_allclose((seen.x(), seen.y()), (viewport.width() / 2, viewport.height() / 2), atol=3)
+    move(qtbot, canvas, QPoint(2, 2))  # far from the surface
     assert not dock.canvas.ring.isVisible()
 
 
-def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(flattened, qtbot, open_widget):
+def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(open_widget, qtbot):
     sheet, t1 = Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1")
     viewer, widget = open_widget(sheet, t1, show=True)
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
     viewer.dims.ndisplay = 3
     viewer.dims.order = (2, 0, 1)
     viewer.dims.point = (5, 6, 7)
@@ -140,7 +124,7 @@ def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(flattened, qtbot,
         return of.center, of.zoom, of.angles, *viewer.dims.order, viewer.dims.point, viewer.dims.ndisplay, visible
 
     before = state()
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     dock = map_dock(viewer, qtbot)
     assert state() == before
     assert set(viewer.layers.selection) == {viewer.layers["T1"]}
@@ -151,9 +135,8 @@ def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(flattened, qtbot,
 
 def test_what_the_map_shows(flattened, qtbot):
     """Measures; layers, that come and change their looks; depths; time points of what is larger than memory."""
-    dask = pytest.importorskip("dask.array")
     along = np.indices((24, 24, 24))[2].astype(np.float32)
-    series = dask.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
+    series = da.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
     viewer, _, dock = flattened(Image(along, name="k"), Labels(cap(), name="sheet"))
     flat_map = dock.sheet.run.flat_map
     names = [dock.contents.itemText(n) for n in range(dock.contents.count())]
@@ -232,12 +215,11 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
     layers = list(viewer.layers)
     workbench = Workbench.of(viewer)
-    widgets = None
     widget.form.options.sources.setValue(40)
-    for n in range(3):
+    run(widget, qtbot)
+    widgets = widgets_in(viewer)
+    for _ in range(2):
         run(widget, qtbot)
-        if n == 0:
-            widgets = widgets_in(viewer)
     wait_for_picture(dock, qtbot)
     assert list(viewer.layers) == layers  # the same, with other data
     assert viewer.layers["bumps distortion"].metadata["voxflat"] is workbench.current.flat_map
@@ -248,9 +230,8 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     dock.keep.click()
     run(widget, qtbot)
     wait_for_picture(dock, qtbot)
-    assert [layer.name for layer in viewer.layers] == [
-        "bumps", "bumps flattened", "bumps distortion", "bumps flattened [1]", "bumps distortion [1]",
-    ]  # fmt: skip
+    names = [layer.name for layer in viewer.layers]
+    assert names == ["bumps", *(f"bumps {kind}{of}" for of in ("", " [1]") for kind in ("flattened", "distortion"))]
     assert dock.runs.isVisible()
     assert dock.runs.count() == 2
     dock.runs.setCurrentIndex(0)
@@ -352,8 +333,7 @@ def click(dock, qtbot, *places):
 
 
 def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
-    scale = (2.0, 2.0, 2.0)
-    viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=scale, units="mm"))
+    viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=(2.0, 2.0, 2.0), units="mm"))
     flat_map = dock.sheet.run.flat_map
     u, v = flat_map.uv.mean(axis=0)
     dock.click.setCurrentText("marks a point")
@@ -363,8 +343,7 @@ def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
     assert_allclose(viewer.layers["points of the map"].data, expected, atol=3 / dock.canvas.scale_factor)
 
     dock.click.setCurrentText("draws a region")
-    corners = [(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)]
-    click(dock, qtbot, *corners)
+    click(dock, qtbot, *[(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)])
     qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
     wait_for_picture(dock, qtbot)
     regions = viewer.layers["regions of the map"]
@@ -386,7 +365,7 @@ def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
     assert_allclose(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), over, atol=0.1)
 
 
-def test_a_page_of_patches(flattened, qtbot, open_widget):
+def test_a_page_of_patches(open_widget, qtbot):
     points, faces = sphere()
     viewer, widget = open_widget(Surface((points, faces), name="ball"), name="Flatten in patches", show=True)
     run(widget, qtbot)

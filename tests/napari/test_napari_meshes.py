@@ -4,38 +4,23 @@ import composed
 import doors
 import numpy as np
 import pytest
+from napari.layers import Image, Surface
 from napari_maps import same_map
-from napari_window import (
-    PATIENCE,
-    bumps,
-    choose,
-    choose_whole,
-    open_file,
-    run,
-    sphere,
-)
+from napari_window import bumps, choose, choose_whole, run, run_whole, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
+from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Space, read_mesh
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Surface  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
-
-
-# ---------------------------------------------------------------------------------------- flattening meshes
 
 
 def test_mesh_result_is_that_of_the_library(open_widget, qtbot):
     points, faces, values = bumps()
     layer = Surface((points, faces, values), name="bumps", units="mm", colormap="viridis")
     viewer, widget = open_widget(layer)
-    choose_whole(widget)
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     expected = voxflat.flatten(Mesh(points, faces, space=Space("scanner")))  # as the layer's unit is a length
     picture, heat = expected.image(values), expected.heat_map()
     assert [layer.name for layer in viewer.layers] == ["bumps", "bumps flattened", "bumps distortion"]
@@ -67,14 +52,21 @@ def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
     assert found.distortion.triangles.areal.tobytes() == own.distortion.triangles.areal.tobytes()
 
 
-def test_patch_of_the_values_that_are_not_0(open_widget, qtbot):
-    points, faces, values = bumps()
-    viewer, widget = open_widget(Surface((points, faces, values), name="bumps"))
+@pytest.mark.parametrize("name", ["bumps", "bowl"])
+def test_patch_of_the_values_that_are_not_0(open_widget, qtbot, name):
+    if name == "bumps":
+        points, faces, values = bumps()
+    else:  # which is relaxed
+        points, faces = sphere(150)
+        values = (points[:, 2] < 12).astype(float)
+    viewer, widget = open_widget(Surface((points, faces, values), name=name))
     choose(widget.form.patch, "values")
     run(widget, qtbot)
     expected = voxflat.surface((points, faces)).keep(values != 0).flatten()
-    same_map(viewer.layers["bumps distortion"], expected)
+    same_map(viewer.layers[f"{name} distortion"], expected)
     assert set(expected.ids) == set(np.flatnonzero(values))
+    reasons = {cut["reason"] for cut in expected.metadata["automatic_cuts"]}
+    assert reasons == ({"relaxation"} if name == "bowl" else set())
 
 
 def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
@@ -94,22 +86,10 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
     assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7
 
 
-def test_a_region_is_relaxed_as_the_library_does(open_widget, qtbot):
-    points, faces = sphere(150)
-    kept = (points[:, 2] < 12).astype(float)
-    viewer, widget = open_widget(Surface((points, faces, kept), name="bowl"))
-    choose(widget.form.patch, "values")
-    run(widget, qtbot, timeout=PATIENCE)
-    expected = voxflat.surface((points, faces)).keep(kept).flatten()
-    same_map(viewer.layers["bowl distortion"], expected)
-    assert {cut["reason"] for cut in expected.metadata["automatic_cuts"]} == {"relaxation"}
-
-
 def test_closed_surface_is_cut_open_and_says_so(open_widget, qtbot):
     points, faces = sphere(100)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
-    choose_whole(widget)
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     expected = voxflat.flatten((points, faces))
     same_map(viewer.layers["ball distortion"], expected)
     (warning,) = (text for text in expected.metadata["warnings"] if "cut open" in text)
@@ -134,17 +114,11 @@ def test_a_mesh_shows_a_volume_or_another_layer_of_its_vertices(open_widget, qtb
     expected = voxflat.flatten((points, faces))
     x = expected.raster().interpolate(points[expected.ids, :1])[..., 0]
     assert_allclose(viewer.layers["i flattened"].data, x + 2, atol=1e-4)
+    widget.form.sample_depth.setValue(1.5)
+    run(widget, qtbot)
+    volume = LayerVolume.of(viewer.layers["i"]).read()
+    assert_array_equal(viewer.layers["i flattened"].data, expected.image(volume, depth=1.5).data)
     widget.form.sampled.choose(others)
     run(widget, qtbot)
     nearest = expected.locate()[0]
     assert_array_equal(viewer.layers["others flattened"].data, np.where(nearest < 0, np.nan, nearest))
-
-
-def test_saved_map_of_a_mesh_opens_in_napari(open_widget, qtbot, tmp_path):
-    points, faces, _ = bumps()
-    viewer, _ = open_widget()
-    expected = voxflat.flatten((points, faces))
-    expected.save(tmp_path / "map.npz")
-    opened = open_file(viewer, qtbot, tmp_path / "map.npz")
-    assert [layer.name for layer in opened] == ["map distortion"]
-    assert_array_equal(opened[0].data, expected.heat_map().data)

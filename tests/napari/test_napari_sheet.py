@@ -4,12 +4,13 @@ from dataclasses import replace
 from itertools import pairwise
 
 import composed
+import dask.array as da
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-
-pytest.importorskip("napari")
+import zarr
 from napari.layers import Image
+from numpy.testing import assert_allclose
+from textures import grid
 
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer.contents import drawing
@@ -19,34 +20,23 @@ from voxflat._napari.results.maps import map_layers
 from voxflat.distortion.triangles import angle_changes
 
 
-def grid(count, side=10.0):
-    """A plane of right triangles."""
-    i, j = np.mgrid[:count, :count]
-    points = np.stack([i, j, 0 * i], axis=-1).reshape(-1, 3) * side / (count - 1)
-    corner = (i[:-1, :-1] * count + j[:-1, :-1]).ravel()
-    lower = np.stack([corner, corner + count, corner + 1], axis=1)
-    return points, np.concatenate([lower, np.stack([corner + count, corner + count + 1, corner + 1], axis=1)])
-
-
 def folded():
     """A coarse sheet 4 mm above a fine one, joined along a side."""
-    fine, faces = grid(41)
-    coarse, coarser = grid(5)
-    below = np.flatnonzero(fine[:, 0] == 0)[::10]
-    above = np.flatnonzero(coarse[:, 0] == 0) + len(fine)
+    fine, faces = grid(41, 41, 0.25)
+    coarse, coarser = grid(5, 5, 2.5)
+    below = np.flatnonzero(fine[:, 1] == 0)[::10]
+    above = np.flatnonzero(coarse[:, 1] == 0) + len(fine)
     walls = []
     for (a, b), (c, d) in zip(pairwise(below), pairwise(above), strict=True):
-        walls += [[c, d, a], *([d, n, n + 1] for n in range(a, b))]
+        walls += [[d, c, a], *([d, n + 1, n] for n in range(a, b))]
     points = np.concatenate([fine, coarse + np.array([0, 0, 4])])
     return points, np.concatenate([faces, coarser[:, ::-1] + len(fine), walls])
 
 
 def sheet_of(points, faces, **how):
     flat_map = composed.flatten((points, faces), sources=20, **how)
-    flat_map = replace(
-        flat_map,
-        metadata={**flat_map.metadata, "napari": {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}},
-    )
+    told = {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}
+    flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": told})
     return Sheet.of(Run(map_layers(flat_map, "it"), "it"))
 
 
@@ -63,8 +53,7 @@ def test_a_ray_meets_the_triangle_in_front_however_large_it_is():
 
 
 def test_angles_of_a_plane_that_is_stretched():
-    sheet = sheet_of(*grid(9))
-    flat_map = sheet.run.flat_map
+    flat_map = sheet_of(*grid(9, 9, 1.25)).run.flat_map
     faces = flat_map.faces
     assert_allclose(angle_changes(flat_map.points, faces, flat_map.uv), 0, atol=0.1)
     found = angle_changes(flat_map.points, faces, flat_map.points[:, :2] * [2, 1])
@@ -77,8 +66,6 @@ def test_angles_of_a_plane_that_is_stretched():
 @pytest.mark.parametrize("kind", ["dask", "zarr"])
 def test_microscopes_channels_are_read_where_the_surface_is(kind):
     """Two channels, two scales, µm, chunks: of the finest scale the chunks of one channel at the surface are read."""
-    da = pytest.importorskip("dask.array")
-    zarr = pytest.importorskip("zarr")
     along = np.indices((40, 40, 40))[0].astype(np.float32)
     channels, read = np.stack([along, 100 + 2 * along]), []
 
@@ -93,7 +80,7 @@ def test_microscopes_channels_are_read_where_the_surface_is(kind):
     else:
         levels = [zarr.array(level, chunks=(1, 8, 8, 8)) for level in levels]
     layer = Image(levels, multiscale=True, units=("pixel", *("um",) * 3), scale=(1, 250, 250, 250), name="microscope")
-    points, faces = grid(21, side=5.0)  # mm: voxels 2 to 22 of 0.25 mm
+    points, faces = grid(21, 21, 0.25)  # mm: voxels 2 to 22 of 0.25 mm
     sheet = sheet_of(points + np.array([0.5, 0.5, 3.1]), faces)
     read.clear()
     picture = drawing(shown(layer, "RAS", depth=0.0, step=(1,)))(sheet)

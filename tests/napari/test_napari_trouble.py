@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-import shapes
+from napari.layers import Image, Labels, Surface
 from napari_window import (
     PATIENCE,
     bumps,
@@ -13,29 +13,20 @@ from napari_window import (
     choose_whole,
     open_file,
     run,
+    run_whole,
     wait_for_threads,
     wait_until_drawn,
 )
+from qtpy.QtCore import QTimer
 
 import voxflat
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtCore import QTimer  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
+from voxflat._napari.job import Job
 
 
 def dome(size):
     points, faces, _ = bumps(size)
     points[:, 2] = -0.75 / size * ((points[:, :2] - size + 1) ** 2).sum(axis=1)
     return points, faces
-
-
-@pytest.fixture(scope="module")
-def large_mesh():
-    """A dome of many triangles: some seconds of work from 4000 sources."""
-    return dome(150)
 
 
 @pytest.fixture(scope="module")
@@ -59,36 +50,17 @@ def start(widget, qtbot, sources):
     qtbot.waitUntil(lambda: widget._worker.stage[1] > 0, timeout=PATIENCE)  # the bar looks four times a second
 
 
-# ------------------------------------------------------------------------------------------------ trouble
-
-
-def branching_mesh():
-    points, faces, _ = bumps()
-    return Surface((points, np.vstack([faces, [*faces[7, :2], 600]])))
-
-
-def nan_mesh():
-    points, faces, _ = bumps()
-    points[30, 1] = np.nan
-    return Surface((points, faces))
-
-
-def nan_image():
-    volume = cap().astype(float)
-    volume[0, 0, 0] = np.nan
-    return Image(volume, contrast_limits=(0, 3))
-
-
+POINTS, FACES, _ = bumps()
 BAD_LAYERS = [
     (lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8)), "every voxel is 0"),
     (lambda: Labels(np.ones((9, 9), dtype=np.uint8)), "2 dimensions"),
     (lambda: Labels(np.ones((2, 9, 9, 9), dtype=np.uint8)), "4 dimensions"),
-    (nan_image, "NaN"),
+    (lambda: Image(np.where(cap() > 0, 3, np.nan), contrast_limits=(0, 3)), "NaN"),
     (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
-    (lambda: Surface((bumps()[0], np.array([[0, 1, 26, 25]]))), "4 corners instead of 3"),
-    (lambda: Surface((bumps()[0], bumps()[1], np.ones((2, 625)))), "2 axes of values"),
-    (branching_mesh, "edge"),
-    (nan_mesh, "finite"),
+    (lambda: Surface((POINTS, np.array([[0, 1, 26, 25]]))), "4 corners instead of 3"),
+    (lambda: Surface((POINTS, FACES, np.ones((2, 625)))), "2 axes of values"),
+    (lambda: Surface((POINTS, np.vstack([FACES, [*FACES[7, :2], 600]]))), "edge"),
+    (lambda: Surface((np.where(POINTS > 47, np.nan, POINTS), FACES)), "finite"),
 ]
 
 
@@ -132,15 +104,10 @@ def test_missing_choices_are_named(open_widget, messages):
     widget.start.click()
     assert "nothing to flatten" in messages[-1].message
     viewer.add_labels(cap())
-    choose(widget.form.patch, "disk")
-    widget.start.click()
-    assert "no seed point" in messages[-1].message
-    choose(widget.form.patch, "polygon")
-    widget.start.click()
-    assert "no polygon" in messages[-1].message
-    choose(widget.form.patch, "mask")
-    widget.start.click()
-    assert "no mask" in messages[-1].message
+    for part, missing in (("disk", "no seed point"), ("polygon", "no polygon"), ("mask", "no mask")):
+        choose(widget.form.patch, part)
+        widget.start.click()
+        assert missing in messages[-1].message
     choose_whole(widget)
     viewer.add_image(np.ones((24, 24, 24)), units="mm")
     widget.start.click()
@@ -159,33 +126,38 @@ def test_a_bug_comes_with_its_traceback(open_widget, qtbot, messages, monkeypatc
     assert len(viewer.layers) == 1
 
 
-def test_cancel_is_prompt(open_widget, qtbot, large):
-    viewer, widget = open_widget(Labels(large, name="shell"))
-    start_large(widget, qtbot, large)
-    before = time.perf_counter()
+def begin(open_widget, qtbot, large, kind, few):
+    """Begin to flatten a layer called it: some seconds of work, or a second or two of few."""
+    if kind == "mesh":
+        viewer, widget = open_widget(Surface(dome(50 if few else 150), name="it"))
+        choose_whole(widget)
+        start(widget, qtbot, 200 if few else 4000)
+    else:
+        viewer, widget = open_widget(Labels(large, name="it"))
+        start_large(widget, qtbot, large, **({"sources": 300, "radius": 25} if few else {}))
+    return viewer, widget
+
+
+@pytest.mark.parametrize("kind", ["volume", "mesh"])
+def test_cancel_is_prompt(open_widget, qtbot, large, kind):
+    viewer, widget = begin(open_widget, qtbot, large, kind, few=False)
+    before, layers = time.perf_counter(), list(viewer.layers)
     widget.stop.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
-    seconds = time.perf_counter() - before
-    print(f"cancelled in {seconds:.3f} s")
-    assert seconds < 1  # some 0.02 s where the machine has nothing else to do
+    assert time.perf_counter() - before < 1  # some 0.02 s where the machine has nothing else to do
     assert widget.status.text() == "cancelled"
-    assert [layer.name for layer in viewer.layers] == ["shell", "seed point"]
+    assert list(viewer.layers) == layers
     widget.form.radius.setValue(15)
     widget.form.options.sources.setValue(50)
     run(widget, qtbot)
-    assert "shell distortion" in viewer.layers
+    assert "it distortion" in viewer.layers
 
 
-def test_cancel_of_a_mesh_is_prompt(open_widget, qtbot, large_mesh):
-    viewer, widget = open_widget(Surface(large_mesh, name="dome"))
-    choose_whole(widget)
-    start(widget, qtbot, 4000)
-    before = time.perf_counter()
-    widget.stop.click()
-    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
-    assert time.perf_counter() - before < 1
-    assert widget.status.text() == "cancelled"
-    assert [layer.name for layer in viewer.layers] == ["dome"]
+@pytest.mark.parametrize("kind", ["volume", "mesh"])
+def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large, kind):
+    viewer, _ = begin(open_widget, qtbot, large, kind, few=True)
+    viewer.layers.clear()
+    qtbot.waitUntil(lambda: "it distortion" in viewer.layers, timeout=PATIENCE)
 
 
 def test_window_stays_alive(open_widget, qtbot, large):
@@ -201,28 +173,21 @@ def test_window_stays_alive(open_widget, qtbot, large):
     timer.stop()
     times, layers = np.transpose(ticks)
     computing = times[layers == layers[0]]
-    gap = np.diff(computing).max()
-    print(f"longest gap {gap:.3f} s while computing, {np.diff(times).max():.3f} s when napari adds the map's layers")
-    assert gap < np.ptp(computing) / 2  # the stalls themselves are measured by make bench-napari
-
-
-def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot):
-    viewer, widget = open_widget(Surface(dome(50), name="dome"))
-    choose_whole(widget)
-    start(widget, qtbot, 200)
-    viewer.layers.clear()
-    qtbot.waitUntil(lambda: "dome distortion" in viewer.layers, timeout=PATIENCE)
-
-
-def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large):
-    viewer, widget = open_widget(Labels(large, name="shell"))
-    start_large(widget, qtbot, large, sources=300, radius=25)
-    viewer.layers.clear()
-    qtbot.waitUntil(lambda: "shell distortion" in viewer.layers, timeout=PATIENCE)
+    assert np.diff(computing).max() < np.ptp(computing) / 2  # the stalls themselves are measured by make bench-napari
 
 
 @pytest.mark.parametrize("close", ["window", "dock"])
-def test_closing_meanwhile_cancels(open_widget, qtbot, large, close, endings, messages):
+def test_closing_meanwhile_cancels(open_widget, qtbot, large, close, messages, monkeypatch):
+    run, endings = Job.run, []
+
+    def watched(job, progress):
+        try:
+            return run(job, progress)
+        except Exception as error:
+            endings.append(type(error))
+            raise
+
+    monkeypatch.setattr(Job, "run", watched)
     viewer, widget = open_widget(Labels(large))
     start_large(widget, qtbot, large)
     layers = list(viewer.layers)
@@ -238,39 +203,6 @@ def test_closing_meanwhile_cancels(open_widget, qtbot, large, close, endings, me
         viewer.add_labels(cap())  # nothing listens any more
 
 
-def test_the_map_shows_the_volume_at_a_depth(make_napari_viewer, qtbot):
-    ball = shapes.ball(12).astype(np.uint8)
-    along = np.indices(ball.shape)[0].astype(np.float32)
-    viewer = make_napari_viewer()
-    viewer.add_image(along, name="i")
-    viewer.add_labels(ball, name="ball")
-    viewer.add_points([[24, 14, 14]], name="seed")
-    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
-    choose(widget.form.patch, "disk")
-    qtbot.waitUntil(lambda: widget.form.seed.point is not None)
-    widget.form.radius.setValue(12)
-    means = []
-    for depth in (0, 2):
-        widget.form.sample_depth.setValue(depth)
-        run(widget, qtbot)
-        newest = [layer for layer in viewer.layers if layer.name.startswith("i flattened")][-1]
-        means.append(np.nanmean(newest.data))
-    assert 1 < means[1] - means[0] < 2  # the patch faces along i
-
-
-def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
-    """From 3D, with the map's dock open."""
-    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
-    viewer.dims.ndisplay = 3
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
-    run(widget, qtbot)
-    viewer.layers.clear()
-    viewer.add_labels(cap())
-    viewer.add_points([[3, 3, 3]])
-    wait_until_drawn(viewer, qtbot)
-
-
 def test_pages_in_colours_come_while_the_viewer_shows_3d(open_widget, qtbot, tmp_path):
     """napari cannot add a hidden picture in colours then."""
     points, faces, _ = bumps(9)
@@ -283,23 +215,24 @@ def test_pages_in_colours_come_while_the_viewer_shows_3d(open_widget, qtbot, tmp
     qtbot.waitUntil(lambda: not any(page.visible for page in pages), timeout=PATIENCE)
 
 
-def test_a_surface_is_chosen_anew_when_the_chosen_one_is_gone(open_widget):
-    viewer, widget = open_widget(Labels(cap(), name="one"))
-    viewer.add_labels(cap(), name="two")
+def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
+    """From 3D, with the map's dock open."""
+    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
+    viewer.dims.ndisplay = 3
     box = widget.form.surface
-    box.choose(viewer.layers["one"])
     box.activated.emit(box.currentIndex())  # by the user
+    run_whole(widget, qtbot)
     viewer.layers.clear()
     assert box.layer is None
-    viewer.add_labels(cap(), name="three")
-    assert box.layer is viewer.layers["three"]
+    viewer.add_labels(cap(), name="another")
+    assert box.layer is viewer.layers["another"]
+    viewer.add_points([[3, 3, 3]])
+    wait_until_drawn(viewer, qtbot)
 
 
 def test_figures_say_of_which_map_they_are(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     assert widget.results.title.text() == "Map of <b>sheet</b>"
     viewer.add_labels(np.zeros((9, 9, 9), np.uint8), name="empty")
     widget.form.surface.choose(viewer.layers["empty"])

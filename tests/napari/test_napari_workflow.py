@@ -9,21 +9,17 @@ import nibabel as nib
 import numpy as np
 import pytest
 from mesh_files import fsaverage5
+from napari_clicks import Hand
 from napari_window import wait_for_threads, wait_until_drawn
 from numpy.testing import assert_array_equal
+from qtpy.QtCore import QPoint
+from qtpy.QtWidgets import QApplication
 from scipy.spatial import ConvexHull
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh
-
-napari = pytest.importorskip("napari")
-from napari_clicks import Hand  # noqa: E402
-from qtpy.QtCore import QPoint  # noqa: E402
-from qtpy.QtWidgets import QApplication  # noqa: E402
-
-pytestmark = pytest.mark.slow  # a window
 
 FSAVERAGE2 = 162  # whose vertices are the first of fsaverage5's
 SMALL, LARGE = (1366, 768), (1600, 1000)
@@ -160,6 +156,10 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     chosen = widget.form.surface, widget.form.pial, widget.form.sampled
     assert [choice.currentText() for choice in chosen] == ["lh.white", "lh.pial", "lh.thickness"]
     assert "standard cuts, located by lh.sphere.reg" in widget.form.plan.text()
+    widget.form.surface.choose(viewer.layers["lh.thickness"])
+    assert widget.form.pial.layer is None  # it lies there itself
+    assert "midway" not in widget.form.plan.text()
+    widget.form.surface.choose(viewer.layers["lh.white"])
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
     flat = flatten(hand, viewer)
@@ -218,8 +218,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert f"read_overlay({str(subject / 'lh.thickness')!r}" in script  # all lies in files: nothing is asked
 
     # saved by the menu, and opened again in an empty window
-    heat = next(layer for layer in viewer.layers if layer.name.endswith("distortion"))
-    viewer.layers.selection = {heat}
+    viewer.layers.selection = {next(layer for layer in viewer.layers if layer.name.endswith("distortion"))}
     saved = tmp_path / "mine.voxflat"
     hand.answer(saved, kind="voxflat flat map")
     hand.menu("File", "Save Selected Layers")
@@ -229,28 +228,6 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert_array_equal(Workbench.of(viewer).current.flat_map.uv, flat_map.uv)
     again = dock(viewer, "Flat map")
     hand.wait(lambda: again.is_drawn)
-
-
-def test_a_gifti_surface(window, hemisphere, look, tmp_path):
-    viewer, hand = window(LARGE, "light")
-    points, faces = hemisphere("white")
-    path = tmp_path / "lh.midthickness.surf.gii"
-    write_mesh(path, Mesh(points, faces))
-    open_files(hand, viewer, path)
-    hand.menu("Layers", "Measure", "Check surface (voxflat)")
-    checking = dock(viewer, "Check surface")
-    hand.press(checking.start)
-    hand.wait(lambda: bool(checking.table.toPlainText()))
-    hand.picture(tmp_path / "napari_check.png")
-    viewer.window.remove_dock_widget(checking)
-    hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
-    widget = dock(viewer, "Flatten surface")
-    assert "automatic cuts" in widget.form.plan.text()
-    flat = flatten(hand, viewer)
-    point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
-    look(hand, viewer, "surface", *parts_of(flat))
-    hand.menu("Layers", "Measure", "Measure map (voxflat)")
-    hand.picture(tmp_path / "napari_measure.png")
 
 
 def test_the_demo_cortex(window, pictures, look, request):

@@ -5,9 +5,11 @@ import sys
 
 import nibabel as nib
 import numpy as np
-import pytest
-from napari_window import FLIP, PATIENCE, bumps, cap, choose_whole, open_file, run
+from napari.layers import Image, Labels, Surface
+from napari.layers._source import layer_source
+from napari_window import FLIP, bumps, cap, open_file, run_whole
 from numpy.testing import assert_array_equal
+from qtpy.QtWidgets import QApplication
 
 import voxflat
 from voxflat._napari.job import Job, PatchesJob
@@ -16,12 +18,6 @@ from voxflat._napari.layers.sampled import overlay, shown
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.scripts import Recipe
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh, write_volume
-
-napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Surface  # noqa: E402
-from napari.layers._source import layer_source  # noqa: E402
-
-pytestmark = pytest.mark.slow  # starts programs
 
 
 def from_file(make, path):
@@ -69,8 +65,7 @@ def test_the_same_bits(tmp_path):
     (tmp_path / "again.py").write_text(whole)
     subprocess.run([sys.executable, "again.py"], cwd=tmp_path, check=True)
     for name, flat_map in expected.items():
-        load = voxflat.load_atlas if name == "parts" else voxflat.load
-        again = load(tmp_path / f"{name}.voxflat")
+        again = (voxflat.load_atlas if name == "parts" else voxflat.load)(tmp_path / f"{name}.voxflat")
         assert_array_equal(again.uv, flat_map.uv)
         for known in ("space", "structure"):
             assert again.metadata.get(known) == flat_map.metadata.get(known)
@@ -100,12 +95,8 @@ def test_values_of_a_file_are_read_from_it(tmp_path, monkeypatch):
 
 
 def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tmp_path):
-    from qtpy.QtWidgets import QApplication
-
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
-    choose_whole(widget)
-    run(widget, qtbot)
+    run_whole(widget, qtbot)
     monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getExistingDirectory", lambda *_: str(tmp_path))
     assert widget.results.copy.isVisibleTo(widget)
     widget.results.copy.click()

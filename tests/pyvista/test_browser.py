@@ -1,22 +1,20 @@
 """Maps in a browser: what the page holds, and what it shows and says, in headless Chromium."""
 
-import base64
 import html
 import json
 import re
-import zlib
 
 import numpy as np
 import pytest
-from lab_runs import console_of
+import pyvista as pv
+from lab_runs import console_of, drawn_with, scene_of
 from numpy.testing import assert_allclose, assert_array_equal
 
-pv = pytest.importorskip("pyvista")
-
-import voxflat  # noqa: E402
-from voxflat import InputError  # noqa: E402
-from voxflat._pyvista.browser import browser_page  # noqa: E402
-from voxflat.maps.laying import laid  # noqa: E402
+import voxflat
+from voxflat import InputError
+from voxflat._pyvista.browser import browser_page
+from voxflat.maps.laying import laid
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow  # opens a browser
 
@@ -26,21 +24,15 @@ def flat():
     ball = pv.Icosphere(radius=20.0, nsub=2)
     ball.point_data["height </script>"] = ball.points[:, 2]
     ball.cell_data["number"] = np.arange(ball.n_cells)
-    return ball.voxflat(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    return ball.voxflat(method=Voxflat(sources=20), relax=False)
 
 
-def scene_of(text):
-    content = json.loads(re.search(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)[1])
-    data, arrays, at = zlib.decompress(base64.b64decode(content["data"])), {}, 0
-    for array in content["arrays"]:
-        coded = np.frombuffer(data, "<u2", array["length"], at)
-        if "known" in array:  # whole numbers
-            values = np.array([*array["known"], np.nan])[np.minimum(coded, len(array["known"]))]
-        else:
-            values = np.where(coded == 65535, np.nan, array["low"] + array["step"] * coded)
-        arrays[array["name"]] = values
-        at += 2 * array["length"]
-    return content, arrays, np.frombuffer(data, "<u4", offset=at).reshape(-1, 3)
+def shown_by(text):
+    return scene_of(re.search(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def smooth_places(flat):
+    return laid(np.asarray(flat.points, dtype=float), np.asarray(flat["surface_points"], dtype=float))[1]
 
 
 def test_the_page_holds_the_map_and_all_its_values(flat, tmp_path):
@@ -50,13 +42,12 @@ def test_the_page_holds_the_map_and_all_its_values(flat, tmp_path):
     text = (tmp_path / "ball.html").read_text()
     assert "<h1>A &lt;b&gt;&#34;ball&#34;</h1>" in text
     assert not re.search(r'(src|href)="?(https?:)?//', text)
-    content, arrays, faces = scene_of(text)
+    content, arrays, faces = shown_by(text)
     assert_array_equal(faces, flat.regular_faces)
     assert_array_equal(content["ids"], flat["vertex_ids"])
     assert_allclose(arrays["uv"].reshape(-1, 2), flat.points[:, :2], atol=1e-3)
     assert_allclose(arrays["folded"].reshape(-1, 3), flat["surface_points"], atol=1e-3)
-    _, places = laid(np.asarray(flat.points, dtype=float), np.asarray(flat["surface_points"], dtype=float))
-    assert_allclose(arrays["smooth"].reshape(-1, 3), places, atol=2e-3)
+    assert_allclose(arrays["smooth"].reshape(-1, 3), smooth_places(flat), atol=2e-3)
     assert_allclose(arrays["distance_error"], 100 * flat["distance_error"], atol=1e-3)
     assert_allclose(arrays["height </script>"], flat["height </script>"], atol=1e-3)
     assert next(layer["name"] for layer in content["layers"]) == "distance_error"
@@ -64,7 +55,7 @@ def test_the_page_holds_the_map_and_all_its_values(flat, tmp_path):
 
 
 def test_the_pointer_reads_values_and_the_slider_unfolds(flat, tmp_path):
-    move = """<script>setTimeout(() => {
+    move = """
       const viewer = document.querySelector(".viewer").viewer, canvas = document.querySelector("canvas.flat");
       const box = canvas.getBoundingClientRect();
       const uv = viewer.values.uv, x = uv.filter((_, n) => n % 2 === 0), y = uv.filter((_, n) => n % 2 === 1);
@@ -80,20 +71,16 @@ def test_the_pointer_reads_values_and_the_slider_unfolds(flat, tmp_path):
       document.body.dataset.places = Array.from(viewer.places.slice(0, 30)).map((v) => v.toFixed(3)).join(" ");
       document.body.dataset.marked = viewer.marked;
       document.body.dataset.bars = Array.from(document.querySelectorAll(".bar")).filter((bar) => !bar.hidden).length;
-    }, 3000);</script>"""
-    page = tmp_path / "page.html"
-    page.write_text(flat.voxflat.show("Ball").html.replace("</body>", f"{move}</body>"))
-    said, drawn = console_of(page, "--window-size=1280,900")
-    assert said == []
+    """
+    drawn = drawn_with(move, flat.voxflat.show("Ball").html, tmp_path)
     marked = int(re.search(r'data-marked="(\d+)"', drawn)[1])
     told = re.search(r"<output>Vertex (\d+), at \((.*?)\)\. mean relative error of distances \(%\): (\S+) ", drawn)
     assert int(told[1]) == flat["vertex_ids"][marked]
     assert_allclose([float(part) for part in told[2].split(",")], flat["surface_points"][marked], atol=0.06)
     assert float(told[3]) == pytest.approx(100 * flat["distance_error"][marked], rel=0.006)
     assert marked == 40
-    _, places = laid(np.asarray(flat.points, dtype=float), np.asarray(flat["surface_points"], dtype=float))
     shown = np.array(re.search(r'data-places="([^"]*)"', drawn)[1].split(), dtype=float).reshape(-1, 3)
-    assert_allclose(shown, places[:10], atol=5e-3)
+    assert_allclose(shown, smooth_places(flat)[:10], atol=5e-3)
     assert 'data-bars="1"' in drawn
 
 
@@ -121,9 +108,8 @@ def test_the_page_fits_and_is_drawn(width, dark, tmp_path):
     text = leaning.voxflat.show("Leaning", relax=False).html.replace("</body>", f"{SEEN}</body>")
     frame = f'<iframe srcdoc="{html.escape(text)}" style="border: 0; width: {width}px; height: 844px"></iframe>'
     page.write_text(f"<!doctype html><body>{frame}</body>")  # windows of Chromium are 500 pixels wide at least
-    said, drawn = console_of(
-        page, "--window-size=1400,900", f"--blink-settings=preferredColorScheme={0 if dark else 1}"
-    )
+    scheme = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
+    said, drawn = console_of(page, "--window-size=1400,900", scheme)
     assert said == []
     seen = json.loads(html.unescape(re.search(r'data-seen="([^"]*)"', drawn)[1]))
     assert seen["width"] == width
@@ -142,8 +128,8 @@ def test_labels_stay_labels_and_numbers_exact():
     plane.cell_data["one"] = np.arange(plane.n_cells) == 100
     plane.cell_data["height"] = middle[:, 1]
     plane.point_data["number"] = 10**9 + np.arange(plane.n_points)
-    flat = plane.voxflat(method=voxflat.methods.Voxflat(sources=20))
-    content, arrays, faces = scene_of(flat.voxflat.show().html)
+    flat = plane.voxflat(method=Voxflat(sources=20))
+    content, arrays, faces = shown_by(flat.voxflat.show().html)
     layers = {layer["name"]: layer for layer in content["layers"]}
     assert set(arrays["code"]) == {3, 16_711_680}
     of_triangles = np.where(arrays["code"] == 3, 1, -1)[faces].sum(axis=1)
@@ -160,10 +146,10 @@ def test_labels_stay_labels_and_numbers_exact():
 
 def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
     ball = pv.Icosphere(radius=20.0, nsub=2)
-    flat_map = ball.voxflat.flatten(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    flat_map = ball.voxflat.flatten(method=Voxflat(sources=20), relax=False)
     voxflat.map_page(flat_map, "Ball").save(tmp_path / "ball.html")
-    content, arrays, faces = scene_of((tmp_path / "ball.html").read_text())
-    of_mesh, same, triangles = scene_of(flat.voxflat.show("Ball").html)
+    content, arrays, faces = shown_by((tmp_path / "ball.html").read_text())
+    of_mesh, same, triangles = shown_by(flat.voxflat.show("Ball").html)
     assert_array_equal(faces, triangles)
     assert (content["unit"], of_mesh["unit"]) == ("mm", "")
     for name in ("uv", "folded", "distance_error", "areal", "angle", "isometric", "quasi_conformal", "flipped"):
@@ -173,8 +159,7 @@ def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
 
 def test_a_notebook_shows_the_page(flat):
     page = flat.voxflat.show("Ball")
-    frame = page._repr_html_()
-    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == page.html
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', page._repr_html_())[1]) == page.html
     assert repr(page).startswith("<MapPage: 0.")
 
 

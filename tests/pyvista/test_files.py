@@ -3,19 +3,16 @@
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pytest
+import pyvista as pv
 import tomllib
 from numpy.testing import assert_allclose, assert_array_equal
 
-pv = pytest.importorskip("pyvista")
-nibabel = pytest.importorskip("nibabel")
-if not hasattr(pv, "register_reader"):
-    pytest.skip("PyVista before 0.48 has no registries of readers", allow_module_level=True)
-
-import voxflat  # noqa: E402
-from voxflat import InputError  # noqa: E402
-from voxflat.io import Patch, patch_border, write_patch  # noqa: E402
+from voxflat import InputError
+from voxflat.io import Patch, patch_border, write_patch
+from voxflat.methods import Voxflat
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["entry-points"]
 
@@ -44,24 +41,23 @@ def test_surfaces_of_freesurfer(name, ball, tmp_path):
 
 
 def test_a_flat_map_is_saved_with_the_numbers_of_its_mesh(ball, tmp_path, caplog):
-    flat = ball.voxflat(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    flat = ball.voxflat(method=Voxflat(sources=20), relax=False)
     flat.save(tmp_path / "lh.flat.surf.gii")
     points, faces = (array.data for array in nibabel.load(tmp_path / "lh.flat.surf.gii").darrays)
     assert len(points) == ball.n_points
-    ball.voxflat.flatten(method=voxflat.methods.Voxflat(sources=20), relax=False).save(tmp_path / "own.surf.gii")
+    ball.voxflat.flatten(method=Voxflat(sources=20), relax=False).save(tmp_path / "own.surf.gii")
     expected = [array.data for array in nibabel.load(tmp_path / "own.surf.gii").darrays]
     assert_allclose(points, expected[0], atol=1e-5)
     assert_array_equal(faces, expected[1])
     assert 0 < len(faces) < flat.n_cells
     assert "lie at a cut that doubles vertices" in caplog.text
-    again = pv.read(tmp_path / "lh.flat.surf.gii")
-    assert_array_equal(again.regular_faces, faces)
+    assert_array_equal(pv.read(tmp_path / "lh.flat.surf.gii").regular_faces, faces)
     ball.save(tmp_path / "ball.surf.gii")
     assert_allclose(nibabel.load(tmp_path / "ball.surf.gii").darrays[0].data, ball.points, rtol=1e-6)
 
 
 def test_a_saved_map_is_read(ball, tmp_path):
-    flat_map = ball.voxflat.flatten(method=voxflat.methods.Voxflat(sources=20), relax=False)
+    flat_map = ball.voxflat.flatten(method=Voxflat(sources=20), relax=False)
     flat_map.save(tmp_path / "map.voxflat")
     mesh = pv.read(tmp_path / "map.voxflat")
     assert_array_equal(mesh.points[:, :2], flat_map.uv)
@@ -72,10 +68,8 @@ def test_a_saved_map_is_read(ball, tmp_path):
 def test_a_patch_is_read_with_its_surface(ball, tmp_path):
     faces = ball.regular_faces
     kept = np.flatnonzero(ball.points[:, 2] > 0)
-    write_patch(
-        tmp_path / "lh.cap.patch.3d",
-        Patch(kept, np.asarray(ball.points)[kept], patch_border(faces, kept, ball.n_points)),
-    )
+    cap = Patch(kept, np.asarray(ball.points)[kept], patch_border(faces, kept, ball.n_points))
+    write_patch(tmp_path / "lh.cap.patch.3d", cap)
     nibabel.freesurfer.write_geometry(tmp_path / "lh.white", np.asarray(ball.points), faces)
     patch = pv.read(tmp_path / "lh.cap.patch.3d", surface=str(tmp_path / "lh.white"))
     inside = np.isin(faces, kept).all(axis=1)

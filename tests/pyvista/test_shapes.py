@@ -4,24 +4,16 @@ import composed
 import doors
 import numpy as np
 import pytest
+import pyvista as pv
 from click.testing import CliRunner
 from numpy.testing import assert_array_equal
+from pyvista import examples
 
-pv = pytest.importorskip("pyvista")
-
-from pyvista import examples  # noqa: E402
-
-import voxflat  # noqa: E402
-from voxflat import InputError  # noqa: E402
-from voxflat.cli import main  # noqa: E402
+import voxflat
+from voxflat import InputError
+from voxflat.cli import main
 
 QUICK = {"method": voxflat.methods.Voxflat(sources=8), "relax": False}
-
-
-def bowl(count=7):
-    """Quads of a paraboloid."""
-    x, y = np.meshgrid(np.linspace(-3, 3, count), np.linspace(-3, 3, count), indexing="ij")
-    return pv.StructuredGrid(x, y, 0.1 * (x * x + y * y))
 
 
 def surface_of(dataset):
@@ -57,21 +49,12 @@ DATASETS = {
 }
 """Of PyVista's examples, those that come with it."""
 NO_MESH = {"geodesic", "path"}  # of an image: of its surface instead
-OF_ONE = {*NO_MESH, "texture", "plot", "morph"}  # of a block each
+OF_ONE = {"texture", "plot", "morph"}  # of a block each
 
 
 def called(verb, mesh):
     """The result of a verb, as little work as there is, and of which type it must be."""
     of = mesh.voxflat
-    if isinstance(mesh, pv.MultiBlock):
-        kinds = {"flatten": dict, "check": dict}
-        return called_on(of, mesh, verb)[0](), kinds.get(verb, pv.MultiBlock)
-    call, kind = called_on(of, mesh, verb)
-    return call(), kind
-
-
-def called_on(of, mesh, verb):
-    """What calls a verb of an accessor, and of which type its result of one dataset is."""
     calls = {
         "measure": (lambda: of.measure(of(**QUICK), sources=5), pv.PolyData),
         "__call__": (lambda: of(**QUICK), pv.PolyData),
@@ -86,11 +69,13 @@ def called_on(of, mesh, verb):
         "plot": (lambda: of.plot(show=False, off_screen=True, **QUICK), pv.Plotter),
         "morph": (lambda: of.morph(2, **QUICK), object),
     }
-    return calls[verb]
+    call, kind = calls[verb]
+    if isinstance(mesh, pv.MultiBlock):
+        kind = dict if verb in ("flatten", "check") else pv.MultiBlock
+    return call(), kind
 
 
-VERBS = ["__call__", "flatten", "surface", "check", "geodesic", "path", "patches", "cut", "measure", "texture", "plot"]
-VERBS += ["morph"]
+VERBS = ("__call__", "flatten", "surface", "check", "geodesic", "path", "patches", "cut", "measure", *sorted(OF_ONE))
 
 
 @pytest.mark.slow
@@ -115,7 +100,9 @@ def test_every_verb_on_every_dataset(dataset, verb):
     assert mesh == before
     if verb in ("__call__", "patches", "cut", "measure") and dataset != "ImageData":
         assert_array_equal(result["number"], result["vertex_ids"])
-        assert set(result["cell"]) <= set(range(mesh.n_cells))
+        corners = result["vertex_ids"][result.regular_faces].tolist()
+        for cell, triangle in zip(result["cell"], corners, strict=True):
+            assert set(triangle) <= set(mesh.get_cell(cell).point_ids)
         places = result.points if verb == "cut" else result["surface_points"]
         assert np.abs(places - mesh.points[result["number"]]).max() < 1e-5
     if verb == "path":
@@ -123,6 +110,10 @@ def test_every_verb_on_every_dataset(dataset, verb):
     if verb == "surface":
         assert result.n_cells == surface_of(mesh).triangulate().n_cells or dataset == "ImageData"
         assert result.connectivity()["RegionId"].max() == 0
+    if verb == "check":
+        assert result.can_flatten
+    if verb == "patches":
+        assert result.active_scalars_name == "patch"
     if verb == "morph":
         assert result[0].n_points == result[1].n_points
     if verb == "plot":
@@ -131,7 +122,7 @@ def test_every_verb_on_every_dataset(dataset, verb):
 
 def check_blocks(blocks, verb):
     before = blocks.copy()
-    if verb in OF_ONE:
+    if verb in OF_ONE | NO_MESH:
         with pytest.raises(AttributeError, match=r"take a block, blocks\['grid'\]"):
             called(verb, blocks)
         return
@@ -153,9 +144,6 @@ def test_what_is_no_surface_is_refused_by_every_verb():
                 called(verb, nothing)
 
 
-# --------------------------------------------------------------------------------------------- shapes
-
-
 def coarse(name):
     return getattr(pv, f"Parametric{name}")(u_res=11, v_res=11)
 
@@ -169,27 +157,25 @@ FLAT = {
     "Cylinder, open": lambda: pv.Cylinder(resolution=12, capping=False),
     "CylinderStructured": lambda: pv.CylinderStructured(radius=1, theta_resolution=12, z_resolution=4),
     "Cone": lambda: pv.Cone(resolution=12),
-    "Cube": pv.Cube,
     "Box": lambda: pv.Box(level=2),
     "Plane": lambda: pv.Plane(i_resolution=4, j_resolution=4),
     "Disc": lambda: pv.Disc(r_res=3, c_res=12),
     "Circle": lambda: pv.Circle(resolution=12),
     "Ellipse": lambda: pv.Ellipse(resolution=12),
     "Polygon": lambda: pv.Polygon(n_sides=7),
-    "Triangle": pv.Triangle,
-    "Rectangle": pv.Rectangle,
-    "Quadrilateral": pv.Quadrilateral,
-    "Tetrahedron": pv.Tetrahedron,
-    "Octahedron": pv.Octahedron,
-    "Icosahedron": pv.Icosahedron,
-    "Dodecahedron": pv.Dodecahedron,
-    "Pyramid": pv.Pyramid,
     "Capsule": lambda: pv.Capsule(resolution=8),
     "Tube": lambda: pv.Tube(n_sides=8, resolution=3, capping=True),
     "Arrow": lambda: pv.Arrow(tip_resolution=8, shaft_resolution=8),
     "Superquadric": lambda: pv.Superquadric(theta_resolution=8, phi_resolution=8),
     "Text3D": lambda: pv.Text3D("o", depth=0.2),
     "contour of a Wavelet": lambda: pv.Wavelet(extent=(-4, 4, -4, 4, -4, 4)).contour([150]),
+    **{
+        name: getattr(pv, name)
+        for name in (
+            *("Cube", "Triangle", "Rectangle", "Quadrilateral", "Tetrahedron", "Octahedron", "Icosahedron"),
+            *("Dodecahedron", "Pyramid"),
+        )
+    },
     **{
         f"Parametric{name}": lambda name=name: coarse(name)
         for name in (
@@ -228,9 +214,6 @@ def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
         coarse(name).voxflat()
 
 
-# ----------------------------------------------------------------------------------------- every door
-
-
 @pytest.mark.slow
 def test_the_same_map_through_every_door(tmp_path, caplog):
     """A mesh in a file: function, command line, accessor and filter give the same arrays, bit by bit.
@@ -264,16 +247,14 @@ def test_the_same_map_through_every_door(tmp_path, caplog):
 
 
 def test_all_components_become_blocks_by_area(caplog):
-    near, far = (
-        pv.Plane(center=(30 * n, 0, 0), i_size=size, j_size=size).triangulate() for n, size in enumerate((4, 9))
-    )
-    both = near.merge(far)
+    near = pv.Plane(i_size=4, j_size=4).triangulate()
+    both = near.merge(pv.Plane(center=(30, 0, 0), i_size=9, j_size=9).triangulate())
     both.point_data["height"] = np.arange(both.n_points)
     blocks = both.voxflat(components="all", relax=False)
     assert blocks.keys() == ["component 1", "component 2"]
     assert [round(np.ptp(block.points[:, 0])) for block in blocks] == [9, 4]
     for block in blocks:
-        np.testing.assert_array_equal(block["height"], both["height"][block["vertex_ids"]])
+        assert_array_equal(block["height"], both["height"][block["vertex_ids"]])
     with pytest.raises(InputError, match="components is 'each'"):
         both.voxflat(components="each")
     with pytest.raises(InputError, match="cannot be combined"):

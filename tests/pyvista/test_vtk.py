@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pyvista")
-
 ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "tests" / "helpers" / "vtk_pipeline.py"
 DEBIAN = ROOT / ".tools" / "debian-vtk" / "bin" / "python"  # made by `make test`
@@ -25,23 +23,16 @@ def facts(request):
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "plugin")}
     done = subprocess.run([python, PROGRAM], capture_output=True, text=True, timeout=300, env=environment)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout.splitlines()[-1])
-    return {**found, "stderr": done.stderr}
+    return {**json.loads(done.stdout.splitlines()[-1]), "stderr": done.stderr}
 
 
-def test_voxflat_alone_imports_no_vtk(facts):
+def test_the_arrays_are_the_accessors_bit_by_bit_and_those_of_the_input_beside_them(facts):
     assert facts["loaded by voxflat"] == []
-
-
-def test_the_arrays_are_the_accessors_bit_by_bit(facts):
     assert facts["flat is the accessor's"]
     assert facts["page is the accessor's"]
     assert facts["image is the accessor's"]
-    assert {"distance_error", "areal", "isometric", "flipped", "vertex_ids"} <= set(facts["arrays"])
-
-
-def test_arrays_of_the_input_are_passed_on(facts):
     assert facts["elevation"]
+    assert {"distance_error", "areal", "isometric", "flipped", "vertex_ids"} <= set(facts["arrays"])
 
 
 def test_it_runs_when_its_input_or_an_option_has_changed(facts):

@@ -1,0 +1,168 @@
+"""What is told of jobs that run in other threads, how they are cancelled, and when garbage is collected meanwhile."""
+
+import gc
+import threading
+import weakref
+
+import pytest
+from napari.resources import LOADING_GIF_PATH
+from napari.utils import progress
+from napari_window import PATIENCE, wait_for_threads
+from qtpy.QtGui import QCursor
+from qtpy.QtWidgets import QLabel
+
+from voxflat._napari.garbage import _PutOff, put_off_collections
+from voxflat._napari.worker import JobWorker
+from voxflat.errors import Cancelled
+
+
+class Circle:
+    """Garbage that only a collection finds."""
+
+    def __init__(self):
+        self.own = self
+
+
+@pytest.fixture
+def usual(qapp, monkeypatch):
+    """The thresholds of before; the mouse rests."""
+    if gc.get_threshold()[2] == 0:
+        pytest.skip("this Python collects in small steps")
+    monkeypatch.setattr(QCursor, "pos", lambda: (0, 0))
+    monkeypatch.setattr(gc, "get_count", lambda: (0, 3, 999))  # nothing is made, and there is enough
+    if _PutOff.one is not None:  # of a test before
+        _PutOff.one._end()
+    yield gc.get_threshold()
+    if _PutOff.one is not None:
+        _PutOff.one._end()
+
+
+def old_garbage():
+    """Return what tells whether garbage that survived two collections of what is young is there."""
+    circle = Circle()
+    gc.collect(1)
+    gc.collect(1)
+    return weakref.ref(circle)
+
+
+def test_a_full_collection_waits_for_rest(usual):
+    put_off_collections()
+    assert gc.get_threshold()[:2] == usual[:2]
+    assert gc.get_threshold()[2] > usual[2]
+    garbage = old_garbage()
+    _PutOff.one.look()  # where the mouse is
+    assert garbage() is not None
+    _PutOff.one.look()  # and it has not moved since
+    assert garbage() is None
+    assert _PutOff.one is None
+    assert gc.get_threshold() == usual
+
+
+def test_it_waits_for_jobs_and_the_mouse_but_not_for_ever(usual, monkeypatch):
+    places = iter(range(1, 1000))
+    put_off_collections()
+    garbage = old_garbage()
+    for _ in range(30):
+        put_off_collections()  # as a job does, many times between two looks
+        _PutOff.one.look()
+    assert garbage() is not None
+    monkeypatch.setattr(QCursor, "pos", lambda: (next(places), 0))
+    for _ in range(8):
+        _PutOff.one.look()
+    put_off_collections()  # layers come: it begins anew
+    for _ in range(9):
+        _PutOff.one.look()
+    assert garbage() is not None
+    _PutOff.one.look()
+    assert garbage() is not None  # who moves the mouse is not disturbed
+    assert _PutOff.one is None
+    assert gc.get_threshold() == usual  # Python does as it did
+
+
+def test_what_others_said_stays(usual):
+    gc.disable()
+    try:
+        put_off_collections()
+        assert _PutOff.one is None
+    finally:
+        gc.enable()
+    put_off_collections()
+    others = (usual[0] + 1, *usual[1:])
+    gc.set_threshold(*others)
+    try:
+        _PutOff.one._end()
+        assert gc.get_threshold() == others
+    finally:
+        gc.set_threshold(*usual)
+
+
+def test_who_asks_gets_it_at_once(usual):
+    put_off_collections()
+    garbage = old_garbage()
+    gc.collect()
+    assert garbage() is None
+
+
+class Endless:
+    """Works until it is cancelled."""
+
+    def __init__(self):
+        self.go_on = threading.Event()
+
+    def run(self, tell):
+        while tell("counting", 3, 7):
+            self.go_on.wait(0.001)
+        raise Cancelled("cancelled")
+
+
+@pytest.fixture
+def wheel(make_napari_viewer, monkeypatch):
+    """What turns in a window's status bar."""
+    monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
+    window = make_napari_viewer().window._qt_window
+    (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
+    return wheel
+
+
+def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
+    worker, errors = JobWorker(Endless().run, "Flatten"), []
+    worker.errored.connect(errors.append)
+    calls = []
+    monkeypatch.setattr("voxflat._napari.worker.put_off_collections", lambda: calls.append(worker.stage))
+    worker.start()
+    qtbot.waitUntil(lambda: bool(progress._all_instances), timeout=PATIENCE)
+    (bar,) = progress._all_instances
+    qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
+    assert bar.desc.startswith("Flatten: counting")
+    assert len(calls) > 1  # as long as it works
+    assert wheel.speed() < 20  # %: each of its pictures has the whole window put together
+    bar.cancel()  # as the button there
+    qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
+    assert isinstance(errors[0], Cancelled)
+    wait_for_threads(qtbot)
+    assert not progress._all_instances
+    assert wheel.speed() == 100
+
+
+def test_the_wheel_turns_slowly_while_any_job_runs(wheel, qtbot):
+    workers = [JobWorker(Endless().run, name) for name in ("one", "other")]
+    for worker in workers:
+        worker.start()
+    qtbot.waitUntil(lambda: all(worker.is_running for worker in workers), timeout=PATIENCE)
+    for worker, speed in zip(workers, (12, 100), strict=True):
+        with qtbot.waitSignal(worker.finished, timeout=PATIENCE):
+            worker.quit()
+        qtbot.waitUntil(lambda speed=speed: wheel.speed() == speed, timeout=PATIENCE)
+    wait_for_threads(qtbot)
+
+
+def test_who_cancels_at_once_sees_no_bar(make_napari_viewer, qtbot):
+    make_napari_viewer()
+    worker, errors = JobWorker(Endless().run), []
+    worker.errored.connect(errors.append)
+    worker.start()
+    worker.quit()
+    qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
+    assert isinstance(errors[0], Cancelled)
+    assert not progress._all_instances
+    wait_for_threads(qtbot)
