@@ -29,6 +29,7 @@ from voxflat.io.volumes import read_volume
 from voxflat.maps.colours import all_whole
 from voxflat.maps.parcels import parcels_of
 from voxflat.maps.textures.pictures import as_picture, values_at
+from voxflat.methods import Voxflat
 
 META = (
     "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
@@ -159,7 +160,7 @@ def test_what_those_were_made_of_is_read(tmp_path, monkeypatch):
 def flat_map():
     volume = np.zeros((8, 8, 5), np.uint8)
     volume[:, :, 2] = 1
-    return voxflat.flatten(volume, method=voxflat.methods.Voxflat(sources=9))
+    return voxflat.flatten(volume, Voxflat(sources=9))
 
 
 def _too_late(_number, _frame):
@@ -518,9 +519,7 @@ def sheet():
     i, j = np.indices((6, 6)).reshape(2, -1)
     corner = np.arange(36).reshape(6, 6)[:-1, :-1].ravel()
     faces = np.concatenate([corner[:, None] + [0, 6, 1], corner[:, None] + [1, 6, 7]])
-    return voxflat.flatten(
-        (np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), method=voxflat.methods.Voxflat(sources=9)
-    )
+    return voxflat.flatten((np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), method=Voxflat(sources=9))
 
 
 def damaged_tag(path, shape, tag, kind, change):

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mesh_files import gifti, needs_workbench
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import voxflat
-from voxflat import cli
+from voxflat import InputError, cli
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.provenance import portable
+from voxflat.methods import Voxflat
 
 SIZE, COUNT = 13, 169
 NAMES = ("rest", "2BK-0BK", "3")
@@ -33,9 +35,7 @@ def plane(structure):
 @pytest.fixture(scope="module", params=["CortexLeft", None])
 def flat(request):
     mesh = plane(request.param)
-    return replace(
-        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30)), uv=mesh.points[:, :2]
-    )  # to be exact
+    return replace(voxflat.flatten(mesh, Voxflat(sources=30)), uv=mesh.points[:, :2])  # to be exact
 
 
 def linear(places, k):
@@ -52,7 +52,7 @@ def pixels(image):
 def assert_shows(image, k):
     inside = ~np.isnan(image.data)
     assert inside.mean() > 0.5
-    np.testing.assert_allclose(image.data[inside], linear(pixels(image), k)[inside], atol=1e-4)
+    assert_allclose(image.data[inside], linear(pixels(image), k)[inside], atol=1e-4)
 
 
 def at_vertices(k):
@@ -99,11 +99,9 @@ class TestOverlays:
                 assert image.name == ", ".join(part for part in (name, names[k]) if part)
             assert_shows(flat.image(tmp_path / name, channel=2), 2)
             assert_shows(flat.image(tmp_path / name, channel=-3), 0)
-            with pytest.raises(
-                voxflat.InputError, match=rf"{name}: has 3 maps \(.*\): choose one by its name or number"
-            ):
+            with pytest.raises(InputError, match=rf"{name}: has 3 maps \(.*\): choose one by its name or number"):
                 flat.image(tmp_path / name)
-            with pytest.raises(voxflat.InputError, match=r"has no map 3: they are numbered 0 to 2"):
+            with pytest.raises(InputError, match=r"has no map 3: they are numbered 0 to 2"):
                 flat.image(tmp_path / name, channel=3)
 
     def test_one_map_needs_no_choice(self, flat, tmp_path):
@@ -115,9 +113,9 @@ class TestOverlays:
         assert_shows(flat.image(tmp_path / "z.func.gii", channel="2BK-0BK"), 1)
         assert_shows(flat.image(tmp_path / "z.func.gii", channel="3"), 2)
         assert_shows(flat.image(tmp_path / "z.func.gii", channel="1"), 1)
-        with pytest.raises(voxflat.InputError, match="has no map 'none', but rest, 2BK-0BK, 3"):
+        with pytest.raises(InputError, match="has no map 'none', but rest, 2BK-0BK, 3"):
             flat.image(tmp_path / "z.func.gii", channel="none")
-        with pytest.raises(voxflat.InputError, match="channel is True"):
+        with pytest.raises(InputError, match="channel is True"):
             flat.image(tmp_path / "z.func.gii", channel=True)
 
     def test_another_count(self, flat, tmp_path):
@@ -125,13 +123,13 @@ class TestOverlays:
         nib.save(nib.MGHImage(values, np.eye(4)), tmp_path / "a.mgz")
         nib.save(nib.Nifti1Image(values, np.eye(4)), tmp_path / "b.nii.gz")
         for name in ("a.mgz", "b.nii.gz"):
-            with pytest.raises(voxflat.InputError, match=f"{name}: has 7 values; the surface has 169 points"):
+            with pytest.raises(InputError, match=f"{name}: has 7 values; the surface has 169 points"):
                 flat.image(tmp_path / name)
 
     def test_a_file_cut_short(self, flat, tmp_path):
         overlays(tmp_path)
         (tmp_path / "d.nii").write_bytes((tmp_path / "d.nii").read_bytes()[:-9])
-        with pytest.raises(voxflat.InputError, match=r"d.nii: ends after 2371 of 2380 bytes"):
+        with pytest.raises(InputError, match=r"d.nii: ends after 2371 of 2380 bytes"):
             flat.images(tmp_path / "d.nii")
 
     def test_regions(self, tmp_path):
@@ -144,7 +142,7 @@ class TestOverlays:
         )
         for name in ("roi.nii.gz", "roi.mgz", "roi.dscalar.nii"):
             found = voxflat.surface(mesh).keep(tmp_path / name).geodesic(1)
-            np.testing.assert_array_equal(found.ids, np.flatnonzero(inside))
+            assert_array_equal(found.ids, np.flatnonzero(inside))
 
 
 class TestCifti:
@@ -154,23 +152,21 @@ class TestCifti:
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(NAMES), values, listed)
         for structure, more in (("CortexLeft", 0), ("CortexRight", 1000)):
             mesh = plane(structure)
-            flat = replace(voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30)), uv=mesh.points[:, :2])
+            flat = replace(voxflat.flatten(mesh, Voxflat(sources=30)), uv=mesh.points[:, :2])
             stack = flat.images(tmp_path / "z.dscalar.nii")
             assert stack.names == NAMES
             image = stack["2BK-0BK"]
             inside = ~np.isnan(image.data)
-            np.testing.assert_allclose(image.data[inside], more + linear(pixels(image), 1)[inside], atol=1e-3)
+            assert_allclose(image.data[inside], more + linear(pixels(image), 1)[inside], atol=1e-3)
             assert pixels(image)[inside, 0].min() >= 4 > pixels(image)[..., 0].min()  # not listed: no value
 
     def test_which_side_has_to_be_known(self, tmp_path):
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
-        flat = voxflat.flatten(plane(None), method=voxflat.methods.Voxflat(sources=30))
-        with pytest.raises(
-            voxflat.InputError, match="holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"
-        ):
+        flat = voxflat.flatten(plane(None), method=Voxflat(sources=30))
+        with pytest.raises(InputError, match="holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"):
             flat.image(tmp_path / "z.dscalar.nii")
-        other = voxflat.flatten(plane("Cerebellum"), method=voxflat.methods.Voxflat(sources=30))
-        with pytest.raises(voxflat.InputError, match="CORTEX_RIGHT, and not CEREBELLUM, which the surface is"):
+        other = voxflat.flatten(plane("Cerebellum"), method=Voxflat(sources=30))
+        with pytest.raises(InputError, match="CORTEX_RIGHT, and not CEREBELLUM, which the surface is"):
             other.image(tmp_path / "z.dscalar.nii")
         cifti(
             tmp_path / "l.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None], None, [CIFTI["CortexLeft"]]
@@ -195,7 +191,7 @@ class TestCifti:
         assert set(np.unique(image.data[~np.isnan(image.data)])) == {0, 1, 2}
         nearest, _ = flat.locate()
         inside = nearest >= 0
-        np.testing.assert_array_equal(image.data[inside], np.where(nearest < 100, labels[nearest], 0)[inside])
+        assert_array_equal(image.data[inside], np.where(nearest < 100, labels[nearest], 0)[inside])
 
     @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1.5, 1e19, -1e30])
     def test_labels_that_are_no_whole_numbers(self, flat, tmp_path, wrong):
@@ -203,7 +199,7 @@ class TestCifti:
         labels = np.ones(100, np.float32)
         labels[7] = wrong
         cifti(tmp_path / "a.dlabel.nii", axis, labels[None], np.arange(100), [CIFTI["CortexLeft"]])
-        with pytest.raises(voxflat.InputError, match=r"a\.dlabel\.nii: has the label .*: give whole numbers"):
+        with pytest.raises(InputError, match=r"a\.dlabel\.nii: has the label .*: give whole numbers"):
             flat.image(tmp_path / "a.dlabel.nii")
 
     @pytest.mark.slow
@@ -226,7 +222,7 @@ class TestCifti:
         )
         run("-cifti-create-dense-scalar", tmp_path / "ab.dscalar.nii", "-left-metric", tmp_path / "ab.func.gii")
         mesh = plane("CortexLeft")
-        flat = replace(voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30)), uv=mesh.points[:, :2])
+        flat = replace(voxflat.flatten(mesh, Voxflat(sources=30)), uv=mesh.points[:, :2])
         for name in ("ab.func.gii", "ab.dscalar.nii"):
             stack = flat.images(tmp_path / name)
             assert stack.names == ("map a", "map b")
@@ -253,7 +249,7 @@ class TestSeries:
         for k in (2, 0, 3, 1):
             assert_shows(stack[k], k)
         assert_shows(flat.image(nib.load(path), channel=3), 3)
-        with pytest.raises(voxflat.InputError, match=rf"{name}: has 4 maps \(0 to 3\): choose one"):
+        with pytest.raises(InputError, match=rf"{name}: has 4 maps \(0 to 3\): choose one"):
             flat.image(path)
 
     def test_one_volume_of_a_series_is_a_volume(self, flat, tmp_path):
@@ -262,14 +258,14 @@ class TestSeries:
     def test_an_array(self):
         """Of a map of voxels: shape and place are those of the volume that was flattened."""
         ball = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(15.0)] * 3)) - 7, axis=0) < 5
-        flat = voxflat.surface(ball.astype(np.uint8)).disk((7, 7, 12), 6.0).flatten(voxflat.methods.Voxflat(sources=30))
+        flat = voxflat.surface(ball.astype(np.uint8)).disk((7, 7, 12), 6.0).flatten(Voxflat(sources=30))
         stack = flat.images(np.stack([np.full(ball.shape, k, np.float32) for k in range(3)], axis=-1))
         assert [np.nanmax(image.data) for image in stack] == pytest.approx([0, 1, 2])
 
     def test_a_series_cut_short(self, flat, tmp_path):
         path = series(tmp_path, name="bold.nii")
         path.write_bytes(path.read_bytes()[:-100])
-        with pytest.raises(voxflat.InputError, match=r"bold.nii: ends after \d+ of \d+ bytes"):
+        with pytest.raises(InputError, match=r"bold.nii: ends after \d+ of \d+ bytes"):
             flat.images(path)
 
     @pytest.mark.slow
@@ -288,7 +284,7 @@ class TestSeries:
         if not name.endswith(".npy"):
             return
         written = np.load(tmp_path / f"80_{name}", mmap_mode="r")
-        np.testing.assert_allclose(written[79], flat.image(path, 0.17, channel=79).data, rtol=1e-6)
+        assert_allclose(written[79], flat.image(path, 0.17, channel=79).data, rtol=1e-6)
 
 
 class TestStackFiles:
@@ -303,7 +299,7 @@ class TestStackFiles:
             assert pages.n_frames == 3
             for k, image in enumerate(stack):
                 pages.seek(k)
-                np.testing.assert_array_equal(np.asarray(pages), image.data.astype(np.float32))
+                assert_array_equal(np.asarray(pages), image.data.astype(np.float32))
                 assert pages.tag_v2[285] == NAMES[k]
                 assert pages.info["dpi"][0] == pytest.approx(25.4 / image.pixel_size)
             pages.seek(0)
@@ -314,21 +310,21 @@ class TestStackFiles:
         stack.save(tmp_path / name)
         image = nib.load(tmp_path / name)
         assert image.shape == (*stack[0].data.shape, 1, 3)
-        np.testing.assert_allclose(image.affine, stack[0].affine, rtol=1e-6)
+        assert_allclose(image.affine, stack[0].affine, rtol=1e-6)
         for k, one in enumerate(stack):
-            np.testing.assert_array_equal(image.get_fdata()[:, :, 0, k], one.data.astype(np.float32))
+            assert_array_equal(image.get_fdata()[:, :, 0, k], one.data.astype(np.float32))
         (extension,) = image.header.extensions
         told = json.loads(extension.get_content())
         assert told == {"names": list(NAMES), "provenance": portable(stack.provenance)}
         stack[0].save(tmp_path / "one.nii")
-        np.testing.assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
+        assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
 
     def test_npy(self, stack, tmp_path):
         stack.save(tmp_path / "z.npy")
-        np.testing.assert_array_equal(np.load(tmp_path / "z.npy"), np.stack([one.data for one in stack]).astype("f4"))
+        assert_array_equal(np.load(tmp_path / "z.npy"), np.stack([one.data for one in stack]).astype("f4"))
 
     def test_a_png_holds_one(self, stack, tmp_path):
-        with pytest.raises(voxflat.InputError, match=r"would hold one image, and there are 3 \(rest, 2BK-0BK, 3\)"):
+        with pytest.raises(InputError, match=r"would hold one image, and there are 3 \(rest, 2BK-0BK, 3\)"):
             stack.save(tmp_path / "z.png")
         assert not (tmp_path / "z.png").exists()
 
@@ -356,9 +352,7 @@ class TestStackFiles:
         assert not (tmp_path / "all.png").exists()
         for channel in ("2BK-0BK", "1"):
             assert run("one.npy", "--channel", channel).exit_code == 0
-            np.testing.assert_array_equal(
-                np.load(tmp_path / "one.npy"), flat.image(tmp_path / "z.func.gii", channel=1).data
-            )
+            assert_array_equal(np.load(tmp_path / "one.npy"), flat.image(tmp_path / "z.func.gii", channel=1).data)
         assert run("one.png", "--channel", "rest").exit_code == 0
         assert run("one.png", "--channel", "none").exit_code == 1
 

@@ -221,10 +221,7 @@ class TestOmeZarr:
         [
             ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
             ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is in parsec"),
-            (
-                {"coordinateTransformations": [{"type": "affine", "affine": []}]},
-                "transformed by 'affine'",
-            ),
+            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "transformed by 'affine'"),
             ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
             ({"datasets": []}, "has no image"),
         ],

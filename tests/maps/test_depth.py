@@ -11,6 +11,7 @@ import pytest
 import pyvista as pv
 from click.testing import CliRunner
 from mesh_files import needs_workbench
+from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat import cli
@@ -19,6 +20,7 @@ from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.depth import Depths, equivolume, vertex_areas
 from voxflat.maps.raster import Raster
+from voxflat.methods import Voxflat
 
 INNER, OUTER = 10.0, 13.0
 FRACTIONS = (0.0, 0.1, 0.5, 0.8, 1.0)
@@ -34,7 +36,7 @@ def ball(radius, nsub=4):
 @pytest.fixture(scope="module")
 def shells():
     """Return the map of a disk of concentric spheres: what lies between them is known in closed form."""
-    return voxflat.surface(ball(INNER), pial=ball(OUTER)).disk(0, 9.0).flatten(voxflat.methods.Voxflat(sources=40))
+    return voxflat.surface(ball(INNER), pial=ball(OUTER)).disk(0, 9.0).flatten(Voxflat(sources=40))
 
 
 def volume_of(function, affine=GRID, n=61):
@@ -56,7 +58,7 @@ class TestFractions:
         for value in FRACTIONS:
             (points,) = shells._triangles.on_surface.at(Depths.of(fraction=value, layering="equidistant"))
             radii = np.linalg.norm(points, axis=1)
-            np.testing.assert_allclose(radii, INNER + value * (OUTER - INNER), atol=1e-12)
+            assert_allclose(radii, INNER + value * (OUTER - INNER), atol=1e-12)
 
     def test_of_volume(self, shells):
         """Waehnert's formula with areas as r²; the true shell, whose area is a square, is 0.4 % of the way off."""
@@ -65,9 +67,9 @@ class TestFractions:
             way = (np.linalg.norm(points, axis=1) - INNER) / (OUTER - INNER)
             a, b = INNER**2, OUTER**2
             formula = (np.sqrt(value * b**2 + (1 - value) * a**2) - a) / (b - a)
-            np.testing.assert_allclose(way, formula, atol=1e-12)
+            assert_allclose(way, formula, atol=1e-12)
             shell = (((1 - value) * INNER**3 + value * OUTER**3) ** (1 / 3) - INNER) / (OUTER - INNER)
-            np.testing.assert_allclose(way, shell, atol=0.004)
+            assert_allclose(way, shell, atol=0.004)
 
     def test_of_areas(self):
         assert equivolume(0.3, 2.0, 2.0) == pytest.approx(0.3, abs=1e-15)  # where the formula as printed is 0/0
@@ -82,11 +84,11 @@ class TestFractions:
 
     def test_lips_of_a_cut_have_one_depth(self):
         whole = voxflat.surface(ball(INNER, 2), pial=ball(OUTER, 2))
-        m = voxflat.flatten(whole, method=voxflat.methods.Voxflat(sources=30))  # cut open
+        m = voxflat.flatten(whole, Voxflat(sources=30))  # cut open
         rows = m._triangles.on_surface.at(Depths.of(fraction=0.5))[0]
         first = {int(v): row for v, row in zip(m.ids[::-1], rows[::-1], strict=True)}
         assert len(first) < len(m)
-        np.testing.assert_array_equal(rows, np.array([first[int(v)] for v in m.ids]))
+        assert_array_equal(rows, np.array([first[int(v)] for v in m.ids]))
 
     def test_linear_volumes_are_met_exactly(self, shells):
         """The value is x, y or z: between voxels, and between vertices, exactly linear."""
@@ -99,17 +101,15 @@ class TestFractions:
                 if "depth" in how:  # along normals that are of length 1 in every pixel
                     assert np.nanmax(np.abs(shown - there[..., axis])) < 0.01
                 else:
-                    np.testing.assert_allclose(shown, there[..., axis], atol=1e-9)
+                    assert_allclose(shown, there[..., axis], atol=1e-9)
 
     def test_they_are_kept_in_the_file(self, shells, tmp_path):
         shells.save(tmp_path / "m.npz")
         again = voxflat.load(tmp_path / "m.npz")
-        np.testing.assert_array_equal(again.white_points, ball(INNER)[0][shells.ids])
-        np.testing.assert_array_equal(again.pial_points, ball(OUTER)[0][shells.ids])
-        np.testing.assert_allclose(again.points, (again.white_points + again.pial_points) / 2)
-        assert (
-            voxflat.surface(ball(INNER)).disk(0, 5.0).flatten(voxflat.methods.Voxflat(sources=10)).white_points is None
-        )
+        assert_array_equal(again.white_points, ball(INNER)[0][shells.ids])
+        assert_array_equal(again.pial_points, ball(OUTER)[0][shells.ids])
+        assert_allclose(again.points, (again.white_points + again.pial_points) / 2)
+        assert voxflat.surface(ball(INNER)).disk(0, 5.0).flatten(Voxflat(sources=10)).white_points is None
 
 
 class TestSeveral:
@@ -120,8 +120,8 @@ class TestSeveral:
         assert stack.names == tuple(f"equidistant {value:g}" for value in FRACTIONS)
         for value, layer, one in zip(FRACTIONS, stack.data, stack, strict=True):
             alone = shells.image(radius, 0.4, fraction=value, layering="equidistant")
-            np.testing.assert_array_equal(layer, alone.data)
-            np.testing.assert_array_equal(layer, one.data)
+            assert_array_equal(layer, alone.data)
+            assert_array_equal(layer, one.data)
             assert np.nanmedian(layer) == pytest.approx(INNER + value * (OUTER - INNER), abs=0.05)
         onion = shells.images(radius, 0.4, depth=(-1, 0, 1))
         assert [round(float(np.nanmedian(layer)), 1) for layer in onion.data] == [10.5, 11.5, 12.5]
@@ -130,17 +130,15 @@ class TestSeveral:
     def test_their_mean(self, shells):
         radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
         mean = shells.image(radius, 0.4, fraction=(0.2, 0.5, 0.9))
-        np.testing.assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
-        np.testing.assert_array_equal(
-            mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), average=True)[0].data
-        )
+        assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
+        assert_array_equal(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), average=True)[0].data)
         middle = shells.pial_points.mean(axis=0)
         beyond = volume_of(lambda x, y, z: (x**2 + y**2 + z**2 > 12.2**2) & (x > middle[0])).data
         small = Volume(np.where(beyond, np.nan, radius.data), GRID)
         inside = ~np.isnan(shells.image(small, 0.4, fraction=1.0).data)
         some = ~np.isnan(shells.image(small, 0.4, fraction=(0.0, 1.0)).data)
         assert 0 < inside.sum() < shells.raster(0.4).inside.sum()
-        np.testing.assert_array_equal(some, inside)  # not the mean of what there is
+        assert_array_equal(some, inside)  # not the mean of what there is
 
     def test_channels_stay_channels(self, shells, tmp_path):
         x, y = (volume_of(lambda *xyz, axis=axis: xyz[axis]).data for axis in range(2))
@@ -150,18 +148,18 @@ class TestSeveral:
         assert len(stack) == 6
         assert stack.data.shape[:2] == (3, 2)
         one = shells.image(path, 0.4, channel=1, fraction=0.25).data
-        np.testing.assert_allclose(stack.data[1, 0], one, rtol=1e-12)
-        np.testing.assert_array_equal(shells.images(path, 0.4, channel=1, fraction=(0.25, 0.75)).data, stack.data[1])
+        assert_allclose(stack.data[1, 0], one, rtol=1e-12)
+        assert_array_equal(shells.images(path, 0.4, channel=1, fraction=(0.25, 0.75)).data, stack.data[1])
         means = shells.images(path, 0.4, fraction=(0.25, 0.75), average=True)
-        np.testing.assert_allclose(means.data, stack.data.mean(axis=1))
+        assert_allclose(means.data, stack.data.mean(axis=1))
         stack.save(tmp_path / "out.nii.gz")
         image = nib.load(tmp_path / "out.nii.gz")
         assert image.shape == (*stack.data.shape[2:], 2, 3)
-        np.testing.assert_allclose(image.get_fdata(), np.transpose(stack.data, (2, 3, 1, 0)), rtol=1e-6)
+        assert_allclose(image.get_fdata(), np.transpose(stack.data, (2, 3, 1, 0)), rtol=1e-6)
         names = json.loads(image.header.extensions[0].get_content())["names"]
         assert names[:3] == ["equivolume 0.25", "equivolume 0.75", "equivolume 0.25"]
         stack.save(tmp_path / "out.npy")
-        np.testing.assert_allclose(np.load(tmp_path / "out.npy"), stack.data, rtol=1e-6)
+        assert_allclose(np.load(tmp_path / "out.npy"), stack.data, rtol=1e-6)
 
     def test_colours(self, shells):
         grey = np.zeros((61, 61, 61, 3), np.uint8)
@@ -219,9 +217,9 @@ def test_by_the_command_line(shells, tmp_path):
     how = ("--pixel-size", 0.6, "-o", out)
     assert run("--volume", volume, "--fraction", "0,0.5,1", "--layering", "equidistant", *how).exit_code == 0
     expected = shells.images(volume, 0.6, fraction=(0, 0.5, 1), layering="equidistant").data
-    np.testing.assert_allclose(np.load(out), expected, rtol=1e-6)
+    assert_allclose(np.load(out), expected, rtol=1e-6)
     assert run("--volume", volume, "--depth", "-1,1", "--average", *how).exit_code == 0
-    np.testing.assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
+    assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
     for wrong in (("--fraction", "0.5", "--depth", "1"), ("--layering", "equidistant"), ("--fraction", "half")):
         assert run("--volume", volume, *wrong, "-o", out).exit_code == 2
 
@@ -236,13 +234,13 @@ def test_ribbon_constrained_mapping_of_workbench_shows_the_same(tmp_path):
     """
     lab.write(tmp_path)
     whole = voxflat.surface(tmp_path / "lh.white", pial=tmp_path / "lh.pial")
-    disk = whole.disk(700, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
+    disk = whole.disk(700, 25.0).flatten(Voxflat(sources=20))
     fine = [
         pv.PolyData.from_regular_faces(points, disk.faces).subdivide(2, "linear")
         for points in (disk.white_points, disk.pial_points)
     ]
     white, pial = ((np.asarray(mesh.points, dtype=np.float64), mesh.regular_faces) for mesh in fine)
-    m = voxflat.flatten(voxflat.surface(white, pial=pial), method=voxflat.methods.Voxflat(sources=20), relax=False)
+    m = voxflat.flatten(voxflat.surface(white, pial=pial), method=Voxflat(sources=20), relax=False)
     for name in ("white_points", "points", "pial_points"):
         write_mesh(tmp_path / f"{name}.surf.gii", Mesh(getattr(m, name), m.faces.astype(np.int64)))
     low = m.points.min(axis=0) - 12
@@ -280,9 +278,9 @@ def radius_volume():
 def test_the_mean_over_equal_volumes_is_that_of_the_volume(shells):
     fractions = (np.arange(20) + 0.5) / 20
     ours = at_vertices(shells, radius_volume(), fraction=fractions)
-    np.testing.assert_allclose(ours, MEAN_RADIUS, atol=0.02)  # 0.005 of it by linear interpolation between voxels
+    assert_allclose(ours, MEAN_RADIUS, atol=0.02)  # 0.005 of it by linear interpolation between voxels
     thick = at_vertices(shells, radius_volume(), fraction=fractions, layering="equidistant")
-    np.testing.assert_allclose(thick, (INNER + OUTER) / 2, atol=0.02)  # 11.5
+    assert_allclose(thick, (INNER + OUTER) / 2, atol=0.02)  # 11.5
 
 
 @needs_workbench

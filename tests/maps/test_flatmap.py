@@ -8,6 +8,7 @@ import shapes
 from scipy.spatial.transform import Rotation
 
 import voxflat
+from voxflat import InputError
 from voxflat.io.volumes import Volume
 
 grossmann2002 = partial(composed.flatten, method="grossmann2002")
@@ -71,7 +72,7 @@ class TestRaster:
 
     @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf, 1e-9])
     def test_bad_pixel_sizes(self, sheet_map, size):
-        with pytest.raises(voxflat.InputError, match=r"pixel size|pixels"):
+        with pytest.raises(InputError, match=r"pixel size|pixels"):
             sheet_map.raster(size)
 
 
@@ -154,15 +155,13 @@ class TestImage:
         np.testing.assert_allclose(np.diff(means), [3, 2], atol=0.1)
 
     def test_a_sheet_has_no_depth(self, sheet_map):
-        with pytest.raises(voxflat.InputError, match=r"depth is 1 mm, but this sheet has background on both sides"):
+        with pytest.raises(InputError, match=r"depth is 1 mm, but this sheet has background on both sides"):
             sheet_map.image(np.ones((42, 32, 3)), depth=1)
 
     def test_unfit_volumes(self, sheet_map):
-        with pytest.raises(
-            voxflat.InputError, match=r"shape \(5, 5, 5\) and no affine, the flattened volume \(42, 32, 3\)"
-        ):
+        with pytest.raises(InputError, match=r"shape \(5, 5, 5\) and no affine, the flattened volume \(42, 32, 3\)"):
             sheet_map.image(np.ones((5, 5, 5)))
-        with pytest.raises(voxflat.InputError, match="interpolation is 'cubic'"):
+        with pytest.raises(InputError, match="interpolation is 'cubic'"):
             sheet_map.image(np.ones((42, 32, 3)), interpolation="cubic")
 
     def test_heat_map(self, ball_map):
@@ -205,7 +204,7 @@ class TestTexture:
 
     @pytest.mark.parametrize("picture", [np.zeros(5), np.zeros((0, 4)), np.zeros((2, 2, 2, 2)), np.array([["a"]])])
     def test_what_is_no_picture(self, sheet_map, picture):
-        with pytest.raises(voxflat.InputError, match="the picture has shape"):
+        with pytest.raises(InputError, match="the picture has shape"):
             sheet_map.texture(picture)
 
     def test_painting_puts_values_at_their_voxels(self, ball_map):
@@ -213,7 +212,7 @@ class TestTexture:
         assert painted.shape == ball_map.volume_shape
         np.testing.assert_array_equal(painted[tuple(ball_map.ids.T)], np.arange(1, len(ball_map) + 1))
         assert (painted == -1).sum() == painted.size - len(ball_map)
-        with pytest.raises(voxflat.InputError, match="values have shape"):
+        with pytest.raises(InputError, match="values have shape"):
             ball_map.paint([1, 2, 3])
 
 
@@ -241,7 +240,7 @@ class TestFile:
         assert metadata["memory_need_bytes"] > 8 * 200**2
 
     def test_another_ending_is_refused(self, ball_map, tmp_path):
-        with pytest.raises(voxflat.InputError, match=r"ends in \.npz"):
+        with pytest.raises(InputError, match=r"ends in \.npz"):
             ball_map.save(tmp_path / "map.txt")
 
 

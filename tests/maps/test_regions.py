@@ -20,6 +20,7 @@ from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io import Volume, write_volume
 from voxflat.maps.raster import FlatImage
+from voxflat.methods import Voxflat
 
 INNER, OUTER = 20.0, 23.0
 
@@ -33,7 +34,7 @@ def sphere(radius, nsub=5):
 @pytest.fixture(scope="module")
 def m():
     """Return the map of a disk of 20 mm around a pole of concentric spheres, 2,500 vertices 0.8 mm apart."""
-    return voxflat.surface(sphere(INNER), pial=sphere(OUTER)).disk(0, 20.0).flatten(voxflat.methods.Voxflat(sources=40))
+    return voxflat.surface(sphere(INNER), pial=sphere(OUTER)).disk(0, 20.0).flatten(Voxflat(sources=40))
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +127,7 @@ class TestVoxels:
 
     @pytest.mark.slow
     def test_along_normals_where_no_pial_surface_is_known(self, grid):
-        white = voxflat.surface(sphere(INNER)).disk(0, 20.0).flatten(voxflat.methods.Voxflat(sources=30))
+        white = voxflat.surface(sphere(INNER)).disk(0, 20.0).flatten(Voxflat(sources=30))
         regions = white.regions(circle(*white.uv.mean(axis=0), 10.0))
         found = regions.volume(grid, depth=(0.5, 2.0)).data
         radius = np.linalg.norm(nib.affines.apply_affine(grid.affine, np.argwhere(found)), axis=1)
@@ -144,9 +145,7 @@ class TestVoxels:
         i, j, k = np.indices((24, 24, 24)) - 11.5
         mask = (i**2 + j**2 + k**2 < 81).astype(np.uint8)
         affine = np.diag([2.0, 2, 2, 1])
-        solid = (
-            voxflat.surface(Volume(mask, affine)).disk((11, 11, 20), 16.0).flatten(voxflat.methods.Voxflat(sources=30))
-        )
+        solid = voxflat.surface(Volume(mask, affine)).disk((11, 11, 20), 16.0).flatten(Voxflat(sources=30))
         regions = solid.regions(circle(*solid.uv.mean(axis=0), 9.0))
         regions.save(tmp_path / "l.nii.gz", depth=(-3.0, 1.0))
         image = nib.load(tmp_path / "l.nii.gz")
@@ -191,13 +190,13 @@ class TestFiles:
     def test_points_of_a_label_are_tkras(self, tmp_path):
         (points, faces), of = ball(4), header()
         scanner = write_gifti_of_scanner(tmp_path, points, faces, of)
-        flat = voxflat.surface(scanner).disk(0, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
+        flat = voxflat.surface(scanner).disk(0, 25.0).flatten(Voxflat(sources=20))
         flat.regions(circle(*flat.uv.mean(axis=0), 8.0)).save(tmp_path / "lh.x.label")
         rows = np.loadtxt(tmp_path / "lh.x.label", skiprows=2)
         tk = (
             voxflat.surface(write_freesurfer(tmp_path / "lh.white", points, faces, of))
             .disk(0, 25.0)
-            .flatten(voxflat.methods.Voxflat(sources=20))
+            .flatten(Voxflat(sources=20))
         )
         tk.regions(circle(*tk.uv.mean(axis=0), 8.0)).save(tmp_path / "lh.y.label")
         np.testing.assert_allclose(
@@ -209,7 +208,7 @@ class TestFiles:
     def test_label_gii(self, tmp_path):
         lab.write(tmp_path)
         surface = voxflat.surface(tmp_path / "lh.white", pial=tmp_path / "lh.pial")
-        whole = surface.disk(700, 40.0).flatten(voxflat.methods.Voxflat(sources=20))
+        whole = surface.disk(700, 40.0).flatten(Voxflat(sources=20))
         regions = whole.regions({"V1": circle(*whole.uv.mean(axis=0), 15.0)})
         regions.save(tmp_path / "lh.rois.label.gii")
         image = nib.load(tmp_path / "lh.rois.label.gii")
@@ -251,7 +250,7 @@ class TestFiles:
     @pytest.mark.slow
     def test_both_sides_of_a_cut(self):
         points, faces = sphere(INNER, 2)
-        whole = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=30))
+        whole = voxflat.flatten((points, faces), Voxflat(sources=30))
         labels = whole.regions(whole.image(np.ones(len(points), int), 0.5)).vertex_labels
         assert np.count_nonzero(labels) == len(points)  # up to the map's border, which pixels meet only in part
 
@@ -450,7 +449,7 @@ class TestPoints:
         flat = (
             voxflat.surface(write_freesurfer(tmp_path / "lh.white", points, faces, of))
             .disk(0, 25.0)
-            .flatten(voxflat.methods.Voxflat(sources=20))
+            .flatten(Voxflat(sources=20))
         )
         own, _ = flat.points_to_map(flat.points)
         scanner, distance = flat.points_to_map(to_scanner(points.astype(np.float64), of)[flat.ids], space="scanner")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from textures import areas, grid, side_counts
 
 from voxflat import InputError
@@ -47,19 +48,17 @@ class TestSubdivision:
         before = TexturedSurface(points, faces, coordinates, picture, repeat)
         after = before.subdivided(tolerance)
         n = len(points)
-        np.testing.assert_array_equal(after.points[:n], points)
-        np.testing.assert_array_equal(after.texture_coordinates[:n], coordinates)
+        assert_array_equal(after.points[:n], points)
+        assert_array_equal(after.texture_coordinates[:n], coordinates)
         # no cracks: every side has two triangles but those of the boundary, which is as long as before; one disk
         sides, counts = side_counts(after.faces)
         sides_before, counts_before = side_counts(faces)
         assert counts.max() == 2
         length = lambda p, s: np.linalg.norm(p[s[:, 0]] - p[s[:, 1]], axis=1).sum()  # noqa: E731
-        np.testing.assert_allclose(
-            length(after.points, sides[counts == 1]), length(points, sides_before[counts_before == 1])
-        )
+        assert_allclose(length(after.points, sides[counts == 1]), length(points, sides_before[counts_before == 1]))
         assert len(after.points) - len(sides) + len(after.faces) == 1
         # the same shape: area and volume below it, and each triangle's way round
-        np.testing.assert_allclose(areas(after.points, after.faces).sum(), areas(points, faces).sum())
+        assert_allclose(areas(after.points, after.faces).sum(), areas(points, faces).sum())
         a, b, c = after.texture_coordinates[after.faces].transpose(1, 2, 0)
         turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         assert (turn > 0).all()

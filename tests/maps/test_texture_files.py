@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 from click.testing import CliRunner
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from textures import chessboard, needs_window
 
@@ -24,13 +25,11 @@ class TestFiles:
             (own.points, own.faces, own.texture_coordinates),
             (vtk.points, vtk.regular_faces, vtk.active_texture_coordinates),
         ):
-            np.testing.assert_allclose(points[faces], textured.points[textured.faces], atol=1e-5)
-            np.testing.assert_allclose(
-                coordinates[faces], textured.texture_coordinates[textured.faces], rtol=1e-6, atol=1e-6
-            )
+            assert_allclose(points[faces], textured.points[textured.faces], atol=1e-5)
+            assert_allclose(coordinates[faces], textured.texture_coordinates[textured.faces], rtol=1e-6, atol=1e-6)
         assert "mtllib a_face.mtl\n" in (tmp_path / "a face.obj").read_text()
         assert (tmp_path / "a_face.mtl").read_text().endswith("map_Kd a_face.png\n")
-        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a_face.png")), textured.picture)
+        assert_array_equal(np.asarray(Image.open(tmp_path / "a_face.png")), textured.picture)
 
     @needs_window
     def test_vtk_imports_the_obj_with_its_picture(self, textured, tmp_path):
@@ -46,26 +45,26 @@ class TestFiles:
     def test_vtp(self, textured, tmp_path):
         textured.save(tmp_path / "face.vtp")
         read = pv.read(tmp_path / "face.vtp")
-        np.testing.assert_array_equal(read.points, textured.points)
-        np.testing.assert_array_equal(read.regular_faces, textured.faces)
-        np.testing.assert_array_equal(read.active_texture_coordinates, textured.texture_coordinates)
-        np.testing.assert_array_equal(pv.read_texture(tmp_path / "face.png").to_array(), textured.picture)
+        assert_array_equal(read.points, textured.points)
+        assert_array_equal(read.regular_faces, textured.faces)
+        assert_array_equal(read.active_texture_coordinates, textured.texture_coordinates)
+        assert_array_equal(pv.read_texture(tmp_path / "face.png").to_array(), textured.picture)
 
     def test_glb(self, textured, tmp_path):
         textured.save(tmp_path / "face.glb")
         (read,) = [block for block in pv.read(tmp_path / "face.glb").recursive_iterator() if block is not None]
         metres = 1e-3 * textured.points[:, [0, 2, 1]] * [1, 1, -1]  # y is up
         faces = read.extract_surface(algorithm=None).triangulate().regular_faces
-        np.testing.assert_array_equal(faces, textured.faces)
-        np.testing.assert_allclose(read.points, metres, atol=1e-7)
+        assert_array_equal(faces, textured.faces)
+        assert_allclose(read.points, metres, atol=1e-7)
         s, t = textured.texture_coordinates.T
-        np.testing.assert_allclose(read.active_texture_coordinates, np.column_stack([s, 1 - t]), atol=1e-6)
+        assert_allclose(read.active_texture_coordinates, np.column_stack([s, 1 - t]), atol=1e-6)
         data = (tmp_path / "face.glb").read_bytes()
         assert struct.unpack_from("<4sII", data) == (b"glTF", 2, len(data))
         length = struct.unpack_from("<I", data, 12)[0]
         view = json.loads(data[20 : 20 + length])["bufferViews"][3]
         (tmp_path / "inside.png").write_bytes(data[28 + length + view["byteOffset"] :][: view["byteLength"]])
-        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "inside.png")), textured.picture)
+        assert_array_equal(np.asarray(Image.open(tmp_path / "inside.png")), textured.picture)
 
     @needs_window
     def test_vtk_draws_the_glb_with_its_picture_upright(self, plane_map, tmp_path):
@@ -76,10 +75,7 @@ class TestFiles:
         plane_map.textured(picture).save(tmp_path / "plane.glb")
         plotter = pv.Plotter(off_screen=True, window_size=[200, 200], lighting="none")
         plotter.import_gltf(tmp_path / "plane.glb")
-        top, bottom = (
-            plane_map.points[plane_map.uv[:, 1].argmax()],
-            plane_map.points[plane_map.uv[:, 1].argmin()],
-        )
+        top, bottom = (plane_map.points[plane_map.uv[:, 1].argmax()], plane_map.points[plane_map.uv[:, 1].argmin()])
         plotter.add_light(pv.Light(light_type="headlight"))
         plotter.view_vector((0, 1, 0), (0, 0, -1))
         plotter.reset_camera()
@@ -97,11 +93,11 @@ class TestFiles:
         fine = textured.subdivided()
         fine.save(tmp_path / "face.ply")
         read = pv.read(tmp_path / "face.ply")
-        np.testing.assert_allclose(read.points, fine.points, atol=1e-5)
-        np.testing.assert_array_equal(read.regular_faces, fine.faces)
-        np.testing.assert_array_equal(read.point_data["RGB"], fine.colours)
+        assert_allclose(read.points, fine.points, atol=1e-5)
+        assert_array_equal(read.regular_faces, fine.faces)
+        assert_array_equal(read.point_data["RGB"], fine.colours)
         own = read_mesh(tmp_path / "face.ply").point_data
-        np.testing.assert_array_equal(np.column_stack([own["red"], own["green"], own["blue"]]), fine.colours)
+        assert_array_equal(np.column_stack([own["red"], own["green"], own["blue"]]), fine.colours)
 
     def test_opacity(self, cylinder_map, tmp_path):
         picture = np.dstack([chessboard()] * 3 + [255 - chessboard()])
@@ -113,7 +109,7 @@ class TestFiles:
         assert np.asarray(Image.open(tmp_path / "face.png")).shape == (64, 64, 4)
         assert b'"alphaMode": "BLEND"' in (tmp_path / "face.glb").read_bytes()
         assert b"10497" in (tmp_path / "face.glb").read_bytes()
-        np.testing.assert_array_equal(read_mesh(tmp_path / "face.ply").point_data["alpha"], textured.colours[:, 3])
+        assert_array_equal(read_mesh(tmp_path / "face.ply").point_data["alpha"], textured.colours[:, 3])
 
     def test_nothing_is_half_written(self, textured, tmp_path, monkeypatch):
         def fails(*_):

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat.cli import main
+from voxflat.methods import Voxflat
 from voxflat.pipeline.cut_surface import Cut, CutSurface, whereabouts
 
 
@@ -39,9 +40,7 @@ def total(cuts, reason):
 @pytest.mark.slow
 def test_a_closed_surface_is_relaxed_unless_forbidden():
     mesh = ball()
-    plain, relaxed = (
-        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), relax=relax) for relax in (False, None)
-    )
+    plain, relaxed = (voxflat.flatten(mesh, Voxflat(sources=60), relax=relax) for relax in (False, None))
     reasons = [[cut["reason"] for cut in flat.metadata["automatic_cuts"]] for flat in (plain, relaxed)]
     assert reasons[0] == ["closed sphere"]
     assert reasons[1][0] == "closed sphere"

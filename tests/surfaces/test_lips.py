@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voxflat
-from voxflat import cli
+from voxflat import InputError, cli
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.surfaces.lips import listed_points, one_point_a_vertex
@@ -95,7 +95,7 @@ class TestAnyCuts:
                 try:
                     path = part.path(a, b, geodesic="edges").ids
                     part = part.cut(cuts=[path], relax=False).surface
-                except voxflat.InputError:  # a cut that would fall along another one, or into two pieces
+                except InputError:  # a cut that would fall along another one, or into two pieces
                     continue
         return faces, part
 
@@ -187,9 +187,7 @@ def test_names(tmp_path):
     mesh = sheet()
     write_mesh(tmp_path / "lh.white", Mesh(*mesh))
     flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
-    with pytest.raises(
-        voxflat.InputError, match=r"lh.cortex.patch.3d: .patch.3d alone is a patch in space; give a name"
-    ):
+    with pytest.raises(InputError, match=r"lh.cortex.patch.3d: .patch.3d alone is a patch in space; give a name"):
         flat.save(tmp_path / "lh.cortex.patch.3d")
     for command, name in itertools.product(("flatten", "cut"), ("lh.full.flat.patch.3d", "lh.cortex.patch.3d")):
         arguments = [command, tmp_path / "lh.white", "-o", tmp_path / name]
@@ -207,7 +205,7 @@ def test_names(tmp_path):
 def test_a_patch_of_another_surface(tmp_path):
     flat = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
     flat.save(tmp_path / "lh.patch.flat")
-    with pytest.raises(voxflat.InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
+    with pytest.raises(InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
         voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
 
 

@@ -11,6 +11,7 @@ import voxflat
 from voxflat import cli
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import read_patch
+from voxflat.methods import Voxflat
 
 nib = pytest.importorskip("nibabel")
 
@@ -73,9 +74,7 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
 
 def test_the_map_has_every_vertex_number(tmp_path):
     mesh, twins, clean = defective()
-    flat, expected = (
-        voxflat.flatten(one, method=voxflat.methods.Voxflat(sources=30), rows=True) for one in (mesh, clean)
-    )
+    flat, expected = (voxflat.flatten(one, Voxflat(sources=30), rows=True) for one in (mesh, clean))
     assert set(flat.ids) == set(range(len(clean[0]))) | set(twins)
     count = len(clean[0])
     np.testing.assert_array_equal(flat.uv[:count], expected.uv)
@@ -120,7 +119,7 @@ def test_regions_and_cuts_may_name_any_of_the_merged():
     twin, of = next(iter(twins.items()))
     around = np.flatnonzero(np.linalg.norm(clean[0] - clean[0][of], axis=1) < 4)
     for named in (around, np.append(around[around != of], twin)):
-        kept = voxflat.surface(mesh).keep(named).flatten(voxflat.methods.Voxflat(sources=9))
+        kept = voxflat.surface(mesh).keep(named).flatten(Voxflat(sources=9))
         assert {of, twin} <= set(kept.ids)
     whole = voxflat.surface(mesh)
     beside = next(b for b in whole.ids[whole.faces[(whole.ids[whole.faces] == of).any(axis=1)][0]] if b != of)
@@ -129,7 +128,7 @@ def test_regions_and_cuts_may_name_any_of_the_merged():
     # a cut through a merged vertex: it has both sides, and so have those that are one with it
     ring = whole.path(0, of).ids
     np.testing.assert_array_equal(whole.path(0, twin).ids, ring)
-    disk = voxflat.flatten(whole, method=voxflat.methods.Voxflat(sources=9), cuts=[_edges(whole, [6, of, 74])])
+    disk = voxflat.flatten(whole, Voxflat(sources=9), cuts=[_edges(whole, [6, of, 74])])
     assert (disk.ids == twin).sum() == (disk.ids == of).sum() == 2
 
 

@@ -12,6 +12,7 @@ import voxflat
 from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.methods import Voxflat
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +171,7 @@ class TestLabels:
 class TestOverlays:
     @pytest.fixture(scope="class")
     def flat(self, brain):
-        return voxflat.surface(brain / "lh.white").disk(2000, 60.0).flatten(voxflat.methods.Voxflat(sources=30))
+        return voxflat.surface(brain / "lh.white").disk(2000, 60.0).flatten(Voxflat(sources=30))
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_its_own(self, flat, brain, caplog, name):
@@ -226,11 +227,7 @@ class TestOverlays:
         (tmp_path / "sub-01").mkdir()
         points, faces = mesh(brain, "lh.white")
         write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
-        m = (
-            voxflat.surface(tmp_path / "sub-01" / "lh.white")
-            .disk(2000, 20.0)
-            .flatten(voxflat.methods.Voxflat(sources=20))
-        )
+        m = voxflat.surface(tmp_path / "sub-01" / "lh.white").disk(2000, 20.0).flatten(Voxflat(sources=20))
         for name in ("sub-01_thickness.txt", "sub-02_thickness.txt", "thickness.txt"):
             np.savetxt(tmp_path / name, np.zeros(len(points)))
         m.image(tmp_path / "sub-01_thickness.txt")

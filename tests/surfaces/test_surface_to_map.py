@@ -10,6 +10,7 @@ from triangle_meshes import bump, rolled
 import voxflat
 from voxflat import cli
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Voxflat
 
 pv = pytest.importorskip("pyvista")
 import anatomy  # noqa: E402
@@ -64,7 +65,7 @@ class TestDistances:
 class TestFlatten:
     def test_a_rolled_sheet_is_unrolled(self):
         mesh, places = rolled()
-        flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=200))
+        flat = voxflat.flatten(mesh, Voxflat(sources=200))
         assert flat.distortion.raw.relative_error < 0.015
         np.testing.assert_allclose(apart(flat.uv)[::50], apart(places)[::50], atol=0.4)
         assert flat.distortion.triangles.flipped == 0
@@ -96,18 +97,14 @@ class TestFlatten:
 
     @pytest.mark.parametrize("threads", [1, 2, 3])
     def test_bits_do_not_depend_on_threads(self, threads):
-        flat, other = (
-            voxflat.flatten(bump(), method=voxflat.methods.Voxflat(sources=80), threads=n) for n in (threads, None)
-        )
+        flat, other = (voxflat.flatten(bump(), Voxflat(sources=80), threads=n) for n in (threads, None))
         np.testing.assert_array_equal(flat.uv, other.uv)
         np.testing.assert_array_equal(flat.distortion.per_point, other.distortion.per_point)
 
     def test_moving_the_mesh_turns_nothing(self):
         points, faces = bump()
-        flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=60))
-        moved = voxflat.flatten(
-            (points + np.array([100.0, -50.0, 7.0]), faces), method=voxflat.methods.Voxflat(sources=60)
-        )
+        flat = voxflat.flatten((points, faces), Voxflat(sources=60))
+        moved = voxflat.flatten((points + np.array([100.0, -50.0, 7.0]), faces), method=Voxflat(sources=60))
         np.testing.assert_allclose(moved.uv, flat.uv, atol=1e-4)
 
     @pytest.mark.slow
@@ -126,7 +123,7 @@ class TestFlatten:
     def test_cuts_keep_ids_on_both_sides(self):
         points, faces = bump(20)
         path = np.arange(10 * 21, 10 * 21 + 11)
-        flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=40), cuts=[path])
+        flat = voxflat.flatten((points, faces), Voxflat(sources=40), cuts=[path])
         ids, counts = np.unique(flat.ids, return_counts=True)
         np.testing.assert_array_equal(ids[counts == 2], path[:-1])  # the last lies inside, the first on the boundary
         assert flat.metadata["cuts"] == [path.tolist()]
@@ -148,7 +145,7 @@ class TestFlatten:
         part[near], chance[near] = labels[near], probability[near]
         part = anatomy.largest_component(part[ends] > 0).astype(np.uint8)
         surface = voxflat.surface(part, affine=affine, probability=chance[ends], repair="voxels")
-        flat = surface.disk(seed, 30.0).flatten(voxflat.methods.Voxflat(sources=150), relax=False)
+        flat = surface.disk(seed, 30.0).flatten(Voxflat(sources=150), relax=False)
         assert flat.distortion.raw.relative_error < 0.1
         assert labels[tuple(flat.ids.T)].mean() > 0.99
 
@@ -162,7 +159,7 @@ class TestEveryWayIn:
         rows = voxflat.surface(white).geodesic([on_map[len(on_map) // 2]])
         keep = np.zeros(len(white[0]), dtype=bool)
         keep[rows.ids] = rows[0] < 45
-        return keep, voxflat.surface(white).keep(keep).flatten(voxflat.methods.Voxflat(sources=100))
+        return keep, voxflat.surface(white).keep(keep).flatten(Voxflat(sources=100))
 
     @pytest.mark.slow
     def test_command_line(self, white, by_vertices, tmp_path):
@@ -183,7 +180,7 @@ class TestEveryWayIn:
         keep, expected = by_vertices
         mesh = pv.PolyData.from_regular_faces(*white)
         mesh["sulc"], mesh["cortex"] = fsaverage["sulc"], keep
-        flat = mesh.voxflat(keep="cortex", method=voxflat.methods.Voxflat(sources=100))
+        flat = mesh.voxflat(keep="cortex", method=Voxflat(sources=100))
         np.testing.assert_array_equal(flat.points[:, :2], expected.uv)
         np.testing.assert_array_equal(flat["sulc"], fsaverage["sulc"][expected.ids])
         np.testing.assert_array_equal(flat["vertex_ids"], expected.ids)
@@ -192,7 +189,7 @@ class TestEveryWayIn:
     @pytest.mark.slow
     def test_a_surface_made_before(self, white, by_vertices):
         keep, expected = by_vertices
-        flat = voxflat.surface(white).keep(keep).flatten(voxflat.methods.Voxflat(sources=100))
+        flat = voxflat.surface(white).keep(keep).flatten(Voxflat(sources=100))
         np.testing.assert_array_equal(flat.uv, expected.uv)
 
     @pytest.mark.slow
@@ -200,7 +197,7 @@ class TestEveryWayIn:
         keep, expected = by_vertices
         for name in ("lh.white", "white.surf.gii", "white.ply", "white.obj"):
             write_mesh(tmp_path / name, Mesh(*white))
-            flat = voxflat.surface(tmp_path / name).keep(keep).flatten(voxflat.methods.Voxflat(sources=100))
+            flat = voxflat.surface(tmp_path / name).keep(keep).flatten(Voxflat(sources=100))
             moved = np.linalg.norm(flat.uv - expected.uv, axis=1)  # some formats hold f32
             assert moved.mean() < 0.5
             assert np.percentile(moved, 99) < 2  # single vertices, in pits that no map can keep, may move farther
