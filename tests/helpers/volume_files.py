@@ -12,14 +12,8 @@ itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")
 
 RNG = np.random.default_rng(7)
-
-
 SHAPE = (4, 5, 6)
-
-
 NIFTI = [".nii", ".nii.gz"]
-
-
 BOTH = ["itk+nibabel", "itk", "nibabel"]
 
 
@@ -77,6 +71,11 @@ def same_as_nibabel(path):
 def hide(monkeypatch, *modules):
     for module in modules:
         monkeypatch.setitem(sys.modules, module, None)
+
+
+def only(monkeypatch, packages):
+    """Hide the readers that are not among those of `BOTH`."""
+    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
 
 
 def itk_image(data, direction=None, spacing=(1.0, 2.0, 3.0), origin=(5.0, -6.0, 7.0)):

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat import cli, io
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow
 
@@ -99,7 +100,7 @@ def test_scripts_keep_their_ctrl_c():
 @pytest.mark.parametrize("letter", ["a", "ä"])
 def test_names_as_long_as_the_system_takes(folder, letter):
     name = letter * ((255 - len(".npz")) // len(letter.encode())) + ".npz"
-    flat_map = voxflat.surface(sheet(), label=1).flatten(voxflat.methods.Voxflat(sources=20))
+    flat_map = voxflat.surface(sheet(), label=1).flatten(Voxflat(sources=20))
     flat_map.save(name)
     assert len(voxflat.load(name)) == len(flat_map)
     store = letter * (255 // len(letter.encode()))
@@ -167,7 +168,7 @@ for n in range(12):
     time.sleep(0.01 * n)
     child = os.fork()
     if not child:
-        made = voxflat.flatten(small, voxflat.methods.Voxflat(sources=9), threads=2)
+        made = voxflat.flatten(small, Voxflat(sources=9), threads=2)
         os._exit(0 if np.isfinite(made.uv).all() else 3)
     forking.clear()
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))

@@ -12,6 +12,7 @@ import pytest
 import voxflat
 from voxflat import figures, io
 from voxflat.maps.raster import FlatImage
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow
 
@@ -40,7 +41,7 @@ def writers():
     """Return what writes each kind of file, by the file's name."""
     random = np.random.default_rng(0)
     noise = random.integers(0, 255, (200, 200, 3)).astype(np.uint8)
-    flat_map = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
+    flat_map = voxflat.flatten(sheet(), Voxflat(sources=30))
     image, textured = FlatImage(random.normal(size=(200, 200)), 0.5, (0.0, 0.0), "noise"), flat_map.textured(noise)
     volume = random.normal(size=(40, 40, 40)).astype(np.float32)
     write = {f"map.{ending}": flat_map.save for ending in ("npz", "surf.gii", "patch.flat", "vtp", "ply", "obj")}

@@ -56,14 +56,6 @@ def big_npy(path):
         file.truncate(8 * int(np.prod(SHAPE)) + 128)  # a hole
 
 
-def big_npz(path):
-    with (
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
-        archive.open("v.npy", "w") as file,
-    ):
-        file.write(big_array() + bytes(1 << 28))
-
-
 def big_mha(path):
     sizes = " ".join(map(str, SHAPE))
     head = f"ObjectType = Image\nNDims = 3\nBinaryData = True\nCompressedData = True\nDimSize = {sizes}\n"
@@ -127,9 +119,6 @@ def test_an_image_that_is_still_in_its_file(tmp_path):
     big_nifti(tmp_path / "a.nii.gz", slope=0.5)
     with reading(500 << 20), pytest.raises(voxflat.InputError, match=r"4.66 GiB of memory are needed"):
         voxflat.io.as_volume(nib.load(tmp_path / "a.nii.gz"))
-
-
-# ---------------------------------------------------------------------------------------- what is free
 
 
 GROUPS = {

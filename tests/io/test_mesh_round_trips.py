@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, grid, needs_workbench, nib, pv, refuses, same, sphere
+from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, grid, needs_workbench, nib, refuses, same, sphere
 
 from voxflat.errors import InputError
-from voxflat.io.formats import gifti as _gifti
 from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
 
@@ -24,9 +23,6 @@ def meshes(draw):
     faces = draw(npst.arrays(np.int64, shape, elements=st.integers(0, n - 1)))
     texture = draw(st.none() | npst.arrays(np.float64, (n, 2), elements=st.floats(0, 1)))
     return Mesh(points, faces, texture_coordinates=texture)
-
-
-# -------------------------------------------------------------------------------------- round trips
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -119,25 +115,6 @@ def test_values_that_a_format_cannot_hold(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
-    for name in FORMATS:
-        write_mesh(tmp_path / name, grid())
-    monkeypatch.setattr(pv.PolyData, "from_regular_faces", lambda *_: 1 / 0)
-    monkeypatch.setattr("voxflat.io.formats.freesurfer.as_float32", lambda *_: 1 / 0)
-    monkeypatch.setattr(_gifti, "surface_bytes", lambda *_, **__: 1 / 0)
-    monkeypatch.setattr(np, "savetxt", lambda *_: 1 / 0)
-    monkeypatch.setattr(np, "empty", lambda *_: 1 / 0)
-    for name in FORMATS:
-        refuses(tmp_path / name, "division by zero: can this format hold it", write_mesh, sphere())
-    monkeypatch.undo()
-    for name in FORMATS:
-        same(read_mesh(tmp_path / name), grid())
-    assert len(list(tmp_path.iterdir())) == len(FORMATS)
-
-
-# -------------------------------------------------------------------------------------------- Mesh
-
-
 @pytest.mark.parametrize(
     ("points", "faces", "message"),
     [
@@ -174,12 +151,6 @@ def test_suspicious_units(tmp_path):
     assert read_mesh(tmp_path / "s.ply").remarks == (remark,)
 
 
-@pytest.mark.slow
-def test_packages_are_imported_late(tmp_path):
-    code = "import sys, voxflat.io; print({'nibabel', 'pyvista', 'vtkmodules'} & set(sys.modules))"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "set()"
-
-
 def test_missing_packages_are_named(tmp_path, monkeypatch):
     for name in ("s.vtp", "s.surf.gii", "lh.white"):
         write_mesh(tmp_path / name, sphere())
@@ -189,9 +160,6 @@ def test_missing_packages_are_named(tmp_path, monkeypatch):
         refuses(tmp_path / name, rf"pip install 'voxflat\[{package}\]'")
         if name != "lh.white":  # which is written here
             refuses(tmp_path / name, rf"pip install 'voxflat\[{package}\]'", write_mesh, sphere())
-
-
-# --------------------------------------------------------------------------------------- real data
 
 
 @pytest.mark.slow

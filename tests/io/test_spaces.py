@@ -25,6 +25,7 @@ import voxflat
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.structures import named_structure
+from voxflat.methods import Voxflat
 
 IN_SCANNER = ["s.surf.gii", "s.vtp", "s.ply", "s.obj"]
 
@@ -207,7 +208,7 @@ def test_flat_maps_have_no_space(tmp_path):
     m = (
         voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
         .disk(0, 25.0)
-        .flatten(voxflat.methods.Voxflat(sources=20))
+        .flatten(Voxflat(sources=20))
     )
     m.save(tmp_path / "flat.surf.gii")
     array = nib.load(tmp_path / "flat.surf.gii").darrays[0]

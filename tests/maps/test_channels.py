@@ -162,10 +162,10 @@ class TestCifti:
 
     def test_which_side_has_to_be_known(self, tmp_path):
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
-        flat = voxflat.flatten(plane(None), method=Voxflat(sources=30))
+        flat = voxflat.flatten(plane(None), Voxflat(sources=30))
         with pytest.raises(InputError, match="holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"):
             flat.image(tmp_path / "z.dscalar.nii")
-        other = voxflat.flatten(plane("Cerebellum"), method=Voxflat(sources=30))
+        other = voxflat.flatten(plane("Cerebellum"), Voxflat(sources=30))
         with pytest.raises(InputError, match="CORTEX_RIGHT, and not CEREBELLUM, which the surface is"):
             other.image(tmp_path / "z.dscalar.nii")
         cifti(

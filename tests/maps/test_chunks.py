@@ -15,6 +15,7 @@ from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io import Volume
 from voxflat.io.chunks import PLACE_BYTES, Chunked, chunked_of, is_chunked, voxels_at
+from voxflat.methods import Voxflat
 
 SHAPE, CHUNKS = (61, 60, 59), (16, 13, 20)
 GRID = np.array([[0.5, 0, 0, -15], [0, 0.5, 0, -15], [0, 0, 0.5, -14], [0, 0, 0, 1.0]])
@@ -43,7 +44,7 @@ def m():
     points, faces = np.asarray(mesh.points, dtype=np.float64), np.asarray(mesh.regular_faces)
     points /= np.linalg.norm(points, axis=1)[:, None]
     whole = voxflat.surface((10 * points, faces), pial=(12 * points, faces))
-    return whole.disk(0, 7.0).flatten(voxflat.methods.Voxflat(sources=30))
+    return whole.disk(0, 7.0).flatten(Voxflat(sources=30))
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +145,7 @@ def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
     dask = pytest.importorskip("dask.array")
     i, j, k = np.indices((24, 24, 24)) - 11.5
     solid = Volume((i**2 + j**2 + k**2 < 81).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
-    flat = voxflat.surface(solid).disk((11, 11, 20), 12.0).flatten(voxflat.methods.Voxflat(sources=20))
+    flat = voxflat.surface(solid).disk((11, 11, 20), 12.0).flatten(Voxflat(sources=20))
     array = values[:24, :24, :24]
     shown = flat.image(dask.from_array(array, chunks=10), 1.0).data
     np.testing.assert_allclose(shown, flat.image(array, 1.0).data, atol=1e-6)

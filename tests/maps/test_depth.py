@@ -240,7 +240,7 @@ def test_ribbon_constrained_mapping_of_workbench_shows_the_same(tmp_path):
         for points in (disk.white_points, disk.pial_points)
     ]
     white, pial = ((np.asarray(mesh.points, dtype=np.float64), mesh.regular_faces) for mesh in fine)
-    m = voxflat.flatten(voxflat.surface(white, pial=pial), method=Voxflat(sources=20), relax=False)
+    m = voxflat.flatten(voxflat.surface(white, pial=pial), Voxflat(sources=20), relax=False)
     for name in ("white_points", "points", "pial_points"):
         write_mesh(tmp_path / f"{name}.surf.gii", Mesh(getattr(m, name), m.faces.astype(np.int64)))
     low = m.points.min(axis=0) - 12

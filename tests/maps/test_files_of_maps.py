@@ -26,6 +26,7 @@ from shapes import curled_sheet
 
 import voxflat
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Grossmann2002, Voxflat
 
 FORMATS = ("map.npz", "map.vtp", "map.ply", "map.obj", "map.surf.gii", "lh.map.patch.flat", "lh.map.flat.patch.3d")
 CUT = np.arange(6, 6 + 13 * 8, 13)
@@ -46,20 +47,20 @@ def ball():
 
 def squeezed():
     """Return a map over the 26-neighbour graph that is torn: of a whole ball's half, which cannot be flat."""
-    return voxflat.surface(ball()).disk((9, 9, 16), 12.0).flatten(voxflat.methods.Grossmann2002(sources=60))
+    return voxflat.surface(ball()).disk((9, 9, 16), 12.0).flatten(Grossmann2002(sources=60))
 
 
 KINDS = {
-    "mesh": lambda: voxflat.flatten(bumps(), method=voxflat.methods.Voxflat(sources=40)),
-    "mesh with a cut": lambda: voxflat.flatten(bumps(), method=voxflat.methods.Voxflat(sources=40), cuts=[CUT]),
+    "mesh": lambda: voxflat.flatten(bumps(), Voxflat(sources=40)),
+    "mesh with a cut": lambda: voxflat.flatten(bumps(), Voxflat(sources=40), cuts=[CUT]),
     "mesh without two triangles": lambda: (
         voxflat.surface(bumps())
         .keep((bumps()[0], np.delete(bumps()[1], [60, 84], axis=0)))
-        .flatten(voxflat.methods.Voxflat(sources=40))
+        .flatten(Voxflat(sources=40))
     ),
     "glued": lambda: voxflat.flatten(bumps(), method="saucan2006", cuts=[CUT]),
-    "voxels": lambda: voxflat.surface(ball()).disk((9, 9, 16), 9.0).flatten(voxflat.methods.Voxflat(sources=40)),
-    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), method=voxflat.methods.Voxflat(sources=40)),
+    "voxels": lambda: voxflat.surface(ball()).disk((9, 9, 16), 9.0).flatten(Voxflat(sources=40)),
+    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), Voxflat(sources=40)),
     "torn": squeezed,
 }
 

@@ -13,6 +13,7 @@ from voxflat import InputError
 from voxflat.io.label_tables import LabelTable
 from voxflat.maps.lines import borders, chains, outline
 from voxflat.maps.parcels import parcels_of
+from voxflat.methods import Voxflat
 
 
 def grid(n=24, seed=0):
@@ -101,7 +102,7 @@ class TestLines:
 def flat_map():
     uv, faces = grid(30, seed=2)
     return voxflat.flatten(
-        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=voxflat.methods.Voxflat(sources=40), relax=False
+        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=Voxflat(sources=40), relax=False
     )
 
 

@@ -17,6 +17,7 @@ from voxflat.io.channels import Timing
 from voxflat.io.meshes import Mesh
 from voxflat.io.provenance import portable
 from voxflat.maps.sampling import Mixing
+from voxflat.methods import Voxflat
 
 COUNT, SIZE = 5, 60
 AFFINES = {
@@ -31,7 +32,7 @@ def tk_map(tmp_path_factory):
     """A map in tkRAS with c_ras, and its vertices in scanner RAS."""
     (points, faces), of = ball(), header(oblique())
     path = write_freesurfer(tmp_path_factory.mktemp("tk") / "lh.white", points, faces, of)
-    flat = voxflat.surface(path).disk(0, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
+    flat = voxflat.surface(path).disk(0, 25.0).flatten(Voxflat(sources=20))
     return flat, to_scanner(points.astype(np.float64), of)
 
 
@@ -40,7 +41,7 @@ def shells():
     """A map between two spheres, and noise around them with a place beyond it."""
     (points, faces) = ball()
     surface = voxflat.surface(Mesh(points, faces), pial=Mesh(1.1 * points, faces))
-    flat = surface.disk(0, 20.0).flatten(voxflat.methods.Voxflat(sources=20))
+    flat = surface.disk(0, 20.0).flatten(Voxflat(sources=20))
     low = flat.white_points.min(axis=0) + np.array([2.0, 0, 0])  # part of the map lies outside
     affine = np.diag([2.5, 2.5, 2.5, 1.0])
     affine[:3, 3] = low

@@ -8,6 +8,7 @@ from textures import chessboard, cylinder
 import voxflat
 from voxflat import InputError, cli
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Voxflat
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +20,7 @@ def mesh():
 
 @pytest.fixture(scope="module")
 def flat_map(mesh):
-    return voxflat.flatten(mesh[:2], method=voxflat.methods.Voxflat(sources=200))
+    return voxflat.flatten(mesh[:2], Voxflat(sources=200))
 
 
 def save_obj(folder, mesh, picture, corners=None, map_kd="map_Kd picture.png"):
@@ -107,7 +108,7 @@ def test_a_surface_flattens_and_shows_its_own_texture(tmp_path, mesh):
     points, faces, _ = mesh
     arc = np.column_stack([10 * np.arctan2(points[:, 1], points[:, 0]), points[:, 2]]) / 20
     path = save_obj(tmp_path, (points, faces, arc), chessboard(10, 16))  # squares of 2 mm
-    flat_map = voxflat.flatten(path, method=voxflat.methods.Voxflat(sources=200))
+    flat_map = voxflat.flatten(path, Voxflat(sources=200))
     image = flat_map.image(path, 0.1)
     white, seen = image.data[..., 0] > 127, image.data[..., 3] > 0
     assert abs(white[seen].mean() - 0.5) < 0.02

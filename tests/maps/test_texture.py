@@ -7,6 +7,7 @@ from textures import areas, chessboard
 
 import voxflat
 from voxflat import InputError
+from voxflat.methods import Grossmann2002
 
 
 class TestPlacing:
@@ -55,7 +56,7 @@ class TestPlacing:
         np.testing.assert_array_equal(cylinder_map.textured(picture).colours, cylinder_map.texture(picture))
 
     def test_torn_triangles_are_left_out(self):
-        flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=voxflat.methods.Grossmann2002(sources=81))
+        flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=Grossmann2002(sources=81))
         torn = np.arange(len(flat_map.faces)) % 7 == 0
         object.__setattr__(flat_map, "torn", torn)
         np.testing.assert_array_equal(flat_map.textured(chessboard()).faces, flat_map.faces[~torn])

@@ -12,6 +12,7 @@ from triangle_meshes import square
 import voxflat
 from voxflat import cli
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat
 
 
 def changed(*, points=None, faces=None):
@@ -160,7 +161,7 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
     fine = np.array([1.0, 1.0, 1.0]) * square(20)[0] + [0.0, 0.0, 9.0], square(20)[1]  # 400 mm² in 800
     for first, second in ((coarse, fine), (fine, coarse)):
         both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
-        flat = voxflat.flatten(both, method=voxflat.methods.Voxflat(sources=9))
+        flat = voxflat.flatten(both, Voxflat(sources=9))
         assert len(flat) == len(coarse[0])
         assert flat.metadata["warnings"][0] == "the surface has 2 components: the largest, 80.0 % of its area, is used"
         found = voxflat.check(both)
@@ -173,22 +174,22 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
 @pytest.mark.parametrize("bad", [True, False, np.True_])
 def test_true_and_false_are_no_numbers(bad):
     mesh, volume = square(), shapes.sheet((12, 12))
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=9))
+    flat = voxflat.flatten(mesh, Voxflat(sources=9))
     image = np.zeros((3, 3, 3))
     for call in (
         lambda: voxflat.flatten(mesh, threads=bad),
         lambda: voxflat.flatten(mesh, seed=bad),
-        lambda: voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=bad)),
-        lambda: voxflat.flatten(mesh, method=voxflat.methods.Voxflat(weighting=bad)),
+        lambda: voxflat.flatten(mesh, Voxflat(sources=bad)),
+        lambda: voxflat.flatten(mesh, Voxflat(weighting=bad)),
         lambda: voxflat.flatten(mesh, memory_limit=bad),
         lambda: voxflat.surface(mesh).disk(24, bad).flatten(),
-        lambda: voxflat.flatten(mesh, method=voxflat.methods.Schwartz1989(neighbourhood=bad)),
-        lambda: voxflat.flatten(mesh, method=voxflat.methods.Schwartz1989(starts=bad)),
-        lambda: voxflat.flatten(mesh, method=voxflat.methods.Saucan2006(bound=bad)),
+        lambda: voxflat.flatten(mesh, Schwartz1989(neighbourhood=bad)),
+        lambda: voxflat.flatten(mesh, Schwartz1989(starts=bad)),
+        lambda: voxflat.flatten(mesh, Saucan2006(bound=bad)),
         lambda: voxflat.surface(volume, label=bad).flatten(),
         lambda: voxflat.surface(volume, threshold=bad).flatten(),
         lambda: voxflat.surface(volume, spacing=[bad] * 3).flatten(),
-        lambda: voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=bad)),
+        lambda: voxflat.flatten(volume, Grossmann2002(sources=bad)),
         lambda: voxflat.surface(volume, label=bad).flatten("grossmann2002"),
         lambda: voxflat.surface(mesh).geodesic(bad),
         lambda: voxflat.measure(mesh, flat, sources=bad),

@@ -7,6 +7,7 @@ import pytest
 
 import voxflat
 from voxflat import Cancelled, InputError
+from voxflat.methods import Grossmann2002
 
 
 def sheet(n, step):
@@ -121,7 +122,7 @@ def test_the_graph_of_voxels_has_none(tmp_path):
     half[4:8, 2:22, 2:22] = 1
     keep = np.zeros_like(half)
     keep[7] = half[7]
-    flat = voxflat.surface(half, spacing=(1, 1, 1)).keep(keep).flatten(voxflat.methods.Grossmann2002(sources=60))
+    flat = voxflat.surface(half, spacing=(1, 1, 1)).keep(keep).flatten(Grossmann2002(sources=60))
     assert flat.curvature is None
     assert flat.sulcal_depth is None
     flat.save(tmp_path / "map.npz")

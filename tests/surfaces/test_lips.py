@@ -17,6 +17,7 @@ import voxflat
 from voxflat import InputError, cli
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
+from voxflat.methods import Voxflat, Zigelman2002
 from voxflat.surfaces.lips import listed_points, one_point_a_vertex
 
 PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
@@ -145,7 +146,7 @@ class TestAnyCuts:
 
 def test_without_cuts_all_is_kept(tmp_path, caplog):
     mesh = sheet()
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
+    flat = voxflat.flatten(mesh, Voxflat(sources=30))
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / "lh.patch.flat")
     assert not caplog.records
@@ -155,7 +156,7 @@ def test_without_cuts_all_is_kept(tmp_path, caplog):
 def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     mesh = sheet(12, 13)
     path = np.arange(6, 6 + 13 * 8, 13)
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[path])
+    flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path])
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / PATCH_NAMES[0])
         vertices, _, triangles, _ = said(caplog)
@@ -165,10 +166,10 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
     for name in PATCH_NAMES[1:]:
-        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
+        voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
         assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
     _, _, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
-    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(voxflat.methods.Voxflat(sources=60))
+    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(Voxflat(sources=60))
     assert keys(again.ids[again.faces].tolist()) == keys(read)
     judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
     assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
@@ -176,7 +177,7 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
 
 def test_the_border_is_where_triangles_end(tmp_path):
     mesh = sheet(12, 13)
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
+    flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
     flat.save(tmp_path / "lh.patch.flat")
     _, border, triangles = freesurfer_rule.read_patch(tmp_path / "lh.patch.flat", mesh[1])
     edges = [edge for triangle in triangles for edge in itertools.combinations(sorted(triangle), 2)]
@@ -186,7 +187,7 @@ def test_the_border_is_where_triangles_end(tmp_path):
 def test_names(tmp_path):
     mesh = sheet()
     write_mesh(tmp_path / "lh.white", Mesh(*mesh))
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
+    flat = voxflat.flatten(mesh, Voxflat(sources=30))
     with pytest.raises(InputError, match=r"lh.cortex.patch.3d: .patch.3d alone is a patch in space; give a name"):
         flat.save(tmp_path / "lh.cortex.patch.3d")
     for command, name in itertools.product(("flatten", "cut"), ("lh.full.flat.patch.3d", "lh.cortex.patch.3d")):
@@ -203,7 +204,7 @@ def test_names(tmp_path):
 
 
 def test_a_patch_of_another_surface(tmp_path):
-    flat = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
+    flat = voxflat.flatten(sheet(), Voxflat(sources=30))
     flat.save(tmp_path / "lh.patch.flat")
     with pytest.raises(InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
         voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
@@ -222,7 +223,7 @@ class TestHemisphere:
         return surface.drop("medial wall").cut(cuts="standard", sphere=sphere).surface
 
     def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):
-        flat = voxflat.flatten(cut, method=voxflat.methods.Zigelman2002(sources=100), relax=False)
+        flat = voxflat.flatten(cut, Zigelman2002(sources=100), relax=False)
         assert len(flat.ids) > len(np.unique(flat.ids)) + 100
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
