@@ -27,12 +27,13 @@ def sphere(**options):
     return Mesh(np.asarray(ball.points, dtype=np.float64), np.asarray(ball.regular_faces), **options)
 
 
-def grid(n=4, z=0.0, step=10.0):
-    """Return a flat square of n by n points."""
-    i, j = np.indices((n, n))
-    points = np.column_stack([step * i.ravel(), step * j.ravel(), np.full(n * n, z)])
-    corner = (i[:-1, :-1] * n + j[:-1, :-1]).ravel()
-    faces = np.concatenate([corner[:, None] + half for half in ([0, n, 1], [1, n, n + 1])])
+def grid(rows=4, z=0.0, step=10.0, columns=None):
+    """Return a flat rectangle of rows by columns of points, or a square, z one number or one each."""
+    columns = columns or rows
+    i, j = np.indices((rows, columns))
+    points = np.column_stack([step * i.ravel(), step * j.ravel(), np.broadcast_to(z, i.size)])
+    corner = (i[:-1, :-1] * columns + j[:-1, :-1]).ravel()
+    faces = np.concatenate([corner[:, None] + half for half in ([0, columns, 1], [1, columns, columns + 1])])
     return Mesh(points, faces)
 
 

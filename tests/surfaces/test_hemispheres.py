@@ -3,12 +3,11 @@
 import nibabel as nib
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run, succeed
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 import voxflat
-from voxflat import cli
 from voxflat.demo import demo_cortex
 from voxflat.errors import InputError
 from voxflat.io import Volume
@@ -104,15 +103,13 @@ def test_a_hemisphere_becomes_a_sphere_and_a_standard_map(brain, side):
 def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
     data, grid = moved(brain.data, brain.affine, np.eye(4), 1.5, (150, 170, 150), 1)
     nib.save(nib.Nifti1Image((255 * np.clip(data, 0, 1)).astype(np.uint8), grid), tmp_path / "wm.nii.gz")
-    arguments = ["flatten", str(tmp_path / "wm.nii.gz"), "--hemisphere", "left", "-o", str(tmp_path / "lh.npz")]
-    done = CliRunner().invoke(cli.main, arguments)
-    assert done.exit_code == 0, done.output
+    command = ["flatten", tmp_path / "wm.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz"]
+    succeed(*command)
     flat_map = voxflat.load(tmp_path / "lh.npz")
     assert flat_map.metadata["cut_names"][0] == "calcarine"
     assert flat_map.distortion.raw.relative_error < 0.12
     assert "wm.nii.gz" in str(flat_map.provenance)
-    refused = CliRunner().invoke(cli.main, [*arguments, "--label", "1"])
-    assert "--label and --hemisphere cannot be combined" in refused.output
+    assert "--label and --hemisphere cannot be combined" in run(*command, "--label", 1).output
 
 
 def test_labels_of_freesurfer_and_synthseg_say_it(brain):

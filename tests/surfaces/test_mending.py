@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run, succeed
 from triangle_meshes import bump, square
 
 import voxflat
-from voxflat import cli
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat
@@ -168,11 +167,10 @@ def test_none_forbids_it(faces, message, tmp_path):
     with pytest.raises(voxflat.InputError, match=message):
         voxflat.surface(mesh, repair="none")
     write_mesh(tmp_path / "in.ply", Mesh(*mesh))
-    command = ["surface", str(tmp_path / "in.ply"), "-o", str(tmp_path / "out.vtp")]
-    refused = CliRunner().invoke(cli.main, [*command, "--repair", "none"])
-    assert refused.exit_code == 1
+    command = ["surface", tmp_path / "in.ply", "-o", tmp_path / "out.vtp"]
+    assert run(*command, "--repair", "none").exit_code == 1
     assert not (tmp_path / "out.vtp").exists()
-    assert CliRunner().invoke(cli.main, command).exit_code == 0
+    succeed(*command)
     assert len(read_mesh(tmp_path / "out.vtp").faces) == len(voxflat.surface(mesh).faces)
 
 

@@ -1,18 +1,17 @@
 import struct
 
+import freesurfer_rule
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
+from mesh_files import FORMATS, fast, gifti, grid, nib, refuses, sphere
 
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
+from voxflat.io.meshes import Mesh, holds_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
 from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
-
-# --------------------------------------------------------------------------------------- overlays
 
 
 def overlays(folder, values):
@@ -86,9 +85,6 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
     refuses(tmp_path / "s.npy", "", read_overlay, 1)
     np.save(tmp_path / "s.npy", np.zeros(3, complex))
     refuses(tmp_path / "s.npy", r"values are complex128 of shape \(3,\)", read_overlay, 3)
-
-
-# ---------------------------------------------------------------------------------------- regions
 
 
 def annotation(path):
@@ -184,18 +180,6 @@ def test_surfaces_as_regions(tmp_path):
         assert holds_mesh(tmp_path / name)
 
 
-# ---------------------------------------------------------------------------------------- patches
-
-
-def oracle(data):
-    """Parse a patch in the way of pycortex: entry by entry, numbers from 1, those of the border below 0."""
-    version, count = struct.unpack_from(">2i", data)
-    entries = [struct.unpack_from(">i3f", data, 8 + 16 * i) for i in range(count)]
-    assert version == -1
-    assert len(data) == 8 + 16 * count
-    return [(abs(k) - 1, k < 0, (x, y, z)) for k, x, y, z in entries]
-
-
 @st.composite
 def patches(draw):
     vertices = draw(st.lists(st.integers(0, 2**31 - 2), min_size=1, max_size=20, unique=True))
@@ -209,13 +193,13 @@ def patches(draw):
 def test_patch_round_trip(tmp_path, patch):
     path = tmp_path / "lh.cortex.patch.flat"
     write_patch(path, patch)
-    data = path.read_bytes()
-    read = read_patch(path)
+    data, read = path.read_bytes(), read_patch(path)
     assert (read.vertex_ids.dtype, read.points.dtype, read.border.dtype) == (np.int64, np.float64, np.bool_)
     for one, other in [(read.vertex_ids, patch.vertex_ids), (read.points, patch.points), (read.border, patch.border)]:
         np.testing.assert_array_equal(one, other)
-    expected = [(v, b, tuple(p)) for v, b, p in zip(read.vertex_ids, read.border, read.points.tolist(), strict=True)]
-    assert oracle(data) == expected
+    places, border, _ = freesurfer_rule.read_patch(path, np.empty((0, 3), int))
+    assert places == dict(zip(patch.vertex_ids.tolist(), map(tuple, patch.points.tolist()), strict=True))
+    assert border == set(patch.vertex_ids[patch.border].tolist())
     write_patch(path, read)
     assert path.read_bytes() == data
 
@@ -286,19 +270,3 @@ def test_faces_and_border_of_a_patch():
             function(mesh.faces, [0, 25], 25)
         with pytest.raises(InputError, match=r"face 0 is \[0, 5, 1\]; the surface has the points 0 to 3"):
             function(mesh.faces, [0], 4)
-
-
-def test_a_patch_of_fsaverage5(tmp_path):
-    white, flat = read_mesh(fsaverage5("white_left")), read_mesh(fsaverage5("flat_left"))
-    vertices = np.unique(flat.faces)
-    border = patch_border(white.faces, vertices, 10242)
-    path = tmp_path / "lh.flat.patch.3d"
-    write_patch(path, Patch(vertices, white.points[vertices], border))
-    patch = read_patch(path)
-    np.testing.assert_array_equal(read_region(path, 10242), read_region(fsaverage5("flat_left"), 10242))
-    refuses(path, "names point 10241; the surface has the points 0 to 9999", read_region, 10000)
-    mesh = Mesh(patch.points, patch_faces(white.faces, patch.vertex_ids, 10242))
-    edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
-    pairs, counts = np.unique(edges, axis=0, return_counts=True)
-    assert set(np.unique(pairs[counts == 1])) <= set(np.flatnonzero(patch.border))
-    assert 0 < border.sum() < 0.1 * len(border)
