@@ -112,11 +112,6 @@ class TestImage:
         np.savez(tmp_path / "b.npz", data=values, affine=np.eye(4))  # says that it lies elsewhere
         assert not np.array_equal(sheet_map.image(tmp_path / "b.npz", 0.2).data, expected, equal_nan=True)
 
-    def test_an_image_is_saved(self, sheet_map, tmp_path):
-        image = sheet_map.heat_map()
-        image.save(tmp_path / "heat.npy")
-        np.testing.assert_array_equal(np.load(tmp_path / "heat.npy"), image.data)
-
     def test_labels_are_never_mixed(self, sheet_map):
         labels = np.zeros((42, 32, 3), dtype=np.int16)
         labels[:20], labels[20:] = 10, 500
@@ -238,10 +233,6 @@ class TestFile:
         assert metadata["versions"]["voxflat"] == voxflat.__version__
         assert len(metadata["input_sha256"]) == 64
         assert metadata["memory_need_bytes"] > 8 * 200**2
-
-    def test_another_ending_is_refused(self, ball_map, tmp_path):
-        with pytest.raises(InputError, match=r"ends in \.npz"):
-            ball_map.save(tmp_path / "map.txt")
 
 
 def test_torn_faces_are_those_that_the_surface_does_not_have():

@@ -181,12 +181,8 @@ def test_names(tmp_path, monkeypatch):
     write_mesh("lh.white", Mesh(*mesh))
     with pytest.raises(InputError, match=r"lh.x.patch.3d: .patch.3d alone is a patch in space; give a name"):
         voxflat.flatten(mesh, Voxflat(sources=30)).save("lh.x.patch.3d")
-    for command, name, code in [
-        ("flatten", "full.flat", 0),
-        ("cut", "cortex", 0),
-        ("flatten", "x", 1),
-        ("cut", "y.flat", 1),
-    ]:
+    commands = [("flatten", "full.flat", 0), ("cut", "cortex", 0), ("flatten", "x", 1), ("cut", "y.flat", 1)]
+    for command, name, code in commands:
         assert run(command, "lh.white", "-o", f"lh.{name}.patch.3d").exit_code == code
     names = {"lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
     assert {path.name for path in tmp_path.iterdir()} == {"lh.white", *names}
