@@ -12,9 +12,9 @@ from command_line import run, succeed
 from mesh_files import gifti, grid, needs_workbench
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from refusals import refused
 
 import voxflat
-from voxflat import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.provenance import portable
 from voxflat.methods import Voxflat
@@ -100,10 +100,8 @@ class TestOverlays:
                 assert image.name == ", ".join(part for part in (name, names[k]) if part)
             assert_shows(flat.image(tmp_path / name, channel=2), 2)
             assert_shows(flat.image(tmp_path / name, channel=-3), 0)
-            with pytest.raises(InputError, match=rf"{name}: has 3 maps \(.*\): choose one by its name or number"):
-                flat.image(tmp_path / name)
-            with pytest.raises(InputError, match=r"has no map 3: they are numbered 0 to 2"):
-                flat.image(tmp_path / name, channel=3)
+            refused(rf"{name}: has 3 maps \(.*\): choose one by its name or number", flat.image, tmp_path / name)
+            refused(r"has no map 3: they are numbered 0 to 2", flat.image, tmp_path / name, channel=3)
 
     def test_one_map_needs_no_choice(self, flat, tmp_path):
         for name in overlays(tmp_path, 1):
@@ -114,22 +112,14 @@ class TestOverlays:
         for channel, number in (("2BK-0BK", 1), ("3", 2), ("1", 1)):
             assert_shows(flat.image(tmp_path / "z.func.gii", channel=channel), number)
         for channel, told in (("none", "has no map 'none', but rest, 2BK-0BK, 3"), (True, "channel is True")):
-            with pytest.raises(InputError, match=told):
-                flat.image(tmp_path / "z.func.gii", channel=channel)
+            refused(told, flat.image, tmp_path / "z.func.gii", channel=channel)
 
     def test_another_count(self, flat, tmp_path):
         values = np.ones((7, 1, 1), np.float32)
         nib.save(nib.MGHImage(values, np.eye(4)), tmp_path / "a.mgz")
         nib.save(nib.Nifti1Image(values, np.eye(4)), tmp_path / "b.nii.gz")
         for name in ("a.mgz", "b.nii.gz"):
-            with pytest.raises(InputError, match=f"{name}: has 7 values; the surface has 169 points"):
-                flat.image(tmp_path / name)
-
-    def test_a_file_cut_short(self, flat, tmp_path):
-        overlays(tmp_path)
-        (tmp_path / "d.nii").write_bytes((tmp_path / "d.nii").read_bytes()[:-9])
-        with pytest.raises(InputError, match=r"d.nii: ends after 2371 of 2380 bytes"):
-            flat.images(tmp_path / "d.nii")
+            refused(f"{name}: has 7 values; the surface has 169 points", flat.image, tmp_path / name)
 
     def test_regions(self, tmp_path):
         mesh = plane(None)
@@ -161,8 +151,7 @@ class TestCifti:
             (None, "holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"),
             ("Cerebellum", "CORTEX_RIGHT, and not CEREBELLUM, which the surface is"),
         ):
-            with pytest.raises(InputError, match=told):
-                flattened(structure).image(tmp_path / "z.dscalar.nii")
+            refused(told, flattened(structure).image, tmp_path / "z.dscalar.nii")
         cifti(tmp_path / "l.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None], structures=BOTH[:1])
         assert_shows(flattened(None).image(tmp_path / "l.dscalar.nii"), 0)
 
@@ -192,8 +181,7 @@ class TestCifti:
         labels = np.ones(100, np.float32)
         labels[7] = wrong
         cifti(tmp_path / "a.dlabel.nii", axis, labels[None], np.arange(100), BOTH[:1])
-        with pytest.raises(InputError, match=r"a\.dlabel\.nii: has the label .*: give whole numbers"):
-            flat.image(tmp_path / "a.dlabel.nii")
+        refused(r"a\.dlabel\.nii: has the label .*: give whole numbers", flat.image, tmp_path / "a.dlabel.nii")
 
     @pytest.mark.slow
     @needs_workbench
@@ -235,8 +223,7 @@ class TestSeries:
         for k in (2, 0, 3, 1):
             assert_shows(stack[k], k)
         assert_shows(flat.image(nib.load(path), channel=3), 3)
-        with pytest.raises(InputError, match=rf"{name}: has 4 maps \(0 to 3\): choose one"):
-            flat.image(path)
+        refused(rf"{name}: has 4 maps \(0 to 3\): choose one", flat.image, path)
 
     def test_one_volume_of_a_series_is_a_volume(self, flat, tmp_path):
         assert_shows(flat.image(series(tmp_path, 1)), 0)
@@ -251,8 +238,7 @@ class TestSeries:
     def test_a_series_cut_short(self, flat, tmp_path):
         path = series(tmp_path, name="bold.nii")
         path.write_bytes(path.read_bytes()[:-100])
-        with pytest.raises(InputError, match=r"bold.nii: ends after \d+ of \d+ bytes"):
-            flat.images(path)
+        refused(r"bold.nii: ends after \d+ of \d+ bytes", flat.images, path)
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", ["long_flat.nii", "long_flat.tif", "long_flat.zarr", "long_flat.npy"])
@@ -306,8 +292,7 @@ class TestStackFiles:
         assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
 
     def test_a_png_holds_one(self, stack, tmp_path):
-        with pytest.raises(InputError, match=r"would hold one image, and there are 3 \(rest, 2BK-0BK, 3\)"):
-            stack.save(tmp_path / "z.png")
+        refused(r"would hold one image, and there are 3 \(rest, 2BK-0BK, 3\)", stack.save, tmp_path / "z.png")
         assert not (tmp_path / "z.png").exists()
 
     def test_the_command(self, flat, tmp_path):

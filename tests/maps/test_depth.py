@@ -4,17 +4,16 @@ import json
 import subprocess
 from dataclasses import replace
 
-import lab
 import nibabel as nib
 import numpy as np
 import pytest
 import pyvista as pv
-from click.testing import CliRunner
+from command_line import run, succeed
 from mesh_files import needs_workbench
 from numpy.testing import assert_allclose, assert_array_equal
+from refusals import refused
 
 import voxflat
-from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
@@ -43,6 +42,10 @@ def volume_of(function, affine=GRID, n=61):
     """Return a volume whose value is a function of where it lies, x, y, z in mm."""
     ijk = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1)
     return Volume(function(*np.moveaxis(nib.affines.apply_affine(affine, ijk), -1, 0)), affine)
+
+
+def radius_volume(affine=GRID, n=61):
+    return volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2), affine, n)
 
 
 def at_vertices(m, volume, **how):
@@ -114,7 +117,7 @@ class TestFractions:
 
 class TestSeveral:
     def test_a_stack_is_depth_row_column(self, shells):
-        radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
+        radius = radius_volume()
         stack = shells.images(radius, 0.4, fraction=FRACTIONS, layering="equidistant")
         assert stack.data.shape == (5, *shells.raster(0.4).shape)
         assert stack.names == tuple(f"equidistant {value:g}" for value in FRACTIONS)
@@ -128,7 +131,7 @@ class TestSeveral:
         assert onion["-1 mm"].provenance["parameters"]["layer"] == "-1 mm"
 
     def test_their_mean(self, shells):
-        radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
+        radius = radius_volume()
         mean = shells.image(radius, 0.4, fraction=(0.2, 0.5, 0.9))
         assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
         assert_array_equal(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), average=True)[0].data)
@@ -163,7 +166,7 @@ class TestSeveral:
 
     def test_colours(self, shells):
         grey = np.zeros((61, 61, 61, 3), np.uint8)
-        grey[..., 0] = np.clip(10 * volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2)).data, 0, 255)
+        grey[..., 0] = np.clip(10 * radius_volume().data, 0, 255)
         mean = shells.image(Volume(grey, GRID), 0.4, fraction=(0.0, 1.0), layering="equidistant").data
         assert np.median(mean[mean[..., 3] > 0][:, 0]) == pytest.approx(115, abs=2)
         assert set(np.unique(mean[..., 3])) == {0, 255}
@@ -184,20 +187,17 @@ class TestRefusals:
         ],
     )
     def test_what_is_no_depth(self, shells, how, message):
-        with pytest.raises(InputError, match=message):
-            shells.image(volume_of(lambda x, y, z: x), 1.0, **how)
+        refused(message, shells.image, volume_of(lambda x, y, z: x), 1.0, **how)
 
     def test_what_has_no_depth(self, shells, tmp_path):
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)
-        with pytest.raises(InputError, match=r"uint8 may be labels, which have no mean over depths"):
-            shells.image(labels, 1.0, fraction=(0.2, 0.8))
+        refused(r"uint8 may be labels, which have no mean over depths", shells.image, labels, 1.0, fraction=(0.2, 0.8))
         assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="majority").data) == 1
         with pytest.raises(InputError, match=r"'majority', which is of labels, but values are no whole numbers"):
             shells.image(volume_of(lambda x, y, z: x + 0.1), 1.0, interpolation="majority")
         linear = shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="linear")
         assert np.nanmax(linear.data) == pytest.approx(1, rel=1e-12)
-        with pytest.raises(InputError, match=r"overlay has values on the surface alone"):
-            shells.image(np.arange(2562.0), fraction=0.5)
+        refused(r"overlay has values on the surface alone", shells.image, np.arange(2562.0), fraction=0.5)
         alone = replace(shells, white_points=None, pial_points=None)
         with pytest.raises(InputError, match=r"this map knows no pial one: flatten the white surface with pial="):
             alone.image(volume_of(lambda x, y, z: x), fraction=0.5)
@@ -206,73 +206,19 @@ class TestRefusals:
 @pytest.mark.slow
 def test_by_the_command_line(shells, tmp_path):
     shells.save(tmp_path / "m.npz")
-    volume = tmp_path / "r.nii.gz"
-    radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
-    write_volume(volume, radius.data.astype(np.float32), GRID)
-
-    def run(*arguments):
-        return CliRunner().invoke(cli.main, ["image", str(tmp_path / "m.npz"), *map(str, arguments)])
-
-    out = tmp_path / "out.npy"
-    how = ("--pixel-size", 0.6, "-o", out)
-    assert run("--volume", volume, "--fraction", "0,0.5,1", "--layering", "equidistant", *how).exit_code == 0
+    volume, out = tmp_path / "r.nii.gz", tmp_path / "out.npy"
+    write_volume(volume, radius_volume().data.astype(np.float32), GRID)
+    command = ["image", tmp_path / "m.npz", "--volume", volume, "--pixel-size", 0.6, "-o", out]
+    succeed(*command, "--fraction", "0,0.5,1", "--layering", "equidistant")
     expected = shells.images(volume, 0.6, fraction=(0, 0.5, 1), layering="equidistant").data
-    assert_allclose(np.load(out), expected, rtol=1e-6)
-    assert run("--volume", volume, "--depth", "-1,1", "--average", *how).exit_code == 0
-    assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
+    np.testing.assert_allclose(np.load(out), expected, rtol=1e-6)
+    succeed(*command, "--depth", "-1,1", "--average")
+    np.testing.assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
     for wrong in (("--fraction", "0.5", "--depth", "1"), ("--layering", "equidistant"), ("--fraction", "half")):
-        assert run("--volume", volume, *wrong, "-o", out).exit_code == 2
-
-
-@needs_workbench
-@pytest.mark.slow
-def test_ribbon_constrained_mapping_of_workbench_shows_the_same(tmp_path):
-    """Workbench weights voxels by how much of the cortex around a vertex they hold: the mean over equal volumes.
-
-    Of a vertex it takes the prisms around (-thin-columns: up to the middle of the edges, here of 2 mm), we the line
-    through it, and it meets voxels by 3 x 3 x 3 points each; of smooth volumes that is about the same.
-    """
-    lab.write(tmp_path)
-    whole = voxflat.surface(tmp_path / "lh.white", pial=tmp_path / "lh.pial")
-    disk = whole.disk(700, 25.0).flatten(Voxflat(sources=20))
-    fine = [
-        pv.PolyData.from_regular_faces(points, disk.faces).subdivide(2, "linear")
-        for points in (disk.white_points, disk.pial_points)
-    ]
-    white, pial = ((np.asarray(mesh.points, dtype=np.float64), mesh.regular_faces) for mesh in fine)
-    m = voxflat.flatten(voxflat.surface(white, pial=pial), Voxflat(sources=20), relax=False)
-    for name in ("white_points", "points", "pial_points"):
-        write_mesh(tmp_path / f"{name}.surf.gii", Mesh(getattr(m, name), m.faces.astype(np.int64)))
-    low = m.points.min(axis=0) - 12
-    shape = tuple((m.points.max(axis=0) + 12 - low).astype(int))
-    affine = np.eye(4)
-    affine[:3, 3] = low
-    x, y, z = (np.moveaxis(np.indices(shape), 0, -1) + low).transpose(3, 0, 1, 2)
-    volume = Volume((np.sin(x / 9) + np.cos(y / 11) + np.sin(z / 8)).astype(np.float32), affine)
-    write_volume(tmp_path / "v.nii.gz", volume.data, affine)
-    surfaces = ["white_points.surf.gii", "pial_points.surf.gii", "-thin-columns"]
-    arguments = ["v.nii.gz", "points.surf.gii", "out.shape.gii", "-ribbon-constrained", *surfaces]
-    command = ["wb_command", "-volume-to-surface-mapping", *arguments]
-    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
-    theirs = nib.load(tmp_path / "out.shape.gii").darrays[0].data
-    apart = {}
-    for name, how in {
-        "mean": {"fraction": (np.arange(10) + 0.5) / 10},
-        "thickness": {"fraction": (np.arange(10) + 0.5) / 10, "layering": "equidistant"},
-        "middle": {"fraction": 0.5},
-        "white": {"fraction": 0.0},
-    }.items():
-        ours = at_vertices(m, volume, **how)
-        apart[name] = np.sqrt(np.nanmean((ours - theirs) ** 2)) / theirs.std()
-    assert apart["mean"] < 0.05, apart
-    assert apart["mean"] < apart["white"] / 3, apart
+        assert run(*command, *wrong).exit_code == 2
 
 
 MEAN_RADIUS = 0.75 * (OUTER**4 - INNER**4) / (OUTER**3 - INNER**3)  # of the volume between the spheres: 11.628
-
-
-def radius_volume():
-    return volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
 
 
 def test_the_mean_over_equal_volumes_is_that_of_the_volume(shells):
@@ -289,7 +235,7 @@ def test_ribbon_constrained_mapping_of_workbench_has_that_mean_too(tmp_path):
     for name, radius in (("white", INNER), ("mid", (INNER + OUTER) / 2), ("pial", OUTER)):
         write_mesh(tmp_path / f"{name}.surf.gii", Mesh(*ball(radius, 3)))
     coarse = GRID * [2, 2, 2, 1]
-    write_volume(tmp_path / "v.nii.gz", volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2), coarse, 31).data, coarse)
+    write_volume(tmp_path / "v.nii.gz", radius_volume(coarse, 31).data, coarse)
     arguments = ["v.nii.gz", "mid.surf.gii", "out.shape.gii", "-ribbon-constrained", "white.surf.gii", "pial.surf.gii"]
     command = ["wb_command", "-volume-to-surface-mapping", *arguments, "-thin-columns"]
     subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)

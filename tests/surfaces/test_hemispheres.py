@@ -4,12 +4,12 @@ import nibabel as nib
 import numpy as np
 import pytest
 from command_line import run, succeed
+from refusals import refused
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat.demo import demo_cortex
-from voxflat.errors import InputError
 from voxflat.io import Volume
 
 pytestmark = pytest.mark.slow  # a whole brain
@@ -135,11 +135,9 @@ def test_labels_of_freesurfer_and_synthseg_say_it(brain):
     ],
 )
 def test_what_is_no_brain_is_refused(given, said):
-    with pytest.raises(InputError, match=said):
-        voxflat.hemisphere(Volume(given, np.diag([2.0, 2, 2, 1])), "left")
+    refused(said, voxflat.hemisphere, Volume(given, np.diag([2.0, 2, 2, 1])), "left")
 
 
 def test_one_hemisphere_alone_is_not_split(brain):
     half = voxflat.hemisphere(brain, "left", threshold=0.5)
-    with pytest.raises(InputError, match=r"does not fit|there is no white matter of the right"):
-        voxflat.hemisphere(half, "right")
+    refused(r"does not fit|there is no white matter of the right", voxflat.hemisphere, half, "right")
