@@ -27,14 +27,13 @@ def sphere(**options):
     return Mesh(np.asarray(ball.points, dtype=np.float64), np.asarray(ball.regular_faces), **options)
 
 
-def grid(n=4, z=0.0):
-    """Return a flat square of n by n points."""
-    i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-    points = np.column_stack([10.0 * i.ravel(), 10.0 * j.ravel(), np.full(n * n, z)])
-    corner = (i[:-1, :-1] * n + j[:-1, :-1]).ravel()
-    faces = np.concatenate(
-        [np.column_stack([corner, corner + n, corner + 1]), np.column_stack([corner + 1, corner + n, corner + n + 1])]
-    )
+def grid(rows=4, z=0.0, step=10.0, columns=None):
+    """Return a flat rectangle of rows by columns of points, or a square, z one number or one each."""
+    columns = columns or rows
+    i, j = np.indices((rows, columns))
+    points = np.column_stack([step * i.ravel(), step * j.ravel(), np.broadcast_to(z, i.size)])
+    corner = (i[:-1, :-1] * columns + j[:-1, :-1]).ravel()
+    faces = np.concatenate([corner[:, None] + half for half in ([0, columns, 1], [1, columns, columns + 1])])
     return Mesh(points, faces)
 
 
@@ -53,12 +52,32 @@ def same(read, mesh, tolerance=0.0):
     assert read.faces.dtype == np.int64
 
 
+def patch(path, changes):
+    """Write other bytes at places of a file."""
+    data = bytearray(path.read_bytes())
+    for at, new in changes.items():
+        data[at : at + len(new)] = new
+    path.write_bytes(data)
+
+
 def refuses(path, message, read=read_mesh, *arguments):
     with pytest.raises(InputError, match=message) as caught:
         read(path, *arguments)
     assert str(caught.value).startswith(str(path))
     assert str(caught.value).count(str(path)) == 1
     assert "\n" not in str(caught.value)
+
+
+def write_old_vtk(path, polydata, is_binary=True):
+    """Write a legacy file of version 4.2, as VTK did before 9."""
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+
+    writer = vtkPolyDataWriter()
+    writer.SetInputData(polydata)
+    writer.SetFileName(str(path))
+    writer.SetFileVersion(42)
+    (writer.SetFileTypeToBinary if is_binary else writer.SetFileTypeToASCII)()
+    writer.Write()
 
 
 def gifti(path, arrays=None, change=lambda image: None, **options):

@@ -73,6 +73,11 @@ def hide(monkeypatch, *modules):
         monkeypatch.setitem(sys.modules, module, None)
 
 
+def only(monkeypatch, packages):
+    """Hide the readers that are not among those of `BOTH`."""
+    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
+
+
 def itk_image(data, direction=None, spacing=(1.0, 2.0, 3.0), origin=(5.0, -6.0, 7.0)):
     image = itk.image_from_array(np.ascontiguousarray(data.T))
     image.SetSpacing(list(spacing))

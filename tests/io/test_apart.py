@@ -139,14 +139,10 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
     (tmp_path / "numpy.py").write_text("raise SystemExit('taken')")
     code = "import os, pathlib; from voxflat.io import apart; "
     code += f"apart.apart(os.path.getsize, 'vtkmodules', pathlib.Path({str(path)!r})); "
-    code += "print(apart._child.pid, flush=True)"
-    caller = subprocess.Popen(
-        [sys.executable, "-P" if sys.version_info >= (3, 11) else "-s", "-c", code + "; input()"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=tmp_path if sys.version_info >= (3, 11) else None,
-    )
+    code += "print(apart._child.pid, flush=True); input()"
+    is_safe = sys.version_info >= (3, 11)  # and knows -P
+    command, pipe = [sys.executable, "-P" if is_safe else "-s", "-c", code], subprocess.PIPE
+    caller = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=tmp_path if is_safe else None)
     child = psutil.Process(int(caller.stdout.readline()))  # it lives while the caller waits
     if ending:
         caller.send_signal(ending)

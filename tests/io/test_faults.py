@@ -10,14 +10,13 @@ import time
 import hard_shapes
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run
 
 import voxflat
-from voxflat import cli, io
+from voxflat import io
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow
-
-RUN = "from voxflat.cli import main; main(prog_name='voxflat')"
 
 
 def sheet(n=60):
@@ -27,19 +26,21 @@ def sheet(n=60):
     return volume
 
 
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def python(code, *arguments, **how):
+    """Run a program in its own process."""
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **how)
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     io.write_volume("v.nii.gz", sheet(), np.eye(4))
     return tmp_path
-
-
-def names(folder):
-    return sorted(path.name for path in folder.iterdir())
-
-
-def run(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
 
 
 @pytest.mark.parametrize("more", [60, 150, 250, 600])
@@ -53,9 +54,7 @@ def test_too_little_memory_is_one_line(tmp_path, more):
         "main(sys.argv[1:], prog_name='voxflat')"
     )
     command = ["flatten", "v.npy", "--sources", "600", "--threads", "4", "-o", "m.npz", "--quiet"]
-    done = subprocess.run(
-        [sys.executable, "-c", code, *command], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = python(code, *command, cwd=tmp_path)
     if more == 600:  # which is enough, whatever threads take
         assert (done.returncode, names(tmp_path)) == (0, ["m.npz", "v.npy"]), done.stderr
         return
@@ -65,16 +64,7 @@ def test_too_little_memory_is_one_line(tmp_path, more):
     assert names(tmp_path) == ["v.npy"]
 
 
-def test_check_keeps_to_the_memory_limit(folder):
-    done = run("check", "v.nii.gz", "--label", 1, "--memory-limit", "2M")
-    assert done.exit_code == 1
-    assert "of memory are needed, 2 MiB is the limit" in done.stderr
-
-
-ENDING = [signal.SIGTERM, signal.SIGINT]
-
-
-@pytest.mark.parametrize("number", ENDING)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_signals_while_saving_leave_nothing(folder, number):
     code = (
         "import os, signal, sys\nfrom voxflat.cli import main\nimport numpy as np\n"
@@ -85,21 +75,16 @@ def test_signals_while_saving_leave_nothing(folder, number):
     )
     np.save("v.npy", sheet())
     command = ["flatten", "v.npy", "--label", "1", "--sources", "20", "-o", "m.npz", "--quiet"]
-    done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True, check=False)
+    done = python(code, *command)
     told = "terminated" if number == signal.SIGTERM else "cancelled"
     assert (done.stderr, done.returncode) == (f"voxflat: {told}\n", 128 + number)
     assert names(folder) == ["v.nii.gz", "v.npy"]
 
 
-def test_scripts_keep_their_ctrl_c():
-    code = "import signal, voxflat; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 @pytest.mark.parametrize("letter", ["a", "ä"])
 def test_names_as_long_as_the_system_takes(folder, letter):
     name = letter * ((255 - len(".npz")) // len(letter.encode())) + ".npz"
-    flat_map = voxflat.surface(sheet(), label=1).flatten(voxflat.methods.Voxflat(sources=20))
+    flat_map = voxflat.surface(sheet(), label=1).flatten(Voxflat(sources=20))
     flat_map.save(name)
     assert len(voxflat.load(name)) == len(flat_map)
     store = letter * (255 // len(letter.encode()))
@@ -134,7 +119,7 @@ def test_rows_that_are_cut_short_while_they_are_open(tmp_path):
         "    except voxflat.InputError as error: print(error)\n"
     )
     voxflat.surface(sheet(), label=1).geodesic(20, store=tmp_path / "store")
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = python(code, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert [line.count("rows.npy was cut short to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1, 1]
 
@@ -167,7 +152,7 @@ for n in range(12):
     time.sleep(0.01 * n)
     child = os.fork()
     if not child:
-        made = voxflat.flatten(small, voxflat.methods.Voxflat(sources=9), threads=2)
+        made = voxflat.flatten(small, Voxflat(sources=9), threads=2)
         os._exit(0 if np.isfinite(made.uv).all() else 3)
     forking.clear()
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
@@ -180,15 +165,8 @@ thread.join()
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 def test_a_fork_while_another_thread_links_does_not_hang():
     paths = os.pathsep.join(sys.path)
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", FORKS],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-        env={**os.environ, "PYTHONPATH": paths},
-    )
-    assert done.stdout.split() == ["0"] * 12
+    done = python(FORKS, timeout=120, env={**os.environ, "PYTHONPATH": paths, "PYTHONWARNINGS": "ignore"})
+    assert (done.returncode, done.stdout.split()) == (0, ["0"] * 12)
 
 
 def test_ctrl_c_while_the_program_ends_is_no_traceback(tmp_path):
@@ -198,8 +176,13 @@ def test_ctrl_c_while_the_program_ends_is_no_traceback(tmp_path):
         "atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
         "main(['--version'], prog_name='voxflat')"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python(code)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_scripts_keep_their_ctrl_c():
+    code = "import signal, voxflat; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
+    assert python(code).returncode == 0
 
 
 def test_a_reader_is_not_waited_for_after_ctrl_c(folder):
@@ -214,6 +197,6 @@ def test_a_reader_is_not_waited_for_after_ctrl_c(folder):
         "except KeyboardInterrupt: print(apart._child)\n"
     )
     start = time.monotonic()
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=50)
+    done = python(code, timeout=50)
     assert (done.stdout, done.stderr, done.returncode) == ("None\n", "", 0)
     assert time.monotonic() - start < 40

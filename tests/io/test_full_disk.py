@@ -2,16 +2,18 @@
 
 import errno
 import resource
-import subprocess
 import sys
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from command_line import run
+from mesh_files import grid
 
 import voxflat
 from voxflat import figures, io
 from voxflat.maps.raster import FlatImage
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow
 
@@ -30,17 +32,15 @@ def no_room():
 
 
 def sheet():
-    i, j = np.indices((30, 30)).reshape(2, -1)
-    corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel()
-    faces = np.concatenate([corner[:, None] + [0, 30, 1], corner[:, None] + [1, 30, 31]])
-    return np.column_stack([i, j, 0.1 * np.random.default_rng(0).random(900)]), faces
+    mesh = grid(30, 0.1 * np.random.default_rng(0).random(900), step=1.0)
+    return mesh.points, mesh.faces
 
 
 def writers():
     """Return what writes each kind of file, by the file's name."""
     random = np.random.default_rng(0)
     noise = random.integers(0, 255, (200, 200, 3)).astype(np.uint8)
-    flat_map = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
+    flat_map = voxflat.flatten(sheet(), Voxflat(sources=30))
     image, textured = FlatImage(random.normal(size=(200, 200)), 0.5, (0.0, 0.0), "noise"), flat_map.textured(noise)
     volume = random.normal(size=(40, 40, 40)).astype(np.float32)
     write = {f"map.{ending}": flat_map.save for ending in ("npz", "surf.gii", "patch.flat", "vtp", "ply", "obj")}
@@ -72,14 +72,8 @@ def test_every_writer_names_the_file_and_keeps_the_old_one(tmp_path):
 
 def test_the_command_line_ends_with_one_line(tmp_path):
     io.write_mesh(tmp_path / "sheet.ply", io.Mesh(*sheet()))
-    command = (
-        "import resource, sys\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (4000, resource.RLIM_INFINITY))\n"
-        "from voxflat.cli import main\n"
-        "main(['patches', 'sheet.ply', '-o', sys.argv[1], '--quiet'])\n"
-    )
-    arguments = [sys.executable, "-B", "-c", command, tmp_path / "atlas.npz"]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 1
+    with no_room():
+        done = run("patches", tmp_path / "sheet.ply", "-o", tmp_path / "atlas.npz", "--quiet")
+    assert done.exit_code == 1
     assert done.stderr == f"voxflat: error: {tmp_path / 'atlas.npz'}: File too large\n"
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.ply"]

@@ -3,6 +3,7 @@
 import nibabel as nib
 import numpy as np
 import pytest
+from mesh_files import gifti
 
 from voxflat import InputError
 from voxflat.io.label_tables import LabelTable, own_table, read_table
@@ -12,27 +13,23 @@ COLOURS = [(25, 5, 25), (25, 100, 40), (220, 20, 100)]
 
 
 def test_annot(tmp_path):
-    table = np.array([(*colour, 0, 0) for colour in COLOURS])
-    labels = np.array([0, 1, 2, 2, 1])
     path = tmp_path / "lh.aparc.annot"
-    nib.freesurfer.write_annot(path, labels, table, [name.encode() for name in NAMES], fill_ctab=True)
+    table, names = np.array([(*colour, 0, 0) for colour in COLOURS]), [name.encode() for name in NAMES]
+    nib.freesurfer.write_annot(path, np.array([0, 1, 2, 2, 1]), table, names, fill_ctab=True)
     found = own_table(path)
-    assert found.names == dict(enumerate(NAMES))
-    assert found.colours == dict(enumerate(COLOURS))
+    assert (found.names, found.colours) == (dict(enumerate(NAMES)), dict(enumerate(COLOURS)))
     assert [found.is_region(label) for label in (-1, 0, 1, 2)] == [False, False, True, True]
 
 
 def test_gifti(tmp_path):
-    table = nib.gifti.GiftiLabelTable()
-    for key, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
-        label = nib.gifti.GiftiLabel(10 * key, *(part / 255 for part in colour), 1.0)
-        label.label = name
-        table.labels.append(label)
-    values = nib.gifti.GiftiDataArray(np.array([0, 10, 20], "i4"), "NIFTI_INTENT_LABEL")
-    path = tmp_path / "lh.areas.label.gii"
-    nib.save(nib.gifti.GiftiImage(labeltable=table, darrays=[values]), path)
-    found = own_table(path)
-    assert found.names == {0: "unknown", 10: "bankssts", 20: "Größe"}
+    def named(image):
+        for key, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
+            label = nib.gifti.GiftiLabel(10 * key, *(part / 255 for part in colour), 1.0)
+            label.label = name
+            image.labeltable.labels.append(label)
+
+    found = own_table(gifti(tmp_path / "lh.areas.label.gii", [(np.array([0, 10, 20], "i4"), "label")], named))
+    assert found.names == dict(zip((0, 10, 20), NAMES, strict=True))
     assert found.colours == dict(zip((0, 10, 20), COLOURS, strict=True))
 
 
@@ -50,8 +47,7 @@ def test_cifti_has_a_table_for_each_map(tmp_path):
 def test_what_has_no_table(tmp_path):
     nib.save(nib.Nifti1Image(np.zeros((3, 3, 3), "u1"), np.eye(4)), tmp_path / "labels.nii.gz")
     nib.freesurfer.write_morph_data(tmp_path / "lh.thickness", np.zeros(5))
-    assert own_table(tmp_path / "labels.nii.gz") is None
-    assert own_table(tmp_path / "lh.thickness") is None
+    assert own_table(tmp_path / "labels.nii.gz") is own_table(tmp_path / "lh.thickness") is None
 
 
 def test_the_lookup_table_of_freesurfer(tmp_path):

@@ -7,11 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from brain_spaces import footer, header
-from mesh_files import gifti, grid, nib, pv, refuses, same, sphere
+from mesh_files import gifti, grid, nib, pv, refuses, same, sphere, write_old_vtk
 
 from voxflat.io.meshes import Mesh, read_mesh
-
-# -------------------------------------------------------------------------- files of other programs
 
 
 @pytest.mark.parametrize("ending", [".ply", ".vtp", ".vtk", ".stl"])
@@ -55,14 +53,7 @@ def test_vtp_of_all_kinds(tmp_path, mode, compressor, header, order):
 
 @pytest.mark.parametrize("binary", [True, False])
 def test_older_vtk(tmp_path, binary):
-    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
-
-    writer = vtkPolyDataWriter()
-    writer.SetInputData(pv.PolyData.from_regular_faces(sphere().points, sphere().faces))
-    writer.SetFileName(str(tmp_path / "s.vtk"))
-    writer.SetFileVersion(42)
-    (writer.SetFileTypeToBinary if binary else writer.SetFileTypeToASCII)()
-    writer.Write()
+    write_old_vtk(tmp_path / "s.vtk", pv.PolyData.from_regular_faces(sphere().points, sphere().faces), binary)
     same(read_mesh(tmp_path / "s.vtk"), sphere(), 1e-9)
 
 
@@ -150,9 +141,8 @@ f -5/4/1 -2/2/-1 -3/3
 def quads(new):
     points, faces = grid().points, [(0, 4, 5, 1), (1, 5, 6, 2)]
     magic, values = (b"\xff\xff\xfd", points.astype(">f4")) if new else (b"\xff\xff\xff", (100 * points).astype(">i2"))
-    threes = b"".join(number.to_bytes(3, "big") for number in (16, 2))
-    corners = b"".join(number.to_bytes(3, "big") for face in faces for number in face)
-    return magic + threes + values.tobytes() + corners
+    threes = [b"".join(int(number).to_bytes(3, "big") for number in numbers) for numbers in ((16, 2), np.ravel(faces))]
+    return magic + threes[0] + values.tobytes() + threes[1]
 
 
 @pytest.mark.parametrize("new", [True, False])
@@ -172,9 +162,6 @@ def test_a_footer_cut_short_is_refused(tmp_path):
     same(read_mesh(path), sphere(), 1e-6)
     path.write_bytes(path.read_bytes()[:-40])
     refuses(path, "Error parsing volume info|could not convert|complete")
-
-
-# ------------------------------------------------------------------------------------------- GIFTI
 
 
 @pytest.mark.parametrize("encoding", ["GIFTI_ENCODING_ASCII", "GIFTI_ENCODING_B64BIN", "GIFTI_ENCODING_B64GZ"])
@@ -224,20 +211,16 @@ def test_gifti_that_is_no_surface(tmp_path, arrays, message):
     refuses(gifti(tmp_path / "s.surf.gii", arrays), message)
 
 
-def test_gifti_with_attacks(tmp_path, monkeypatch):
+def test_gifti_with_attacks(tmp_path):
     path = gifti(tmp_path / "s.surf.gii")
     text = path.read_text()
     lines = [f"<!ENTITY {new} '{10 * ('&' + old + ';')}'>" for old, new in zip("abcdefghi", "bcdefghij", strict=True)]
     laughs = "".join(['<!DOCTYPE GIFTI [<!ENTITY a "ha">', *lines])
     doctype = text[text.index("<!DOCTYPE") : text.index(">", text.index("<!DOCTYPE")) + 1]
-    for entity in (
-        laughs,
-        '<!DOCTYPE GIFTI [<!ENTITY a SYSTEM "file:///etc/passwd">',
-        "<!DOCTYPE a [<!ENTITY % a 'b'>",
-    ):
-        bad = text.replace(doctype, f"<!--{' ' * 70000}-->{entity}]>").replace(
-            "<MetaData />", "<MetaData>&j;</MetaData>"
-        )
+    outside = '<!DOCTYPE GIFTI [<!ENTITY a SYSTEM "file:///etc/passwd">'
+    for entity in (laughs, outside, "<!DOCTYPE a [<!ENTITY % a 'b'>"):
+        bad = text.replace(doctype, f"<!--{' ' * 70000}-->{entity}]>")
+        bad = bad.replace("<MetaData />", "<MetaData>&j;</MetaData>")
         for encoded in (bad.encode(), bad.replace("UTF-8", "UTF-16").encode("utf-16")):
             path.write_bytes(encoded)
             refuses(path, "defines the XML entity")
@@ -245,10 +228,12 @@ def test_gifti_with_attacks(tmp_path, monkeypatch):
     path.write_text(outside.replace('ExternalFileName=""', 'ExternalFileName="/etc/passwd"'))
     refuses(path, "keeps data in another file, '/etc/passwd'")
     gifti(path, [(np.zeros((2_000_000, 3), "f4"), "pointset"), TRIANGLE])
-    path.write_text(path.read_text().replace('"2000000"', '"4"'))
-    refuses(path, "array 1 goes on after 48 bytes")
-    path.write_text(path.read_text().replace('Dim0="4"', 'Dim0="400000000000"'))
-    refuses(path, "array 1 has the dimensions .* more than memory may hold")
+    for old, new, told in (
+        ("2000000", "4", "array 1 goes on after 48 bytes"),
+        ("4", "400000000000", "array 1 has the dimensions .* more than memory may hold"),
+    ):
+        path.write_text(path.read_text().replace(f'Dim0="{old}"', f'Dim0="{new}"'))
+        refuses(path, told)
 
 
 def test_what_memory_may_not_hold(tmp_path, monkeypatch):
@@ -260,12 +245,15 @@ def test_what_memory_may_not_hold(tmp_path, monkeypatch):
     refuses(path, "holds more than 1 MiB")
 
 
-def test_gifti_with_wrong_counts(tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('NumberOfDataArrays="2"', 'NumberOfDataArrays="3"', "has 2 arrays, by its header 3"),
+        ('Dim0="42"', 'Dim0="43"', "array 1 ends after 504 of 516 bytes"),
+        ('Encoding="GZipBase64Binary"', 'Encoding="Rot13"', "Rot13"),
+    ],
+)
+def test_gifti_with_wrong_headers(tmp_path, old, new, message):
     path = gifti(tmp_path / "s.surf.gii")
-    text = path.read_text()
-    path.write_text(text.replace('NumberOfDataArrays="2"', 'NumberOfDataArrays="3"'))
-    refuses(path, "has 2 arrays, by its header 3")
-    path.write_text(text.replace('Dim0="42"', 'Dim0="43"'))
-    refuses(path, "array 1 ends after 504 of 516 bytes")
-    path.write_text(text.replace('Encoding="GZipBase64Binary"', 'Encoding="Rot13"'))
-    refuses(path, "Rot13")
+    path.write_text(path.read_text().replace(old, new))
+    refuses(path, message)

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from nilearn import plotting
 from nilearn.surface import FileMesh, InMemoryMesh, PolyData, PolyMesh, SurfaceImage
 from PIL import Image
+from refusals import refused
 
 import voxflat
-from voxflat.errors import InputError
 from voxflat.io.label_tables import own_table
 
 HILL = voxflat.samples.hill()
@@ -25,13 +25,11 @@ COUNT = len(POINTS)
 VALUES = np.linspace(-1, 1, COUNT).astype(np.float32)
 
 
-def gifti_surface(structure="CortexLeft"):
-    meta = nibabel.gifti.GiftiMetaData({"AnatomicalStructurePrimary": structure})
-    arrays = [
-        nibabel.gifti.GiftiDataArray(POINTS.astype("f4"), intent="NIFTI_INTENT_POINTSET", meta=meta),
-        nibabel.gifti.GiftiDataArray(FACES.astype("i4"), intent="NIFTI_INTENT_TRIANGLE"),
-    ]
-    return nibabel.gifti.GiftiImage(darrays=arrays)
+def gifti_surface():
+    gifti = nibabel.gifti
+    meta = gifti.GiftiMetaData({"AnatomicalStructurePrimary": "CortexLeft"})
+    points = gifti.GiftiDataArray(POINTS.astype("f4"), intent="NIFTI_INTENT_POINTSET", meta=meta)
+    return gifti.GiftiImage(darrays=[points, gifti.GiftiDataArray(FACES.astype("i4"), intent="NIFTI_INTENT_TRIANGLE")])
 
 
 def gifti_values(structure="CortexLeft", values=VALUES):
@@ -40,13 +38,10 @@ def gifti_values(structure="CortexLeft", values=VALUES):
     return nibabel.gifti.GiftiImage(meta=meta, darrays=[array])
 
 
-def cifti(values=VALUES):
-    axes = (
-        nibabel.cifti2.ScalarAxis(["effect"]),
-        nibabel.cifti2.BrainModelAxis.from_mask(np.ones(COUNT, dtype=bool), name="CortexLeft")
-        + nibabel.cifti2.BrainModelAxis.from_mask(np.ones(COUNT, dtype=bool), name="CortexRight"),
-    )
-    return nibabel.cifti2.Cifti2Image(np.concatenate([values, -values])[None], header=axes)
+def cifti():
+    axes, both = nibabel.cifti2, np.concatenate([VALUES, -VALUES])[None]
+    sides = [axes.BrainModelAxis.from_mask(np.ones(COUNT, bool), name=f"Cortex{side}") for side in ("Left", "Right")]
+    return axes.Cifti2Image(both, header=(axes.ScalarAxis(["effect"]), sides[0] + sides[1]))
 
 
 def vtk_polydata():
@@ -81,8 +76,7 @@ def test_a_surface_of_another_package_is_that_of_its_arrays(kind):
 
 
 def test_a_file_mesh_is_read_as_its_file(tmp_path):
-    path = tmp_path / "white_left.gii.gz"
-    path.with_suffix("").with_name("white_left.gii").write_bytes(gifti_surface("CortexLeft").to_bytes())
+    (tmp_path / "white_left.gii").write_bytes(gifti_surface().to_bytes())
     surface = voxflat.surface(FileMesh(tmp_path / "white_left.gii"))
     assert surface.metadata["structure"] == "CortexLeft"
     assert surface.metadata["input"].endswith("white_left.gii")
@@ -110,8 +104,7 @@ BOTH = PolyMesh(left=nilearn_mesh(), right=nilearn_mesh())
     ],
 )
 def test_what_is_no_surface_is_told(given, said):
-    with pytest.raises(InputError, match=said):
-        voxflat.surface(given)
+    refused(said, voxflat.surface, given)
 
 
 @pytest.fixture(scope="module")
@@ -148,14 +141,12 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
     ],
 )
 def test_values_of_another_surface_are_refused(left, given, said):
-    with pytest.raises(InputError, match=said):
-        left.image(given)
+    refused(said, left.image, given)
 
 
 def test_where_the_side_is_unknown_one_has_to_be_chosen():
     flat_map = voxflat.flatten(nilearn_mesh(), relax=False)
-    with pytest.raises(InputError, match="the surface does not say which it is"):
-        flat_map.image(PolyData(left=VALUES, right=-VALUES))
+    refused("the surface does not say which it is", flat_map.image, PolyData(left=VALUES, right=-VALUES))
 
 
 def test_labels_of_another_package_bring_their_table():
@@ -164,9 +155,6 @@ def test_labels_of_another_package_bring_their_table():
     label.label = "V1"
     labels.labeltable.labels.append(label)
     assert (own_table(labels).names, own_table(labels).colours) == ({1: "V1"}, {1: (255, 128, 0)})
-
-
-# ------------------------------------------------------------------------------------------- out
 
 
 def test_maps_become_objects_of_other_packages(left):
@@ -191,24 +179,20 @@ def test_jupyter_shows_a_picture_and_figures(left):
     assert picture.size[0] > 400
     assert "relative error, %" in page
     surface = voxflat.surface(voxflat.samples.ball())
-    opened = surface.cut(relax=False)
+    opened, atlas = surface.cut(relax=False), surface.patches()
     for value, said in (
         (surface, "extent, mm"),
         (opened, "cut 1, "),
-        (surface.patches(), "triangles"),
+        (atlas, "triangles"),
         (left.distortion, "stress-1"),
     ):
         page = value._repr_html_()
         assert page.startswith("<p><code>&lt;")
         assert said in page
-        assert ("base64," in page) == (value is not surface and value is not left.distortion)
-
-
-def test_the_picture_of_a_cut_surface_shows_its_cuts():
-    page = voxflat.surface(voxflat.samples.ball()).cut(relax=False)._repr_html_()
-    picture = Image.open(io.BytesIO(base64.b64decode(page.split("base64,")[1].split('"')[0])))
+        assert ("base64," in page) == (value is opened or value is atlas)
+    picture = Image.open(io.BytesIO(base64.b64decode(opened._repr_html_().split("base64,")[1].split('"')[0])))
     red, green, _ = np.asarray(picture.convert("RGB")).astype(int).transpose(2, 0, 1)
-    assert 20 < (red > green + 100).sum() < 0.05 * red.size
+    assert 20 < (red > green + 100).sum() < 0.05 * red.size  # its cuts
 
 
 def test_plot_draws_on_given_axes(left):

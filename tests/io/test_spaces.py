@@ -20,10 +20,12 @@ from brain_spaces import (
     write_freesurfer,
     write_gifti,
 )
+from mesh_files import patch
 
 import voxflat
 from voxflat.io.meshes import Mesh, named_structure, read_mesh, write_mesh
 from voxflat.io.spaces import Space, VolumeGeometry
+from voxflat.methods import Voxflat
 
 IN_SCANNER = ["s.surf.gii", "s.vtp", "s.ply", "s.obj"]
 
@@ -135,45 +137,42 @@ def test_a_footer_holds_any_name(tmp_path, filename):
 
 def test_freesurfers_tag_of_scanner_ras(tmp_path):
     """TAG_OLD_USEREALRAS is 1 where the file was written by mris_convert --to-scanner; nibabel does not read on."""
-    (points, faces), of = ball(), header()
-    path = write_freesurfer(tmp_path / "lh.white", points, faces, of)
-    data = path.read_bytes()
+    path = write_freesurfer(tmp_path / "lh.white", *ball(), header())
     tag = np.array([2, 0, 20], ">i4").tobytes()
-    assert data.count(tag) == 1
-    path.write_bytes(data.replace(tag, np.array([2, 1, 20], ">i4").tobytes()))
+    patch(path, {path.read_bytes().index(tag): np.array([2, 1, 20], ">i4").tobytes()})
     assert read_mesh(path).space.name == "scanner"
 
 
 def test_a_footer_that_says_nothing(tmp_path, caplog):
     (points, faces), of = ball(), header()
-    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces, "me", footer(of, "0  # volume info invalid"))
-    space = read_mesh(tmp_path / "lh.white").space
+    path = tmp_path / "lh.white"
+    nib.freesurfer.write_geometry(path, points, faces, "me", footer(of, "0  # volume info invalid"))
+    space = read_mesh(path).space
     assert (space.name, space.is_known) == ("tkRAS", False)
     assert "does not say where their volume lies (c_ras)" in space.doubt
-    voxflat.surface(tmp_path / "lh.white").save(tmp_path / "s.surf.gii")
+    voxflat.surface(path).save(tmp_path / "s.surf.gii")
     assert re.search(r"s\.surf\.gii may lie elsewhere than volumes: .*c_ras", caplog.text)
     assert read_mesh(tmp_path / "s.surf.gii").space.name == "unknown"
-    bad = footer(of) | {"xras": np.array([np.nan, 0, 0])}
-    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces, "me", bad)
-    assert "they must be orthonormal" in read_mesh(tmp_path / "lh.white").space.doubt
-    bad = footer(of) | {"cras": np.array([np.inf, 0, 0])}
-    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces, "me", bad)
-    assert "c_ras is [inf, 0.0, 0.0]" in read_mesh(tmp_path / "lh.white").space.doubt
+    bad = {"xras": (np.nan, "they must be orthonormal"), "cras": (np.inf, "c_ras is [inf, 0.0, 0.0]")}
+    for key, (value, told) in bad.items():
+        nib.freesurfer.write_geometry(path, points, faces, "me", footer(of) | {key: np.array([value, 0, 0])})
+        assert told in read_mesh(path).space.doubt
 
 
 def test_the_middle_must_be_near_one_of_both_readings(tmp_path):
     """Else the file says nothing: a surface that was cut or replaced keeps the metadata of the one before."""
     (points, faces), of = ball(), header()
+    meta = volume_geometry(of, points)
+
+    def space(moved=0.0, **changes):
+        path = tmp_path / "s.surf.gii"
+        return read_mesh(write_gifti(path, points + moved * np.array(C_RAS), faces, meta | changes)).space
+
     for moved, name in ((0, "tkRAS"), (1, "scanner"), (0.5, "tkRAS")):
-        meta = volume_geometry(of, points)
-        space = read_mesh(write_gifti(tmp_path / "s.surf.gii", points + moved * np.array(C_RAS), faces, meta)).space
-        assert space.name == name
-        assert bool(space.doubt) == (moved == 0.5)
+        assert (space(moved).name, bool(space(moved).doubt)) == (name, moved == 0.5)
     for bad in ("x", "nan", "inf"):
-        meta = volume_geometry(of, points) | {"SurfaceCenterX": bad}
-        assert read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)).space.doubt
-        meta = volume_geometry(of, points) | {"VolGeomC_R": bad}
-        assert "damaged" in read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)).space.doubt
+        assert space(SurfaceCenterX=bad).doubt
+        assert "damaged" in space(VolGeomC_R=bad).doubt
 
 
 def test_a_matrix_without_a_volume_is_enough(tmp_path):
@@ -206,7 +205,7 @@ def test_flat_maps_have_no_space(tmp_path):
     m = (
         voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
         .disk(0, 25.0)
-        .flatten(voxflat.methods.Voxflat(sources=20))
+        .flatten(Voxflat(sources=20))
     )
     m.save(tmp_path / "flat.surf.gii")
     array = nib.load(tmp_path / "flat.surf.gii").darrays[0]

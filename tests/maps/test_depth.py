@@ -4,21 +4,22 @@ import json
 import subprocess
 from dataclasses import replace
 
-import lab
 import nibabel as nib
 import numpy as np
 import pytest
 import pyvista as pv
-from click.testing import CliRunner
+from command_line import run, succeed
 from mesh_files import needs_workbench
+from numpy.testing import assert_allclose, assert_array_equal
+from refusals import refused
 
 import voxflat
-from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.depth import Depths, equivolume, vertex_areas
 from voxflat.maps.raster import Raster
+from voxflat.methods import Voxflat
 
 INNER, OUTER = 10.0, 13.0
 FRACTIONS = (0.0, 0.1, 0.5, 0.8, 1.0)
@@ -34,13 +35,17 @@ def ball(radius, nsub=4):
 @pytest.fixture(scope="module")
 def shells():
     """Return the map of a disk of concentric spheres: what lies between them is known in closed form."""
-    return voxflat.surface(ball(INNER), pial=ball(OUTER)).disk(0, 9.0).flatten(voxflat.methods.Voxflat(sources=40))
+    return voxflat.surface(ball(INNER), pial=ball(OUTER)).disk(0, 9.0).flatten(Voxflat(sources=40))
 
 
 def volume_of(function, affine=GRID, n=61):
     """Return a volume whose value is a function of where it lies, x, y, z in mm."""
     ijk = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1)
     return Volume(function(*np.moveaxis(nib.affines.apply_affine(affine, ijk), -1, 0)), affine)
+
+
+def radius_volume(affine=GRID, n=61):
+    return volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2), affine, n)
 
 
 def at_vertices(m, volume, **how):
@@ -56,7 +61,7 @@ class TestFractions:
         for value in FRACTIONS:
             (points,) = shells._triangles.on_surface.at(Depths.of(fraction=value, layering="equidistant"))
             radii = np.linalg.norm(points, axis=1)
-            np.testing.assert_allclose(radii, INNER + value * (OUTER - INNER), atol=1e-12)
+            assert_allclose(radii, INNER + value * (OUTER - INNER), atol=1e-12)
 
     def test_of_volume(self, shells):
         """Waehnert's formula with areas as r²; the true shell, whose area is a square, is 0.4 % of the way off."""
@@ -65,9 +70,9 @@ class TestFractions:
             way = (np.linalg.norm(points, axis=1) - INNER) / (OUTER - INNER)
             a, b = INNER**2, OUTER**2
             formula = (np.sqrt(value * b**2 + (1 - value) * a**2) - a) / (b - a)
-            np.testing.assert_allclose(way, formula, atol=1e-12)
+            assert_allclose(way, formula, atol=1e-12)
             shell = (((1 - value) * INNER**3 + value * OUTER**3) ** (1 / 3) - INNER) / (OUTER - INNER)
-            np.testing.assert_allclose(way, shell, atol=0.004)
+            assert_allclose(way, shell, atol=0.004)
 
     def test_of_areas(self):
         assert equivolume(0.3, 2.0, 2.0) == pytest.approx(0.3, abs=1e-15)  # where the formula as printed is 0/0
@@ -82,11 +87,11 @@ class TestFractions:
 
     def test_lips_of_a_cut_have_one_depth(self):
         whole = voxflat.surface(ball(INNER, 2), pial=ball(OUTER, 2))
-        m = voxflat.flatten(whole, method=voxflat.methods.Voxflat(sources=30))  # cut open
+        m = voxflat.flatten(whole, Voxflat(sources=30))  # cut open
         rows = m._triangles.on_surface.at(Depths.of(fraction=0.5))[0]
         first = {int(v): row for v, row in zip(m.ids[::-1], rows[::-1], strict=True)}
         assert len(first) < len(m)
-        np.testing.assert_array_equal(rows, np.array([first[int(v)] for v in m.ids]))
+        assert_array_equal(rows, np.array([first[int(v)] for v in m.ids]))
 
     def test_linear_volumes_are_met_exactly(self, shells):
         """The value is x, y or z: between voxels, and between vertices, exactly linear."""
@@ -99,48 +104,44 @@ class TestFractions:
                 if "depth" in how:  # along normals that are of length 1 in every pixel
                     assert np.nanmax(np.abs(shown - there[..., axis])) < 0.01
                 else:
-                    np.testing.assert_allclose(shown, there[..., axis], atol=1e-9)
+                    assert_allclose(shown, there[..., axis], atol=1e-9)
 
     def test_they_are_kept_in_the_file(self, shells, tmp_path):
         shells.save(tmp_path / "m.npz")
         again = voxflat.load(tmp_path / "m.npz")
-        np.testing.assert_array_equal(again.white_points, ball(INNER)[0][shells.ids])
-        np.testing.assert_array_equal(again.pial_points, ball(OUTER)[0][shells.ids])
-        np.testing.assert_allclose(again.points, (again.white_points + again.pial_points) / 2)
-        assert (
-            voxflat.surface(ball(INNER)).disk(0, 5.0).flatten(voxflat.methods.Voxflat(sources=10)).white_points is None
-        )
+        assert_array_equal(again.white_points, ball(INNER)[0][shells.ids])
+        assert_array_equal(again.pial_points, ball(OUTER)[0][shells.ids])
+        assert_allclose(again.points, (again.white_points + again.pial_points) / 2)
+        assert voxflat.surface(ball(INNER)).disk(0, 5.0).flatten(Voxflat(sources=10)).white_points is None
 
 
 class TestSeveral:
     def test_a_stack_is_depth_row_column(self, shells):
-        radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
+        radius = radius_volume()
         stack = shells.images(radius, 0.4, fraction=FRACTIONS, layering="equidistant")
         assert stack.data.shape == (5, *shells.raster(0.4).shape)
         assert stack.names == tuple(f"equidistant {value:g}" for value in FRACTIONS)
         for value, layer, one in zip(FRACTIONS, stack.data, stack, strict=True):
             alone = shells.image(radius, 0.4, fraction=value, layering="equidistant")
-            np.testing.assert_array_equal(layer, alone.data)
-            np.testing.assert_array_equal(layer, one.data)
+            assert_array_equal(layer, alone.data)
+            assert_array_equal(layer, one.data)
             assert np.nanmedian(layer) == pytest.approx(INNER + value * (OUTER - INNER), abs=0.05)
         onion = shells.images(radius, 0.4, depth=(-1, 0, 1))
         assert [round(float(np.nanmedian(layer)), 1) for layer in onion.data] == [10.5, 11.5, 12.5]
         assert onion["-1 mm"].provenance["parameters"]["layer"] == "-1 mm"
 
     def test_their_mean(self, shells):
-        radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
+        radius = radius_volume()
         mean = shells.image(radius, 0.4, fraction=(0.2, 0.5, 0.9))
-        np.testing.assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
-        np.testing.assert_array_equal(
-            mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), average=True)[0].data
-        )
+        assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
+        assert_array_equal(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), average=True)[0].data)
         middle = shells.pial_points.mean(axis=0)
         beyond = volume_of(lambda x, y, z: (x**2 + y**2 + z**2 > 12.2**2) & (x > middle[0])).data
         small = Volume(np.where(beyond, np.nan, radius.data), GRID)
         inside = ~np.isnan(shells.image(small, 0.4, fraction=1.0).data)
         some = ~np.isnan(shells.image(small, 0.4, fraction=(0.0, 1.0)).data)
         assert 0 < inside.sum() < shells.raster(0.4).inside.sum()
-        np.testing.assert_array_equal(some, inside)  # not the mean of what there is
+        assert_array_equal(some, inside)  # not the mean of what there is
 
     def test_channels_stay_channels(self, shells, tmp_path):
         x, y = (volume_of(lambda *xyz, axis=axis: xyz[axis]).data for axis in range(2))
@@ -150,22 +151,22 @@ class TestSeveral:
         assert len(stack) == 6
         assert stack.data.shape[:2] == (3, 2)
         one = shells.image(path, 0.4, channel=1, fraction=0.25).data
-        np.testing.assert_allclose(stack.data[1, 0], one, rtol=1e-12)
-        np.testing.assert_array_equal(shells.images(path, 0.4, channel=1, fraction=(0.25, 0.75)).data, stack.data[1])
+        assert_allclose(stack.data[1, 0], one, rtol=1e-12)
+        assert_array_equal(shells.images(path, 0.4, channel=1, fraction=(0.25, 0.75)).data, stack.data[1])
         means = shells.images(path, 0.4, fraction=(0.25, 0.75), average=True)
-        np.testing.assert_allclose(means.data, stack.data.mean(axis=1))
+        assert_allclose(means.data, stack.data.mean(axis=1))
         stack.save(tmp_path / "out.nii.gz")
         image = nib.load(tmp_path / "out.nii.gz")
         assert image.shape == (*stack.data.shape[2:], 2, 3)
-        np.testing.assert_allclose(image.get_fdata(), np.transpose(stack.data, (2, 3, 1, 0)), rtol=1e-6)
+        assert_allclose(image.get_fdata(), np.transpose(stack.data, (2, 3, 1, 0)), rtol=1e-6)
         names = json.loads(image.header.extensions[0].get_content())["names"]
         assert names[:3] == ["equivolume 0.25", "equivolume 0.75", "equivolume 0.25"]
         stack.save(tmp_path / "out.npy")
-        np.testing.assert_allclose(np.load(tmp_path / "out.npy"), stack.data, rtol=1e-6)
+        assert_allclose(np.load(tmp_path / "out.npy"), stack.data, rtol=1e-6)
 
     def test_colours(self, shells):
         grey = np.zeros((61, 61, 61, 3), np.uint8)
-        grey[..., 0] = np.clip(10 * volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2)).data, 0, 255)
+        grey[..., 0] = np.clip(10 * radius_volume().data, 0, 255)
         mean = shells.image(Volume(grey, GRID), 0.4, fraction=(0.0, 1.0), layering="equidistant").data
         assert np.median(mean[mean[..., 3] > 0][:, 0]) == pytest.approx(115, abs=2)
         assert set(np.unique(mean[..., 3])) == {0, 255}
@@ -186,20 +187,17 @@ class TestRefusals:
         ],
     )
     def test_what_is_no_depth(self, shells, how, message):
-        with pytest.raises(InputError, match=message):
-            shells.image(volume_of(lambda x, y, z: x), 1.0, **how)
+        refused(message, shells.image, volume_of(lambda x, y, z: x), 1.0, **how)
 
     def test_what_has_no_depth(self, shells, tmp_path):
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)
-        with pytest.raises(InputError, match=r"uint8 may be labels, which have no mean over depths"):
-            shells.image(labels, 1.0, fraction=(0.2, 0.8))
+        refused(r"uint8 may be labels, which have no mean over depths", shells.image, labels, 1.0, fraction=(0.2, 0.8))
         assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="majority").data) == 1
         with pytest.raises(InputError, match=r"'majority', which is of labels, but values are no whole numbers"):
             shells.image(volume_of(lambda x, y, z: x + 0.1), 1.0, interpolation="majority")
         linear = shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="linear")
         assert np.nanmax(linear.data) == pytest.approx(1, rel=1e-12)
-        with pytest.raises(InputError, match=r"overlay has values on the surface alone"):
-            shells.image(np.arange(2562.0), fraction=0.5)
+        refused(r"overlay has values on the surface alone", shells.image, np.arange(2562.0), fraction=0.5)
         alone = replace(shells, white_points=None, pial_points=None)
         with pytest.raises(InputError, match=r"this map knows no pial one: flatten the white surface with pial="):
             alone.image(volume_of(lambda x, y, z: x), fraction=0.5)
@@ -208,81 +206,27 @@ class TestRefusals:
 @pytest.mark.slow
 def test_by_the_command_line(shells, tmp_path):
     shells.save(tmp_path / "m.npz")
-    volume = tmp_path / "r.nii.gz"
-    radius = volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
-    write_volume(volume, radius.data.astype(np.float32), GRID)
-
-    def run(*arguments):
-        return CliRunner().invoke(cli.main, ["image", str(tmp_path / "m.npz"), *map(str, arguments)])
-
-    out = tmp_path / "out.npy"
-    how = ("--pixel-size", 0.6, "-o", out)
-    assert run("--volume", volume, "--fraction", "0,0.5,1", "--layering", "equidistant", *how).exit_code == 0
+    volume, out = tmp_path / "r.nii.gz", tmp_path / "out.npy"
+    write_volume(volume, radius_volume().data.astype(np.float32), GRID)
+    command = ["image", tmp_path / "m.npz", "--volume", volume, "--pixel-size", 0.6, "-o", out]
+    succeed(*command, "--fraction", "0,0.5,1", "--layering", "equidistant")
     expected = shells.images(volume, 0.6, fraction=(0, 0.5, 1), layering="equidistant").data
     np.testing.assert_allclose(np.load(out), expected, rtol=1e-6)
-    assert run("--volume", volume, "--depth", "-1,1", "--average", *how).exit_code == 0
+    succeed(*command, "--depth", "-1,1", "--average")
     np.testing.assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
     for wrong in (("--fraction", "0.5", "--depth", "1"), ("--layering", "equidistant"), ("--fraction", "half")):
-        assert run("--volume", volume, *wrong, "-o", out).exit_code == 2
-
-
-@needs_workbench
-@pytest.mark.slow
-def test_ribbon_constrained_mapping_of_workbench_shows_the_same(tmp_path):
-    """Workbench weights voxels by how much of the cortex around a vertex they hold: the mean over equal volumes.
-
-    Of a vertex it takes the prisms around (-thin-columns: up to the middle of the edges, here of 2 mm), we the line
-    through it, and it meets voxels by 3 x 3 x 3 points each; of smooth volumes that is about the same.
-    """
-    lab.write(tmp_path)
-    whole = voxflat.surface(tmp_path / "lh.white", pial=tmp_path / "lh.pial")
-    disk = whole.disk(700, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
-    fine = [
-        pv.PolyData.from_regular_faces(points, disk.faces).subdivide(2, "linear")
-        for points in (disk.white_points, disk.pial_points)
-    ]
-    white, pial = ((np.asarray(mesh.points, dtype=np.float64), mesh.regular_faces) for mesh in fine)
-    m = voxflat.flatten(voxflat.surface(white, pial=pial), method=voxflat.methods.Voxflat(sources=20), relax=False)
-    for name in ("white_points", "points", "pial_points"):
-        write_mesh(tmp_path / f"{name}.surf.gii", Mesh(getattr(m, name), m.faces.astype(np.int64)))
-    low = m.points.min(axis=0) - 12
-    shape = tuple((m.points.max(axis=0) + 12 - low).astype(int))
-    affine = np.eye(4)
-    affine[:3, 3] = low
-    x, y, z = (np.moveaxis(np.indices(shape), 0, -1) + low).transpose(3, 0, 1, 2)
-    volume = Volume((np.sin(x / 9) + np.cos(y / 11) + np.sin(z / 8)).astype(np.float32), affine)
-    write_volume(tmp_path / "v.nii.gz", volume.data, affine)
-    surfaces = ["white_points.surf.gii", "pial_points.surf.gii", "-thin-columns"]
-    arguments = ["v.nii.gz", "points.surf.gii", "out.shape.gii", "-ribbon-constrained", *surfaces]
-    command = ["wb_command", "-volume-to-surface-mapping", *arguments]
-    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
-    theirs = nib.load(tmp_path / "out.shape.gii").darrays[0].data
-    apart = {}
-    for name, how in {
-        "mean": {"fraction": (np.arange(10) + 0.5) / 10},
-        "thickness": {"fraction": (np.arange(10) + 0.5) / 10, "layering": "equidistant"},
-        "middle": {"fraction": 0.5},
-        "white": {"fraction": 0.0},
-    }.items():
-        ours = at_vertices(m, volume, **how)
-        apart[name] = np.sqrt(np.nanmean((ours - theirs) ** 2)) / theirs.std()
-    assert apart["mean"] < 0.05, apart
-    assert apart["mean"] < apart["white"] / 3, apart
+        assert run(*command, *wrong).exit_code == 2
 
 
 MEAN_RADIUS = 0.75 * (OUTER**4 - INNER**4) / (OUTER**3 - INNER**3)  # of the volume between the spheres: 11.628
 
 
-def radius_volume():
-    return volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2))
-
-
 def test_the_mean_over_equal_volumes_is_that_of_the_volume(shells):
     fractions = (np.arange(20) + 0.5) / 20
     ours = at_vertices(shells, radius_volume(), fraction=fractions)
-    np.testing.assert_allclose(ours, MEAN_RADIUS, atol=0.02)  # 0.005 of it by linear interpolation between voxels
+    assert_allclose(ours, MEAN_RADIUS, atol=0.02)  # 0.005 of it by linear interpolation between voxels
     thick = at_vertices(shells, radius_volume(), fraction=fractions, layering="equidistant")
-    np.testing.assert_allclose(thick, (INNER + OUTER) / 2, atol=0.02)  # 11.5
+    assert_allclose(thick, (INNER + OUTER) / 2, atol=0.02)  # 11.5
 
 
 @needs_workbench
@@ -291,7 +235,7 @@ def test_ribbon_constrained_mapping_of_workbench_has_that_mean_too(tmp_path):
     for name, radius in (("white", INNER), ("mid", (INNER + OUTER) / 2), ("pial", OUTER)):
         write_mesh(tmp_path / f"{name}.surf.gii", Mesh(*ball(radius, 3)))
     coarse = GRID * [2, 2, 2, 1]
-    write_volume(tmp_path / "v.nii.gz", volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2), coarse, 31).data, coarse)
+    write_volume(tmp_path / "v.nii.gz", radius_volume(coarse, 31).data, coarse)
     arguments = ["v.nii.gz", "mid.surf.gii", "out.shape.gii", "-ribbon-constrained", "white.surf.gii", "pial.surf.gii"]
     command = ["wb_command", "-volume-to-surface-mapping", *arguments, "-thin-columns"]
     subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)

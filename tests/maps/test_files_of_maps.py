@@ -20,23 +20,22 @@ import nibabel
 import numpy as np
 import pytest
 import pyvista as pv
-from mesh_files import needs_workbench
+from mesh_files import grid, needs_workbench
 from scipy.spatial import cKDTree
 from shapes import curled_sheet
 
 import voxflat
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Grossmann2002, Voxflat
 
 FORMATS = ("map.npz", "map.vtp", "map.ply", "map.obj", "map.surf.gii", "lh.map.patch.flat", "lh.map.flat.patch.3d")
 CUT = np.arange(6, 6 + 13 * 8, 13)
 
 
 def bumps(size=13):
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(size), np.arange(size), indexing="ij"))
-    a = np.arange(size * (size - 1)).reshape(-1, size)[:, :-1].ravel()
-    points = np.column_stack([2.0 * i, 2.0 * j, 2 * np.sin(i * 0.9) + np.cos(j * 0.8)])
-    faces = np.concatenate([np.column_stack([a, a + size, a + 1]), np.column_stack([a + 1, a + size, a + size + 1])])
-    return points, faces
+    i, j = np.indices((size, size))
+    mesh = grid(size, (2 * np.sin(i * 0.9) + np.cos(j * 0.8)).ravel(), 2.0)
+    return mesh.points, mesh.faces
 
 
 def ball():
@@ -46,20 +45,20 @@ def ball():
 
 def squeezed():
     """Return a map over the 26-neighbour graph that is torn: of a whole ball's half, which cannot be flat."""
-    return voxflat.surface(ball()).disk((9, 9, 16), 12.0).flatten(voxflat.methods.Grossmann2002(sources=60))
+    return voxflat.surface(ball()).disk((9, 9, 16), 12.0).flatten(Grossmann2002(sources=60))
 
 
 KINDS = {
-    "mesh": lambda: voxflat.flatten(bumps(), method=voxflat.methods.Voxflat(sources=40)),
-    "mesh with a cut": lambda: voxflat.flatten(bumps(), method=voxflat.methods.Voxflat(sources=40), cuts=[CUT]),
+    "mesh": lambda: voxflat.flatten(bumps(), Voxflat(sources=40)),
+    "mesh with a cut": lambda: voxflat.flatten(bumps(), Voxflat(sources=40), cuts=[CUT]),
     "mesh without two triangles": lambda: (
         voxflat.surface(bumps())
         .keep((bumps()[0], np.delete(bumps()[1], [60, 84], axis=0)))
-        .flatten(voxflat.methods.Voxflat(sources=40))
+        .flatten(Voxflat(sources=40))
     ),
     "glued": lambda: voxflat.flatten(bumps(), method="saucan2006", cuts=[CUT]),
-    "voxels": lambda: voxflat.surface(ball()).disk((9, 9, 16), 9.0).flatten(voxflat.methods.Voxflat(sources=40)),
-    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), method=voxflat.methods.Voxflat(sources=40)),
+    "voxels": lambda: voxflat.surface(ball()).disk((9, 9, 16), 9.0).flatten(Voxflat(sources=40)),
+    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), Voxflat(sources=40)),
     "torn": squeezed,
 }
 
@@ -126,12 +125,10 @@ def test_what_comes_back(flat, name, tmp_path, caplog):
     assert set(found) <= set(own)  # as the map has them, and turned as there
     missing = len(own) - len(found)
     numbers = [[int(n) for n in re.findall(r"\d+", record.getMessage())] for record in caplog.records]
-    if ".patch." in name:
-        assert [said[2:] for said in numbers] == ([[missing, len(own)]] if missing else [])
-    else:
-        assert [said[:2] for said in numbers] == ([[missing, len(own)]] if missing else [])
-    is_cut = not flat.is_voxels and (len(flat) > len(np.unique(flat.ids)) or len(flat.bridges) > 0)
+    told = [said[2:] if ".patch." in name else said[:2] for said in numbers]
+    assert told == ([[missing, len(own)]] if missing else [])
     is_doubled = not flat.is_voxels and len(flat) > len(np.unique(flat.ids))
+    is_cut = is_doubled or (not flat.is_voxels and len(flat.bridges) > 0)
     expected = {"gii": is_doubled, "flat": is_cut, "3d": is_cut}.get(name.rsplit(".", 1)[1], False)
     if name.endswith((".ply", ".obj", ".gii")):
         expected = expected or flat.torn.any()
@@ -147,20 +144,14 @@ def test_what_comes_back(flat, name, tmp_path, caplog):
 @pytest.mark.slow
 @needs_workbench
 def test_workbench_finds_the_same_areas(flat, tmp_path):
-    flat.save(tmp_path / "lh.flat.surf.gii")
-    paths = [str(tmp_path / name) for name in ("lh.flat.surf.gii", "areas.func.gii")]
+    paths = [tmp_path / name for name in ("lh.flat.surf.gii", "areas.func.gii")]
+    flat.save(paths[0])
     subprocess.run(["wb_command", "-surface-vertex-areas", *paths], check=True, capture_output=True)
     corners, _ = from_gifti(paths[0], flat)
     a, b = (corners[:, k, :2].astype(np.float64) - corners[:, 0, :2] for k in (1, 2))
     areas = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
     found = nibabel.load(paths[1]).darrays[0].data
     assert found.sum(dtype=np.float64) == pytest.approx(areas.sum(), rel=1e-5)
-    information = subprocess.run(
-        ["wb_command", "-file-information", paths[0]], check=True, capture_output=True, text=True
-    )
-    assert re.search(rf"Number of Triangles: +{len(corners)}\b", information.stdout.replace(",", "")), (
-        information.stdout
-    )
 
 
 class TestSurfaces:

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refused
 
 import voxflat
-from voxflat import InputError
 from voxflat.io.label_tables import LabelTable
 from voxflat.maps.lines import borders, chains, outline
 from voxflat.maps.parcels import parcels_of
+from voxflat.methods import Voxflat
 
 
 def grid(n=24, seed=0):
@@ -101,7 +102,7 @@ class TestLines:
 def flat_map():
     uv, faces = grid(30, seed=2)
     return voxflat.flatten(
-        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=voxflat.methods.Voxflat(sources=40), relax=False
+        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=Voxflat(sources=40), relax=False
     )
 
 
@@ -140,13 +141,10 @@ class TestParcels:
         assert pixels[1, 0, 3] == 255
 
     def test_what_are_no_labels_is_refused(self, flat_map):
-        with pytest.raises(InputError, match="whole numbers"):
-            parcels_of(flat_map, np.linspace(0, 1, 900))
-        with pytest.raises(InputError, match="900 vertices"):
-            parcels_of(flat_map, np.zeros(7, np.int64))
+        refused("whole numbers", parcels_of, flat_map, np.linspace(0, 1, 900))
+        refused("900 vertices", parcels_of, flat_map, np.zeros(7, np.int64))
         away = voxflat.io.Volume(np.ones((4, 4, 4), np.uint8), np.eye(4) + np.eye(4, k=3) * 500)
-        with pytest.raises(InputError, match="nothing on the map"):
-            parcels_of(flat_map, away)
+        refused("nothing on the map", parcels_of, flat_map, away)
 
     def test_labels_of_a_volume_are_those_of_the_nearest_voxel(self, flat_map):
         data = np.zeros((40, 40, 5), np.int16)

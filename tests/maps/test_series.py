@@ -7,16 +7,17 @@ import nibabel as nib
 import numpy as np
 import pytest
 from brain_spaces import ball, header, oblique, to_scanner, write_freesurfer
-from click.testing import CliRunner
-from mesh_files import gifti
+from command_line import run, succeed
+from mesh_files import gifti, patch
+from refusals import refused
 
 import voxflat
-from voxflat import cli
 from voxflat.io import Volume
 from voxflat.io.channels import Timing
 from voxflat.io.meshes import Mesh
 from voxflat.io.provenance import portable
 from voxflat.maps.sampling import Mixing
+from voxflat.methods import Voxflat
 
 COUNT, SIZE = 5, 60
 AFFINES = {
@@ -31,7 +32,7 @@ def tk_map(tmp_path_factory):
     """A map in tkRAS with c_ras, and its vertices in scanner RAS."""
     (points, faces), of = ball(), header(oblique())
     path = write_freesurfer(tmp_path_factory.mktemp("tk") / "lh.white", points, faces, of)
-    flat = voxflat.surface(path).disk(0, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
+    flat = voxflat.surface(path).disk(0, 25.0).flatten(Voxflat(sources=20))
     return flat, to_scanner(points.astype(np.float64), of)
 
 
@@ -40,7 +41,7 @@ def shells():
     """A map between two spheres, and noise around them with a place beyond it."""
     (points, faces) = ball()
     surface = voxflat.surface(Mesh(points, faces), pial=Mesh(1.1 * points, faces))
-    flat = surface.disk(0, 20.0).flatten(voxflat.methods.Voxflat(sources=20))
+    flat = surface.disk(0, 20.0).flatten(Voxflat(sources=20))
     low = flat.white_points.min(axis=0) + np.array([2.0, 0, 0])  # part of the map lies outside
     affine = np.diag([2.5, 2.5, 2.5, 1.0])
     affine[:3, 3] = low
@@ -60,16 +61,12 @@ def nifti(path, data, affine, step=2.0, unit="sec", start=0.0):
     return path
 
 
-# ------------------------------------------------------------------------------------------- values
-
-
 @pytest.mark.parametrize("kind", AFFINES)
 @pytest.mark.parametrize("name", ["bold.nii", "bold.mgz"])
 def test_each_frame_lies_where_the_surface_is(tk_map, tmp_path, kind, name):
     """Values are x, y or z of scanner RAS, times the number of the frame."""
     flat, scanner = tk_map
-    ijk = np.stack(np.meshgrid(*[np.arange(SIZE)] * 3, indexing="ij"), axis=-1)
-    world = nib.affines.apply_affine(AFFINES[kind], ijk)
+    world = nib.affines.apply_affine(AFFINES[kind], np.moveaxis(np.indices((SIZE, SIZE, SIZE)), 0, -1))
     frames = [(axis, factor) for axis in range(3) for factor in (1, 3)]
     data = np.stack([factor * world[..., axis] for axis, factor in frames], axis=-1).astype(np.float32)
     image = (nib.MGHImage if name.endswith("z") else nib.Nifti1Image)(data, AFFINES[kind])
@@ -88,23 +85,19 @@ def test_each_frame_lies_where_the_surface_is(tk_map, tmp_path, kind, name):
 def test_a_frame_is_what_one_volume_is(shells, tmp_path, how, interpolation):
     """By nearest voxels bit for bit, else within rounding; NaN and the volume's ends at the same pixels."""
     flat, data, affine = shells
+    alone = {name: value for name, value in how.items() if name != "average"}
     if interpolation == "nearest":
-        data = np.nan_to_num(100 * data).astype(np.int16)
-        how = {name: value for name, value in how.items() if name != "average"}
+        data, how = np.nan_to_num(100 * data).astype(np.int16), alone
     series = flat.images(nifti(tmp_path / "bold.nii", data, affine), 0.7, interpolation=interpolation, **how)
+    rounding = {"rtol": 0, "atol": 0} if interpolation == "nearest" else {"rtol": 1e-12, "atol": 1e-14}
     for n in range(3):
         one = flat.images(Volume(data[..., n], affine), 0.7, interpolation=interpolation, **how)
         if len(one) == 1:
-            alone = {name: value for name, value in how.items() if name != "average"}
             own = flat.image(tmp_path / "bold.nii", 0.7, channel=n, interpolation=interpolation, **alone)
             np.testing.assert_array_equal(own.data, one[0].data)
         for k in range(len(one)):
-            found, expected = series[n * len(one) + k].data, one[k].data
-            assert np.isnan(expected[flat.raster(0.7).inside]).any()
-            if interpolation == "nearest":
-                np.testing.assert_array_equal(found, expected)
-            else:
-                np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+            assert np.isnan(one[k].data[flat.raster(0.7).inside]).any()
+            np.testing.assert_allclose(series[n * len(one) + k].data, one[k].data, **rounding)
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest", "majority"])
@@ -127,9 +120,6 @@ def test_nan_that_signals_is_nan():
     np.testing.assert_array_equal(mixing(values), [1.5, np.nan, np.nan])
 
 
-# --------------------------------------------------------------------------------------------- time
-
-
 @pytest.mark.parametrize(
     ("step", "unit", "start", "times"),
     [
@@ -146,9 +136,7 @@ def test_nan_that_signals_is_nan():
 def test_the_time_of_nifti(shells, tmp_path, step, unit, start, times):
     flat, data, affine = shells
     path = nifti(tmp_path / "bold.nii", data, affine, 1.0, unit, start)
-    raw = bytearray(path.read_bytes())
-    raw[92:96] = np.float32(step).tobytes()  # pixdim[4], which nibabel would not let pass
-    path.write_bytes(raw)
+    patch(path, {92: np.float32(step).tobytes()})  # pixdim[4], which nibabel would not let pass
     stack = flat.images(path)
     assert stack.timing == times
     assert flat.images(path, channel=1).timing is None  # one frame is no series
@@ -179,8 +167,7 @@ def test_the_time_of_other_files(shells, tmp_path):
     assert flat.images(tmp_path / "bold.func.gii", time_step=1.5).timing == Timing(1.5)
     assert flat.images(points, time_step=2).timing == Timing(2.0)
     for wrong in (0, -1.0, np.nan, np.inf, "2"):
-        with pytest.raises(voxflat.InputError, match="the time step is"):
-            flat.images(points, time_step=wrong)
+        refused("the time step is", flat.images, points, time_step=wrong)
 
 
 def test_other_lengths_than_mm_are_converted(shells, tmp_path, caplog):
@@ -188,9 +175,7 @@ def test_other_lengths_than_mm_are_converted(shells, tmp_path, caplog):
     expected = flat.images(nifti(tmp_path / "bold.nii", data, affine))[0].data
     for code, factor in ((1, 1e-3), (3, 1e3)):
         path = nifti(tmp_path / "other.nii", data, np.diag([factor] * 3 + [1]) @ affine)
-        raw = bytearray(path.read_bytes())
-        raw[123] = code | 8
-        path.write_bytes(raw)
+        patch(path, {123: bytes([code | 8])})
         np.testing.assert_allclose(flat.images(path)[0].data, expected, atol=1e-4)
         assert "converted to mm" in caplog.text
 
@@ -222,9 +207,6 @@ def test_percent_change(shells, tmp_path):
             np.testing.assert_allclose(changed[n].data, np.where(mean > 0, 100 * share[n // each], np.nan), atol=1e-9)
     with pytest.raises(voxflat.Cancelled, match="while averaging"):
         raw.percent_change(lambda *_: False)
-
-
-# --------------------------------------------------------------------------------------------- files
 
 
 @pytest.fixture(scope="module")
@@ -323,39 +305,24 @@ def test_nothing_is_written_half(series, tmp_path, name):
 def test_no_directory_is_replaced(series, tmp_path):
     pytest.importorskip("zarr")
     (tmp_path / "flat.zarr").mkdir()
-    with pytest.raises(voxflat.InputError, match="is there already, and directories are not replaced: delete it"):
-        series[1].save(tmp_path / "flat.zarr")
+    refused("is there already, and directories are not replaced: delete it", series[1].save, tmp_path / "flat.zarr")
     assert list((tmp_path / "flat.zarr").iterdir()) == []
 
 
-# ------------------------------------------------------------------------------------------- command
-
-
-def test_the_command(shells, tmp_path):
+def test_the_command(shells, tmp_path, monkeypatch):
     zarr = pytest.importorskip("zarr")
+    monkeypatch.chdir(tmp_path)
     flat, data, affine = shells
-    flat.save(tmp_path / "map.npz")
+    flat.save("map.npz")
     bold = nifti(tmp_path / "bold.nii", data, affine)
-
-    def run(output, *more):
-        told = ["image", tmp_path / "map.npz", "--volume", bold, "-o", tmp_path / output, "--json", *more]
-        return CliRunner().invoke(cli.main, list(map(str, told)))
-
-    told = json.loads(run("flat.zarr", "--fraction", "0.5").stdout)
+    command = ["image", "map.npz", "--volume", "bold.nii", "--json", "-o"]
+    told = json.loads(succeed(*command, "flat.zarr", "--fraction", "0.5").stdout)
     assert (told["images"], told["time_step"]) == (3, 2.0)
-    written = zarr.open_group(tmp_path / "flat.zarr", mode="r")
-    np.testing.assert_array_equal(
-        written["0"][:], np.stack([image.data for image in flat.images(bold, fraction=0.5)]).astype(np.float32)
-    )
-    again = run("flat.zarr")
-    assert again.exit_code == 1
-    assert "is there already" in json.loads(again.stdout)["error"]
-    assert json.loads(run("flat.nii", "--time-step", "0.8").stdout)["time_step"] == 0.8
-    assert nib.load(tmp_path / "flat.nii").header.get_zooms()[3] == pytest.approx(0.8)
-    assert run("flat.nii", "--time-step", "0").exit_code == 2
-
-
-# -------------------------------------------------------------------------------------------- phases
+    expected = np.stack([image.data for image in flat.images(bold, fraction=0.5)]).astype(np.float32)
+    np.testing.assert_array_equal(zarr.open_group("flat.zarr", mode="r")["0"][:], expected)
+    assert json.loads(succeed(*command, "flat.nii", "--time-step", "0.8").stdout)["time_step"] == 0.8
+    assert nib.load("flat.nii").header.get_zooms()[3] == pytest.approx(0.8)
+    assert run(*command, "flat.nii", "--time-step", "0").exit_code == 2
 
 
 def apart(a, b, period):
@@ -374,18 +341,15 @@ def test_phases_go_the_short_way_round(shells, period, low):
     values = (rate * places - low) % period + low
     shown = flat.image(values, 0.7, period=period).data
     is_inside = np.isfinite(expected)
-    assert shown[is_inside].min() >= 0
-    assert shown[is_inside].max() < period
+    assert 0 <= shown[is_inside].min() <= shown[is_inside].max() < period
     assert apart(shown, expected, period)[is_inside].max() < 0.04 * period
     assert apart(flat.image(values, 0.7).data, expected, period)[is_inside].max() > 0.2 * period  # what it is for
-    grid = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1) - 30.0
     around = np.eye(4)
-    around[:3, 3] = -30
-    middle = flat.space.to_scanner(flat.points).mean(axis=0)
-    around[:3, 3] += middle
-    volume = Volume((rate * (grid[..., 0] + middle[0]) - low) % period + low, around)
+    around[:3, 3] = flat.space.to_scanner(flat.points).mean(axis=0) - 30
+    x = np.broadcast_to(np.arange(60.0)[:, None, None], (60, 60, 60)) + around[0, 3]
+    volume = Volume((rate * x - low) % period + low, around)
     for how in ({}, {"fraction": (0.2, 0.5, 0.8)}):
-        there = flat.image(Volume(grid[..., 0] + middle[0], around), 0.7, interpolation="linear", **how).data
+        there = flat.image(Volume(x, around), 0.7, interpolation="linear", **how).data
         shown = flat.image(volume, 0.7, period=period, **how).data
         assert np.nanmax(apart(shown, rate * there, period)) < 0.01 * period
 
@@ -393,17 +357,11 @@ def test_phases_go_the_short_way_round(shells, period, low):
 def test_phases_that_cancel_have_none(shells):
     flat, *_ = shells
     values = np.where(np.arange(flat.metadata["vertices"]) % 2, 90.0, 270.0)
-    shown = flat.image(values, 0.7, period=360)
-    away = np.abs(np.sin(np.radians(shown.data[np.isfinite(shown.data)])))
+    shown = flat.image(values, 0.7, period=360).data
+    away = np.abs(np.sin(np.radians(shown[np.isfinite(shown)])))
     np.testing.assert_allclose(away, 1, atol=1e-6)  # one or the other, nothing between
     nearest = flat.image(values, 0.7, period=360, interpolation="nearest").data
     np.testing.assert_array_equal(nearest, flat.image(values, 0.7, interpolation="nearest").data)
-    for wrong, said in (
-        ({"period": 0}, "the period is 0"),
-        ({"period": np.inf}, "period"),
-        ({"period": "1"}, "period"),
-    ):
-        with pytest.raises(voxflat.InputError, match=said):
-            flat.image(values, **wrong)
-    with pytest.raises(voxflat.InputError, match="'majority', which is of labels"):
-        flat.image(values, period=360, interpolation="majority")
+    for wrong, said in ((0, "the period is 0"), (np.inf, "period"), ("1", "period")):
+        refused(said, flat.image, values, period=wrong)
+    refused("'majority', which is of labels", flat.image, values, period=360, interpolation="majority")

@@ -1,13 +1,15 @@
 import numpy as np
 import pytest
 import pyvista as pv
-from click.testing import CliRunner
+from command_line import succeed
 from PIL import Image
+from refusals import refused
 from textures import chessboard, cylinder
 
 import voxflat
-from voxflat import InputError, cli
+from voxflat import InputError
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.methods import Voxflat
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +21,7 @@ def mesh():
 
 @pytest.fixture(scope="module")
 def flat_map(mesh):
-    return voxflat.flatten(mesh[:2], method=voxflat.methods.Voxflat(sources=200))
+    return voxflat.flatten(mesh[:2], Voxflat(sources=200))
 
 
 def save_obj(folder, mesh, picture, corners=None, map_kd="map_Kd picture.png"):
@@ -29,8 +31,8 @@ def save_obj(folder, mesh, picture, corners=None, map_kd="map_Kd picture.png"):
     places = coordinates if corners is None else corners.reshape(-1, 2)
     lines = ["mtllib picture.mtl", *(f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist())]
     lines += [f"vt {s!r} {t!r}" for s, t in places.tolist()] + ["usemtl skin"]
-    for face, used in zip((faces + 1).tolist(), (numbers + 1).tolist(), strict=True):
-        lines.append("f " + " ".join(f"{v}/{t}" for v, t in zip(face, used, strict=True)))
+    for ends in np.stack([faces + 1, numbers + 1], axis=2).tolist():
+        lines.append("f " + " ".join(f"{v}/{t}" for v, t in ends))
     (folder / "face.obj").write_text("\n".join(lines) + "\n")
     (folder / "picture.mtl").write_text(f"newmtl other\nmap_Kd missing.png\nnewmtl skin\n{map_kd}\n")
     Image.fromarray(picture).save(folder / "picture.png")
@@ -107,7 +109,7 @@ def test_a_surface_flattens_and_shows_its_own_texture(tmp_path, mesh):
     points, faces, _ = mesh
     arc = np.column_stack([10 * np.arctan2(points[:, 1], points[:, 0]), points[:, 2]]) / 20
     path = save_obj(tmp_path, (points, faces, arc), chessboard(10, 16))  # squares of 2 mm
-    flat_map = voxflat.flatten(path, method=voxflat.methods.Voxflat(sources=200))
+    flat_map = voxflat.flatten(path, Voxflat(sources=200))
     image = flat_map.image(path, 0.1)
     white, seen = image.data[..., 0] > 127, image.data[..., 3] > 0
     assert abs(white[seen].mean() - 0.5) < 0.02
@@ -135,25 +137,19 @@ def test_colours_at_the_vertices(mesh, flat_map, tmp_path):
     assert (flat_map.image(see_through, 0.5).data[raster.inside][:, 3] == 99).all()
 
 
-@pytest.mark.parametrize("name", ["face.vtp", "face.ply"])
+@pytest.mark.parametrize("name", ["face.vtp", "face.ply", "named.ply"])
 def test_a_picture_beside(mesh, flat_map, tmp_path, name):
+    """One of the same name, or the one that a PLY file names."""
     points, faces, coordinates = mesh
-    write_mesh(tmp_path / name, Mesh(points, faces, texture_coordinates=coordinates))
-    with pytest.raises(InputError, match=f"{name}: has no texture: neither texture coordinates with a picture beside"):
-        flat_map.image(tmp_path / name)
-    Image.fromarray(chessboard()).save(tmp_path / "face.png")
-    image = flat_map.image(tmp_path / name, 0.25)
-    np.testing.assert_array_equal(image.data, flat_map.image(save_obj(tmp_path, mesh, chessboard()), 0.25).data)
-
-
-def test_the_picture_that_a_ply_file_names(mesh, flat_map, tmp_path):
-    points, faces, coordinates = mesh
-    write_mesh(tmp_path / "face.ply", Mesh(points, faces, texture_coordinates=coordinates))
-    data = (tmp_path / "face.ply").read_bytes().replace(b"comment voxflat", b"comment TextureFile skin.png")
-    (tmp_path / "face.ply").write_bytes(data)
-    Image.fromarray(chessboard()).save(tmp_path / "skin.png")
-    image = flat_map.image(tmp_path / "face.ply", 0.25)
-    np.testing.assert_array_equal(image.data, flat_map.image(save_obj(tmp_path, mesh, chessboard()), 0.25).data)
+    path, skin = tmp_path / name, "skin.png" if name == "named.ply" else "face.png"
+    write_mesh(path, Mesh(points, faces, texture_coordinates=coordinates))
+    message = f"{name}: has no texture: neither texture coordinates with a picture beside"
+    refused(message, flat_map.image, path)
+    if name == "named.ply":
+        path.write_bytes(path.read_bytes().replace(b"comment voxflat", b"comment TextureFile skin.png"))
+    Image.fromarray(chessboard()).save(tmp_path / skin)
+    expected = flat_map.image(save_obj(tmp_path, mesh, chessboard()), 0.25).data
+    np.testing.assert_array_equal(flat_map.image(path, 0.25).data, expected)
 
 
 def test_a_finer_picture_than_pixels_is_averaged(mesh, flat_map, tmp_path):
@@ -191,11 +187,9 @@ def test_a_picture_goes_on_beyond_its_borders(mesh, flat_map, tmp_path):
 
 def test_the_command_writes_it(mesh, flat_map, tmp_path):
     flat_map.save(tmp_path / "map.npz")
-    path = save_obj(tmp_path, mesh, chessboard())
-    options = ["image", tmp_path / "map.npz", "--volume", path, "--pixel-size", 0.25, "-o", tmp_path / "flat.png"]
-    result = CliRunner().invoke(cli.main, [str(option) for option in options])
-    assert result.exit_code == 0, result.output
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "flat.png")), flat_map.image(path, 0.25).data)
+    path, out = save_obj(tmp_path, mesh, chessboard()), tmp_path / "flat.png"
+    succeed("image", tmp_path / "map.npz", "--volume", path, "--pixel-size", 0.25, "-o", out)
+    np.testing.assert_array_equal(np.asarray(Image.open(out)), flat_map.image(path, 0.25).data)
 
 
 class TestRefusals:
@@ -210,14 +204,12 @@ class TestRefusals:
     def test_materials(self, mesh, flat_map, tmp_path, map_kd, told):
         path = save_obj(tmp_path, mesh, chessboard(), map_kd=map_kd)
         path.write_text(path.read_text() + "usemtl skin2\n")
-        with pytest.raises(InputError, match=told):
-            flat_map.image(path)
+        refused(told, flat_map.image, path)
 
     @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}, {"period": 360}])
     def test_options_of_volumes(self, mesh, flat_map, tmp_path, options):
         told = "depth, fraction, interpolation and period are for volumes, not for textures"
-        with pytest.raises(InputError, match=told):
-            flat_map.image(save_obj(tmp_path, mesh, chessboard()), **options)
+        refused(told, flat_map.image, save_obj(tmp_path, mesh, chessboard()), **options)
 
     @pytest.mark.parametrize("name", ["picture.png", "picture.mtl"])
     def test_missing_files(self, mesh, flat_map, tmp_path, name):
@@ -231,8 +223,7 @@ class TestRefusals:
         path = save_obj(
             tmp_path, (points[:-1], faces[(faces < len(points) - 1).all(axis=1)], coordinates), chessboard()
         )
-        with pytest.raises(InputError, match="has 272 vertices, the flattened mesh 273: is it the same surface"):
-            flat_map.image(path)
+        refused("has 272 vertices, the flattened mesh 273: is it the same surface", flat_map.image, path)
 
     def test_several_colours(self, mesh, flat_map, tmp_path):
         polydata = pv.PolyData.from_regular_faces(*mesh[:2])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat.methods import Voxflat
 
 
 @pytest.fixture(scope="session")
@@ -27,4 +28,4 @@ def shipped(fsaverage):
 
 @pytest.fixture(scope="session")
 def flat_map(white, shipped):
-    return voxflat.surface(white).keep(shipped).flatten(voxflat.methods.Voxflat(sources=150))
+    return voxflat.surface(white).keep(shipped).flatten(Voxflat(sources=150))

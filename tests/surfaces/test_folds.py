@@ -1,22 +1,22 @@
 """Curvature and sulcal depth: analytic shapes, FreeSurfer's own values, the whole surface before it is cut."""
 
+import hard_shapes
 import lab
 import nibabel as nib
 import numpy as np
 import pytest
+import shapes
+from refusals import refused
 
 import voxflat
-from voxflat import Cancelled, InputError
+from voxflat import Cancelled
+from voxflat.methods import Grossmann2002
 
 
-def sheet(n, step):
-    """Return a square of n x n vertices, `step` mm apart."""
-    x, y = (axis.ravel() * step for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate(
-        [np.column_stack([corner, corner + n, corner + n + 1]), np.column_stack([corner, corner + n + 1, corner + 1])]
-    )
-    return x, y, faces
+def sheet(n, step, height):
+    """Return x and y of a square of n x n vertices, `step` mm apart, and its surface, of a height over x."""
+    points, faces = hard_shapes.sheet(lambda x, y: (x, y, height(x)), 2 * [np.arange(n) * step])
+    return points[:, 0], points[:, 1], voxflat.surface((points, faces))
 
 
 def ball(radius):
@@ -33,9 +33,8 @@ class TestCurvature:
 
     @pytest.mark.parametrize("step", [0.5, 1.0])
     def test_waves_bend_as_the_formula_says(self, step):
-        x, y, faces = sheet(round(40 / step) + 1, step)
         k, a, smoothing = 2 * np.pi / 20, 0.2, 1.5
-        surface = voxflat.surface((np.column_stack([x, y, a * np.cos(k * x)]), faces))
+        x, y, surface = sheet(round(40 / step) + 1, step, lambda x: a * np.cos(k * x))
         expected = a * k**2 / 2 * np.cos(k * x) * np.exp(-(k**2) * smoothing**2 / 2)
         sign = np.sign(surface.core.normals[:, 2].mean())
         inner = (np.abs(x - 20) < 12) & (np.abs(y - 20) < 12)
@@ -53,8 +52,7 @@ class TestCurvature:
 
     @pytest.mark.parametrize("smoothing", [-1, np.inf, np.nan, "wide"])
     def test_a_wrong_smoothing_is_refused(self, smoothing):
-        with pytest.raises(InputError, match="smoothing"):
-            ball(6).mean_curvature(smoothing)
+        refused("smoothing", ball(6).mean_curvature, smoothing)
 
 
 class TestSulcalDepth:
@@ -63,9 +61,8 @@ class TestSulcalDepth:
 
     @pytest.mark.parametrize("step", [0.7, 1.0])
     def test_shallow_waves_have_their_height(self, step):
-        x, y, faces = sheet(round(40 / step) + 1, step)
+        x, y, surface = sheet(round(40 / step) + 1, step, lambda x: 0.5 * np.cos(2 * np.pi / 10 * x))
         height = 0.5 * np.cos(2 * np.pi / 10 * x)
-        surface = voxflat.surface((np.column_stack([x, y, height]), faces))
         sign = np.sign(surface.core.normals[:, 2].mean())
         inner = (np.abs(x - 20) < 10) & (np.abs(y - 20) < 10)
         depth = sign * surface.sulcal_depth()
@@ -86,8 +83,7 @@ class TestSulcalDepth:
 
     @pytest.mark.parametrize("flow", [0, -3.0, np.inf])
     def test_a_wrong_flow_is_refused(self, flow):
-        with pytest.raises(InputError, match="flow"):
-            ball(6).sulcal_depth(flow)
+        refused("flow", ball(6).sulcal_depth, flow)
 
     def test_it_can_be_cancelled(self):
         with pytest.raises(Cancelled):
@@ -117,12 +113,8 @@ def test_a_map_has_them_of_the_whole_surface(tmp_path):
 
 
 def test_the_graph_of_voxels_has_none(tmp_path):
-    half = np.zeros((24, 24, 24), dtype=np.uint8)
-    half[4:8, 2:22, 2:22] = 1
-    keep = np.zeros_like(half)
-    keep[7] = half[7]
-    flat = voxflat.surface(half, spacing=(1, 1, 1)).keep(keep).flatten(voxflat.methods.Grossmann2002(sources=60))
-    assert flat.curvature is None
-    assert flat.sulcal_depth is None
+    flat = voxflat.surface(shapes.sheet((20, 20))).flatten(Grossmann2002(sources=60))
     flat.save(tmp_path / "map.npz")
-    assert voxflat.load(tmp_path / "map.npz").curvature is None
+    for one in (flat, voxflat.load(tmp_path / "map.npz")):
+        assert one.curvature is None
+        assert one.sulcal_depth is None

@@ -7,15 +7,14 @@ import time
 import nibabel as nib
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run, succeed
 from PIL import Image
+from refusals import refused
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 import voxflat
-from voxflat import cli
 from voxflat.demo import demo_cortex
-from voxflat.errors import InputError
 from voxflat.io import Volume
 
 pytestmark = pytest.mark.slow  # a whole brain
@@ -109,15 +108,13 @@ def test_a_hemisphere_becomes_a_sphere_and_a_standard_map(brain, side):
 def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
     data, grid = moved(brain.data, brain.affine, np.eye(4), 1.5, (150, 170, 150), 1)
     nib.save(nib.Nifti1Image((255 * np.clip(data, 0, 1)).astype(np.uint8), grid), tmp_path / "wm.nii.gz")
-    arguments = ["flatten", str(tmp_path / "wm.nii.gz"), "--hemisphere", "left", "-o", str(tmp_path / "lh.npz")]
-    done = CliRunner().invoke(cli.main, arguments)
-    assert done.exit_code == 0, done.output
+    command = ["flatten", tmp_path / "wm.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz"]
+    succeed(*command)
     flat_map = voxflat.load(tmp_path / "lh.npz")
     assert flat_map.metadata["cut_names"][0] == "calcarine"
     assert flat_map.distortion.raw.relative_error < 0.12
     assert "wm.nii.gz" in str(flat_map.provenance)
-    refused = CliRunner().invoke(cli.main, [*arguments, "--label", "1"])
-    assert "--label and --hemisphere cannot be combined" in refused.output
+    assert "--label and --hemisphere cannot be combined" in run(*command, "--label", 1).output
 
 
 def test_labels_of_freesurfer_and_synthseg_say_it(brain):
@@ -143,16 +140,14 @@ def test_labels_of_freesurfer_and_synthseg_say_it(brain):
     ],
 )
 def test_what_is_no_brain_is_refused(given, said):
-    with pytest.raises(InputError, match=said):
-        voxflat.hemisphere(Volume(given, np.diag([2.0, 2, 2, 1])), "left")
+    refused(said, voxflat.hemisphere, Volume(given, np.diag([2.0, 2, 2, 1])), "left")
 
 
 def test_the_command_maps_both_sides(brain, tmp_path):
     data, grid = moved(brain.data, brain.affine, np.eye(4), 2.0, (110, 130, 110), 1)
     nib.save(nib.Nifti1Image(data.astype(np.float32), grid), tmp_path / "wm.nii.gz")
     arguments = ["flatten", str(tmp_path / "wm.nii.gz"), "--hemisphere", "both", "--sidecar", "--json"]
-    done = CliRunner().invoke(cli.main, [*arguments, "-o", str(tmp_path / "map.npz")])
-    assert done.exit_code == 0, done.output
+    done = succeed(*arguments, "-o", tmp_path / "map.npz")
     names = {"lh.map.npz", "rh.map.npz"}
     assert {path.name for path in tmp_path.iterdir()} == names | {f"{name}.json" for name in names} | {"wm.nii.gz"}
     sides = [voxflat.load(tmp_path / name).points[:, 0].mean() for name in sorted(names)]
@@ -166,9 +161,7 @@ def test_the_command_maps_both_sides(brain, tmp_path):
 def test_what_failed_is_shown(tmp_path):
     ball = np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25
     nib.save(nib.Nifti1Image(ball.astype(np.uint8), np.diag([2.0, 2, 2, 1])), tmp_path / "ball.nii.gz")
-    done = CliRunner().invoke(
-        cli.main, ["flatten", str(tmp_path / "ball.nii.gz"), "--hemisphere", "left", "-o", str(tmp_path / "lh.npz")]
-    )
+    done = run("flatten", tmp_path / "ball.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz")
     assert done.exit_code == 1
     assert f"{tmp_path / 'lh.npz.failed.png'} shows" in done.output
     with Image.open(tmp_path / "lh.npz.failed.png") as picture:
@@ -215,5 +208,4 @@ def test_it_can_be_stopped(brain):
 
 def test_one_hemisphere_alone_is_not_split(brain):
     half = voxflat.hemisphere(brain, "left", threshold=0.5)
-    with pytest.raises(InputError, match=r"does not fit|there is no white matter of the right"):
-        voxflat.hemisphere(half, "right")
+    refused(r"does not fit|there is no white matter of the right", voxflat.hemisphere, half, "right")

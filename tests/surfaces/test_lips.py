@@ -9,14 +9,18 @@ import lab
 import nibabel
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run, succeed
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_files import grid
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 import voxflat
-from voxflat import cli
+from voxflat import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
+from voxflat.methods import Voxflat, Zigelman2002
 from voxflat.surfaces.lips import listed_points, one_point_a_vertex
 
 PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
@@ -24,13 +28,9 @@ PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.
 
 def sheet(rows=8, columns=9):
     """Return a bumpy sheet of triangles."""
-    i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    points = np.column_stack([2.0 * i.ravel(), 2.0 * j.ravel(), np.sin(i * 1.3 + j * 0.7).ravel()])
-    a = (columns * i + j)[:-1, :-1].ravel()
-    faces = np.concatenate(
-        [np.column_stack([a, a + columns, a + 1]), np.column_stack([a + 1, a + columns, a + columns + 1])]
-    )
-    return points, faces
+    i, j = np.indices((rows, columns))
+    mesh = grid(rows, np.sin(i * 1.3 + j * 0.7).ravel(), 2.0, columns)
+    return mesh.points, mesh.faces
 
 
 def keys(triangles):
@@ -61,19 +61,11 @@ def pieces_and_euler(triangles):
     for number, triangle in enumerate(triangles):
         for edge in itertools.combinations(sorted(triangle), 2):
             edges.setdefault(edge, []).append(number)
-    group = list(range(len(triangles)))
-
-    def root(n):
-        while group[n] != n:
-            group[n] = group[group[n]]
-            n = group[n]
-        return n
-
-    for numbers in edges.values():
-        for other in numbers[1:]:
-            group[root(other)] = root(numbers[0])
+    touching = [(numbers[0], other) for numbers in edges.values() for other in numbers[1:]]
+    joined = np.array(touching, dtype=int).reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(joined)), joined.T), shape=(len(triangles), len(triangles)))
     vertices = {vertex for triangle in triangles for vertex in triangle}
-    return len({root(n) for n in group}), len(vertices) - len(edges) + len(triangles)
+    return connected_components(graph, directed=False)[0], len(vertices) - len(edges) + len(triangles)
 
 
 class TestAnyCuts:
@@ -95,7 +87,7 @@ class TestAnyCuts:
                 try:
                     path = part.path(a, b, geodesic="edges").ids
                     part = part.cut(cuts=[path], relax=False).surface
-                except voxflat.InputError:  # a cut that would fall along another one, or into two pieces
+                except InputError:  # a cut that would fall along another one, or into two pieces
                     continue
         return faces, part
 
@@ -145,7 +137,7 @@ class TestAnyCuts:
 
 def test_without_cuts_all_is_kept(tmp_path, caplog):
     mesh = sheet()
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
+    flat = voxflat.flatten(mesh, Voxflat(sources=30))
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / "lh.patch.flat")
     assert not caplog.records
@@ -155,7 +147,7 @@ def test_without_cuts_all_is_kept(tmp_path, caplog):
 def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     mesh = sheet(12, 13)
     path = np.arange(6, 6 + 13 * 8, 13)
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[path])
+    flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path])
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / PATCH_NAMES[0])
         vertices, _, triangles, _ = said(caplog)
@@ -165,10 +157,10 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
     for name in PATCH_NAMES[1:]:
-        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
+        voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
         assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
     _, _, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
-    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(voxflat.methods.Voxflat(sources=60))
+    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(Voxflat(sources=60))
     assert keys(again.ids[again.faces].tolist()) == keys(read)
     judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
     assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
@@ -176,38 +168,33 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
 
 def test_the_border_is_where_triangles_end(tmp_path):
     mesh = sheet(12, 13)
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
+    flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
     flat.save(tmp_path / "lh.patch.flat")
     _, border, triangles = freesurfer_rule.read_patch(tmp_path / "lh.patch.flat", mesh[1])
     edges = [edge for triangle in triangles for edge in itertools.combinations(sorted(triangle), 2)]
     assert {vertex for edge in edges if edges.count(edge) == 1 for vertex in edge} == border
 
 
-def test_names(tmp_path):
+def test_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     mesh = sheet()
-    write_mesh(tmp_path / "lh.white", Mesh(*mesh))
-    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
-    with pytest.raises(
-        voxflat.InputError, match=r"lh.cortex.patch.3d: .patch.3d alone is a patch in space; give a name"
-    ):
-        flat.save(tmp_path / "lh.cortex.patch.3d")
-    for command, name in itertools.product(("flatten", "cut"), ("lh.full.flat.patch.3d", "lh.cortex.patch.3d")):
-        arguments = [command, tmp_path / "lh.white", "-o", tmp_path / name]
-        result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
-        assert (result.exit_code == 0) == (
-            (command, name[-14:]) in {("flatten", ".flat.patch.3d"), ("cut", "ortex.patch.3d")}
-        )
-    assert {path.name for path in tmp_path.iterdir()} == {"lh.white", "lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
-    for keep in ("lh.full.flat.patch.3d", "lh.cortex.patch.3d"):
-        assert len(voxflat.surface(tmp_path / "lh.white").keep(tmp_path / keep).geodesic(1).ids) == 72
-    arguments = ["measure", tmp_path / "lh.white", tmp_path / "lh.full.flat.patch.3d", "--sources", "5"]
-    assert CliRunner().invoke(cli.main, [str(argument) for argument in arguments]).exit_code == 0
+    write_mesh("lh.white", Mesh(*mesh))
+    with pytest.raises(InputError, match=r"lh.x.patch.3d: .patch.3d alone is a patch in space; give a name"):
+        voxflat.flatten(mesh, Voxflat(sources=30)).save("lh.x.patch.3d")
+    commands = [("flatten", "full.flat", 0), ("cut", "cortex", 0), ("flatten", "x", 1), ("cut", "y.flat", 1)]
+    for command, name, code in commands:
+        assert run(command, "lh.white", "-o", f"lh.{name}.patch.3d").exit_code == code
+    names = {"lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
+    assert {path.name for path in tmp_path.iterdir()} == {"lh.white", *names}
+    for keep in names:
+        assert len(voxflat.surface("lh.white").keep(keep).geodesic(1).ids) == 72
+    succeed("measure", "lh.white", "lh.full.flat.patch.3d", "--sources", 5)
 
 
 def test_a_patch_of_another_surface(tmp_path):
-    flat = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
+    flat = voxflat.flatten(sheet(), Voxflat(sources=30))
     flat.save(tmp_path / "lh.patch.flat")
-    with pytest.raises(voxflat.InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
+    with pytest.raises(InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
         voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
 
 
@@ -224,7 +211,7 @@ class TestHemisphere:
         return surface.drop("medial wall").cut(cuts="standard", sphere=sphere).surface
 
     def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):
-        flat = voxflat.flatten(cut, method=voxflat.methods.Zigelman2002(sources=100), relax=False)
+        flat = voxflat.flatten(cut, Zigelman2002(sources=100), relax=False)
         assert len(flat.ids) > len(np.unique(flat.ids)) + 100
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):

@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run, succeed
 from triangle_meshes import bump, square
 
 import voxflat
-from voxflat import cli
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import read_patch
+from voxflat.methods import Voxflat
 
 nib = pytest.importorskip("nibabel")
 
@@ -73,9 +73,7 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
 
 def test_the_map_has_every_vertex_number(tmp_path):
     mesh, twins, clean = defective()
-    flat, expected = (
-        voxflat.flatten(one, method=voxflat.methods.Voxflat(sources=30), rows=True) for one in (mesh, clean)
-    )
+    flat, expected = (voxflat.flatten(one, Voxflat(sources=30), rows=True) for one in (mesh, clean))
     assert set(flat.ids) == set(range(len(clean[0]))) | set(twins)
     count = len(clean[0])
     np.testing.assert_array_equal(flat.uv[:count], expected.uv)
@@ -120,7 +118,7 @@ def test_regions_and_cuts_may_name_any_of_the_merged():
     twin, of = next(iter(twins.items()))
     around = np.flatnonzero(np.linalg.norm(clean[0] - clean[0][of], axis=1) < 4)
     for named in (around, np.append(around[around != of], twin)):
-        kept = voxflat.surface(mesh).keep(named).flatten(voxflat.methods.Voxflat(sources=9))
+        kept = voxflat.surface(mesh).keep(named).flatten(Voxflat(sources=9))
         assert {of, twin} <= set(kept.ids)
     whole = voxflat.surface(mesh)
     beside = next(b for b in whole.ids[whole.faces[(whole.ids[whole.faces] == of).any(axis=1)][0]] if b != of)
@@ -129,7 +127,7 @@ def test_regions_and_cuts_may_name_any_of_the_merged():
     # a cut through a merged vertex: it has both sides, and so have those that are one with it
     ring = whole.path(0, of).ids
     np.testing.assert_array_equal(whole.path(0, twin).ids, ring)
-    disk = voxflat.flatten(whole, method=voxflat.methods.Voxflat(sources=9), cuts=[_edges(whole, [6, of, 74])])
+    disk = voxflat.flatten(whole, Voxflat(sources=9), cuts=[_edges(whole, [6, of, 74])])
     assert (disk.ids == twin).sum() == (disk.ids == of).sum() == 2
 
 
@@ -169,11 +167,10 @@ def test_none_forbids_it(faces, message, tmp_path):
     with pytest.raises(voxflat.InputError, match=message):
         voxflat.surface(mesh, repair="none")
     write_mesh(tmp_path / "in.ply", Mesh(*mesh))
-    command = ["surface", str(tmp_path / "in.ply"), "-o", str(tmp_path / "out.vtp")]
-    refused = CliRunner().invoke(cli.main, [*command, "--repair", "none"])
-    assert refused.exit_code == 1
+    command = ["surface", tmp_path / "in.ply", "-o", tmp_path / "out.vtp"]
+    assert run(*command, "--repair", "none").exit_code == 1
     assert not (tmp_path / "out.vtp").exists()
-    assert CliRunner().invoke(cli.main, command).exit_code == 0
+    succeed(*command)
     assert len(read_mesh(tmp_path / "out.vtp").faces) == len(voxflat.surface(mesh).faces)
 
 

@@ -8,19 +8,14 @@ import numpy as np
 import pytest
 import pyvista as pv
 import shapes
-from click.testing import CliRunner
+from command_line import run, succeed
 from mesh_files import grid, sphere
 
 import voxflat
-from voxflat import cli
 from voxflat.io.meshes import write_mesh
 
 SIDE = 12
 SQUARE = [2 * SIDE + 2, 2 * SIDE + 8, 9 * SIDE + 8, 9 * SIDE + 2]  # 60 by 70 mm of a grid of 10 mm
-
-
-def run(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +39,7 @@ def test_the_same_polygon_through_every_way_in(sheet, tmp_path):
     expected = voxflat.surface(sheet).polygon(SQUARE).flatten()
     write_mesh(tmp_path / "s.ply", grid(SIDE))
     (tmp_path / "corners.txt").write_text("\n".join(map(str, SQUARE)))
-    result = run("flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz")
-    assert result.exit_code == 0, result.stderr
+    succeed("flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz")
     np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").uv, expected.uv)
     mesh = pv.PolyData.from_regular_faces(*sheet)
     np.testing.assert_array_equal(mesh.voxflat.flatten(polygon=SQUARE).uv, expected.uv)
@@ -109,12 +103,10 @@ def test_the_command_writes_a_path_that_cuts(tmp_path):
     write_mesh(tmp_path / "s.ply", ball)
     far = ball.points @ ball.points[0]
     stops = [0, int(np.abs(far).argmin()), int(far.argmin())]
-    result = run("path", tmp_path / "s.ply", *stops, "--geodesic", "edges", "-o", tmp_path / "cut.txt", "--json")
-    assert result.exit_code == 0, result.stderr
+    result = succeed("path", tmp_path / "s.ply", *stops, "--geodesic", "edges", "-o", tmp_path / "cut.txt", "--json")
     written = np.loadtxt(tmp_path / "cut.txt", dtype=int)
     assert json.loads(result.stdout)["ids"] == written.tolist()
-    result = run("flatten", tmp_path / "s.ply", "--cuts", tmp_path / "cut.txt", "-o", tmp_path / "map.npz")
-    assert result.exit_code == 0, result.stderr
+    succeed("flatten", tmp_path / "s.ply", "--cuts", tmp_path / "cut.txt", "-o", tmp_path / "map.npz")
     flat = voxflat.load(tmp_path / "map.npz")
     assert flat.metadata["cuts"] == [written.tolist()]
     assert flat.metadata["automatic_cuts"] == []

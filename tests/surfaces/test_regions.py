@@ -1,18 +1,17 @@
 import struct
 
+import freesurfer_rule
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
+from mesh_files import FORMATS, fast, gifti, grid, nib, refuses, sphere
+from refusals import refused
 
-from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
+from voxflat.io.meshes import Mesh, holds_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
 from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
-
-# --------------------------------------------------------------------------------------- overlays
 
 
 def overlays(folder, values):
@@ -88,9 +87,6 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
     refuses(tmp_path / "s.npy", r"values are complex128 of shape \(3,\)", read_overlay, 3)
 
 
-# ---------------------------------------------------------------------------------------- regions
-
-
 def annotation(path):
     labels = np.array([0, 1, 1, 2, -1, 2])
     table = np.array([[25, 5, 25, 0], [25, 100, 40, 0], [125, 100, 160, 0]])
@@ -104,8 +100,7 @@ def test_annotations(tmp_path):
     np.testing.assert_array_equal(read_overlay(path, 6), labels)
     np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
     np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)
-    with pytest.raises(InputError, match="name='wall' is none of its labels: unknown, bankssts, Größe"):
-        read_region(path, 6, name="wall")
+    refused("name='wall' is none of its labels: unknown, bankssts, Größe", read_region, path, 6, name="wall")
     refuses(path, "name=None is none of its labels", read_region, 6)
     refuses(path, "has 6 values; the surface has 7 points", read_overlay, 7)
     whole = path.read_bytes()
@@ -130,16 +125,14 @@ def test_gifti_labels(tmp_path):
     np.testing.assert_array_equal(read_region(path, 4), keys != 0)
     np.testing.assert_array_equal(read_region(path, 4, name="Medial_wall"), keys == 7)
     np.testing.assert_array_equal(read_overlay(path, 4), keys)
-    with pytest.raises(InputError, match=r"name='V2' is none of its labels: \?\?\?, Medial_wall, V1"):
-        read_region(path, 4, name="V2")
+    refused(r"name='V2' is none of its labels: \?\?\?, Medial_wall, V1", read_region, path, 4, name="V2")
 
 
 def test_values_as_regions(tmp_path):
     values = np.array([0, 1, -2, np.nan, 0.5])
     for path in overlays(tmp_path, values):
         np.testing.assert_array_equal(read_region(path, 5), [False, True, True, False, True])
-        with pytest.raises(InputError, match=r"none of its labels|has no named labels"):
-            read_region(path, 5, name="V1")
+        refused(r"none of its labels|has no named labels", read_region, path, 5, name="V1")
     np.save(tmp_path / "mask.npy", values > 0)
     np.testing.assert_array_equal(read_region(tmp_path / "mask.npy", 5), values > 0)
 
@@ -184,18 +177,6 @@ def test_surfaces_as_regions(tmp_path):
         assert holds_mesh(tmp_path / name)
 
 
-# ---------------------------------------------------------------------------------------- patches
-
-
-def oracle(data):
-    """Parse a patch in the way of pycortex: entry by entry, numbers from 1, those of the border below 0."""
-    version, count = struct.unpack_from(">2i", data)
-    entries = [struct.unpack_from(">i3f", data, 8 + 16 * i) for i in range(count)]
-    assert version == -1
-    assert len(data) == 8 + 16 * count
-    return [(abs(k) - 1, k < 0, (x, y, z)) for k, x, y, z in entries]
-
-
 @st.composite
 def patches(draw):
     vertices = draw(st.lists(st.integers(0, 2**31 - 2), min_size=1, max_size=20, unique=True))
@@ -209,13 +190,13 @@ def patches(draw):
 def test_patch_round_trip(tmp_path, patch):
     path = tmp_path / "lh.cortex.patch.flat"
     write_patch(path, patch)
-    data = path.read_bytes()
-    read = read_patch(path)
+    data, read = path.read_bytes(), read_patch(path)
     assert (read.vertex_ids.dtype, read.points.dtype, read.border.dtype) == (np.int64, np.float64, np.bool_)
     for one, other in [(read.vertex_ids, patch.vertex_ids), (read.points, patch.points), (read.border, patch.border)]:
         np.testing.assert_array_equal(one, other)
-    expected = [(v, b, tuple(p)) for v, b, p in zip(read.vertex_ids, read.border, read.points.tolist(), strict=True)]
-    assert oracle(data) == expected
+    places, border, _ = freesurfer_rule.read_patch(path, np.empty((0, 3), int))
+    assert places == dict(zip(patch.vertex_ids.tolist(), map(tuple, patch.points.tolist()), strict=True))
+    assert border == set(patch.vertex_ids[patch.border].tolist())
     write_patch(path, read)
     assert path.read_bytes() == data
 
@@ -257,8 +238,7 @@ def test_bad_patches(tmp_path, data, message):
     ],
 )
 def test_bad_patch_arrays(arrays, message):
-    with pytest.raises(InputError, match=message):
-        Patch(*(np.asarray(array) for array in arrays))
+    refused(message, Patch, *(np.asarray(array) for array in arrays))
 
 
 def test_patches_that_cannot_be_written(tmp_path):
@@ -282,23 +262,5 @@ def test_faces_and_border_of_a_patch():
     assert patch_faces(mesh.faces, [3, 17], 25).shape == (0, 3)
     assert not patch_border(sphere().faces, np.arange(42), 42).any()
     for function in (patch_faces, patch_border):
-        with pytest.raises(InputError, match="entry 1 of the patch is vertex 25; the surface has 25 points"):
-            function(mesh.faces, [0, 25], 25)
-        with pytest.raises(InputError, match=r"face 0 is \[0, 5, 1\]; the surface has the points 0 to 3"):
-            function(mesh.faces, [0], 4)
-
-
-def test_a_patch_of_fsaverage5(tmp_path):
-    white, flat = read_mesh(fsaverage5("white_left")), read_mesh(fsaverage5("flat_left"))
-    vertices = np.unique(flat.faces)
-    border = patch_border(white.faces, vertices, 10242)
-    path = tmp_path / "lh.flat.patch.3d"
-    write_patch(path, Patch(vertices, white.points[vertices], border))
-    patch = read_patch(path)
-    np.testing.assert_array_equal(read_region(path, 10242), read_region(fsaverage5("flat_left"), 10242))
-    refuses(path, "names point 10241; the surface has the points 0 to 9999", read_region, 10000)
-    mesh = Mesh(patch.points, patch_faces(white.faces, patch.vertex_ids, 10242))
-    edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
-    pairs, counts = np.unique(edges, axis=0, return_counts=True)
-    assert set(np.unique(pairs[counts == 1])) <= set(np.flatnonzero(patch.border))
-    assert 0 < border.sum() < 0.1 * len(border)
+        refused("entry 1 of the patch is vertex 25; the surface has 25 points", function, mesh.faces, [0, 25], 25)
+        refused(r"face 0 is \[0, 5, 1\]; the surface has the points 0 to 3", function, mesh.faces, [0], 4)

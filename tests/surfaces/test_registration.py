@@ -4,6 +4,7 @@ import anatomy
 import lab
 import numpy as np
 import pytest
+from refusals import refused
 from studies import before_subdivision
 
 import voxflat
@@ -127,19 +128,16 @@ def ball(radii, waves=0, seed=0):
     ids=["a ball", "an ellipsoid", "random folds"],
 )
 def test_what_is_no_hemisphere_is_refused(shape):
-    with pytest.raises(InputError, match="no hemisphere of a cortex"):
-        voxflat.surface(shape).register()
+    refused("no hemisphere of a cortex", voxflat.surface(shape).register)
 
 
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
     points, _, faces = hemispheres["left"]
-    with pytest.raises(InputError, match="side is 'both'; give 'left' or 'right'"):
-        voxflat.surface((points, faces)).register(side="both")
+    refused("side is 'both'; give 'left' or 'right'", voxflat.surface((points, faces)).register, side="both")
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
     ring[4:20, 4:20, 2:6] = 1
     ring[9:15, 9:15] = 0
-    with pytest.raises(InputError, match=r"1 handle\(s\), and a sphere has none: .*repair"):
-        voxflat.surface(ring, repair="none").register()
+    refused(r"1 handle\(s\), and a sphere has none: .*repair", voxflat.surface(ring, repair="none").register)
 
 
 def test_it_can_be_cancelled(hemispheres):

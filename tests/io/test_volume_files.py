@@ -1,21 +1,36 @@
-"""NIfTI volumes: values, places, units, and what is refused."""
+"""Files of volumes, NIfTI, NRRD, MetaImage and MGH: values, places, units; damaged ones and others are refused."""
+
+import gzip
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from volume_files import BOTH, NIFTI, SHAPE, hide, oblique, rotation, same_as_nibabel, save, values
+from mesh_files import patch, refuses
+from refusals import refused
+from volume_files import (
+    BOTH,
+    NIFTI,
+    SHAPE,
+    agrees_with_itk,
+    hide,
+    itk_image,
+    oblique,
+    only,
+    rotation,
+    same_as_nibabel,
+    save,
+    values,
+)
 
 from voxflat.errors import InputError
 from voxflat.io.grid import check_affine
+from voxflat.io.readers import READERS
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")
-
-
-# --------------------------------------------------------------------------------- NIfTI, by nibabel
 
 
 @pytest.mark.parametrize("ending", NIFTI)
@@ -48,7 +63,7 @@ def test_nifti_flipped_and_permuted_axes(tmp_path, flip, form):
 def test_one_package_is_enough(tmp_path, monkeypatch, module):
     path = save(tmp_path / "v.nii.gz", values(), sform=1, qform=1, qaffine=oblique(5))
     image = nib.load(path)
-    hide(monkeypatch, *({"itk", "nibabel"} - {module}))
+    only(monkeypatch, module)
     volume = read_volume(path)
     np.testing.assert_array_equal(volume.data, np.asarray(image.dataobj))
     np.testing.assert_allclose(volume.affine, image.affine, rtol=1e-12)
@@ -57,14 +72,11 @@ def test_one_package_is_enough(tmp_path, monkeypatch, module):
 def test_missing_packages_are_named(tmp_path, monkeypatch):
     path = save(tmp_path / "v.nii", values("i1"))
     hide(monkeypatch, "nibabel")
-    with pytest.raises(InputError, match=r"pip install 'voxflat\[nibabel\]'"):
-        read_volume(path)
+    refuses(path, r"pip install 'voxflat\[nibabel\]'", read_volume)
     hide(monkeypatch, "itk")
-    with pytest.raises(InputError, match=r"pip install 'voxflat\[itk\]'; .*pip install 'voxflat\[nibabel\]'"):
-        read_volume(path)
+    refuses(path, r"pip install 'voxflat\[itk\]'; .*pip install 'voxflat\[nibabel\]'", read_volume)
     (tmp_path / "v.mha").write_text("NDims = 3\nDimSize = 2 2 2\nElementDataFile = LOCAL\n")
-    with pytest.raises(InputError, match=r"pip install 'voxflat\[itk\]'$"):
-        read_volume(tmp_path / "v.mha")
+    refuses(tmp_path / "v.mha", r"pip install 'voxflat\[itk\]'$", read_volume)
 
 
 @pytest.mark.parametrize(("slope", "inter"), [(2.5, -3), (1, 5), (0, 5), (np.nan, 0), (-1, 0), (1, 0)])
@@ -94,11 +106,10 @@ def test_nifti_pixdim_at_odds_with_the_sform_is_silent(tmp_path, capfd):
 
 @pytest.mark.parametrize("value", [0, -1, np.nan])
 def test_nifti_pixdim_must_be_positive_where_it_counts(tmp_path, value):
-    for sform, qform in [(0, 0), (0, 1)]:
-        path = save(tmp_path / "v.nii", values(), sform=sform, qform=qform, patch={80: np.float32(value)})
-        with pytest.raises(InputError, match="pixdim"):
-            read_volume(path)
-    path = save(tmp_path / "v.nii", values(), patch={80: np.float32(value)})
+    wrong = {80: np.float32(value)}
+    for qform in (0, 1):
+        refuses(save(tmp_path / "v.nii", values(), sform=0, qform=qform, patch=wrong), "pixdim", read_volume)
+    path = save(tmp_path / "v.nii", values(), patch=wrong)
     np.testing.assert_allclose(read_volume(path).affine, oblique(), rtol=1e-6)
 
 
@@ -112,9 +123,8 @@ def test_nifti_quaternions_near_a_half_turn(tmp_path, parts, step):
 
 
 def test_nifti_impossible_quaternion(tmp_path):
-    path = save(tmp_path / "v.nii", values(), sform=0, qform=1, patch={256: np.float32([0.9, 0.9, 0.9])})
-    with pytest.raises(InputError, match="quaternion"):
-        read_volume(path)
+    wrong = {256: np.float32([0.9, 0.9, 0.9])}
+    refuses(save(tmp_path / "v.nii", values(), sform=0, qform=1, patch=wrong), "quaternion", read_volume)
 
 
 @pytest.mark.parametrize("extra", [(1,), (1, 1), (1, 1, 1)])
@@ -129,8 +139,7 @@ def test_extra_axes_of_length_1_are_dropped(tmp_path, extra):
 def test_other_dimensions_are_refused_by_shape(tmp_path, shape):
     path = save(tmp_path / "v.nii", values(shape=shape))
     for obj in (path, nib.load(path), values(shape=shape)):
-        with pytest.raises(InputError, match=r"shape \(4,"):
-            as_volume(obj)
+        refused(r"shape \(4,", as_volume, obj)
 
 
 @pytest.mark.parametrize("names", ["RGB", "RGBA"])
@@ -139,27 +148,22 @@ def test_colour_nifti(tmp_path, monkeypatch, names, packages):
     data = values("u1", (*SHAPE, len(names)))
     pixel = np.dtype([(name, "u1") for name in names])
     nib.save(nib.Nifti1Image(data.view(pixel)[..., 0], oblique()), tmp_path / "v.nii")
-    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
+    only(monkeypatch, packages)
     volume = read_volume(tmp_path / "v.nii")
     np.testing.assert_array_equal(volume.data, data)
     assert volume.data.dtype == np.uint8
 
 
 def test_complex_nifti_is_refused(tmp_path):
-    with pytest.raises(InputError, match="complex64"):
-        read_volume(save(tmp_path / "v.nii", values("f4").astype("c8")))
+    refuses(save(tmp_path / "v.nii", values("f4").astype("c8")), "complex64", read_volume)
 
 
-def test_sheared_nifti_is_refused_and_nearly_orthogonal_read(tmp_path):
-    for shear, good in [(5e-4, True), (2e-3, False), (0.3, False)]:
-        affine = oblique()
-        affine[:3, 1] += shear * affine[:3, 0] * np.linalg.norm(affine[:3, 1]) / np.linalg.norm(affine[:3, 0])
-        path = save(tmp_path / "v.nii", values(), affine)
-        if good:
-            same_as_nibabel(path)
-        else:
-            with pytest.raises(InputError, match=r"sheared.*resample"):
-                read_volume(path)
+@pytest.mark.parametrize(("shear", "good"), [(5e-4, True), (2e-3, False), (0.3, False)])
+def test_sheared_nifti_is_refused_and_nearly_orthogonal_read(tmp_path, shear, good):
+    affine = oblique()
+    affine[:3, 1] += shear * affine[:3, 0] * np.linalg.norm(affine[:3, 1]) / np.linalg.norm(affine[:3, 0])
+    path = save(tmp_path / "v.nii", values(), affine)
+    same_as_nibabel(path) if good else refuses(path, r"sheared.*resample", read_volume)
 
 
 rotations = st.builds(rotation, st.integers(0, 2**31))
@@ -192,3 +196,105 @@ def test_orientation_is_nibabels(turn, order, signs, weight):
     affine = np.eye(4)
     affine[:3, :3] = (u @ v) * (0.7, 1.1, 2.3)
     assert Volume(np.zeros(SHAPE), affine).orientation == "".join(nib.aff2axcodes(affine))
+
+
+@pytest.mark.parametrize("ending", [".nrrd", ".mha", ".nhdr", ".mhd"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_itk_formats_against_itk_points(tmp_path, ending, compressed):
+    path, image = tmp_path / f"v{ending}", itk_image(values())
+    itk.imwrite(image, str(path), compression=compressed)
+    agrees_with_itk(read_volume(path), image)
+
+
+def test_a_known_lps_header(tmp_path):
+    path, data = tmp_path / "v.nrrd", np.arange(24, dtype="<i2").tobytes()
+    head, end = "NRRD0004\ntype: short\ndimension: 3\nsizes: 2 3 4\n{}\n", "endian: little\nencoding: raw\n\n"
+    place = "space: {}\nspace directions: (0,2,0) (0,0,3) (4,0,0)\nspace origin: (10,20,30)"
+    ras = np.array([[0, 0, 4, 10], [2, 0, 0, 20], [0, 3, 0, 30], [0, 0, 0, 1.0]])
+    for space, flip in [("left-posterior-superior", -1), ("right-anterior-superior", 1)]:
+        path.write_bytes((head.format(place.format(space)) + end).encode() + data)
+        volume = read_volume(path)
+        np.testing.assert_allclose(volume.affine, np.diag([flip, flip, 1, 1]) @ ras)
+        assert volume.data[1, 2, 3] == 1 + 2 * 2 + 3 * 6
+    assert volume.orientation == "ASR"
+    path.write_bytes((head.format("spacings: 1 nan 2") + end).encode() + data)
+    refuses(path, "spacings are 1 nan 2", read_volume)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("v.mha", b"DimSize", b"DistanceUnits = um\nDimSize"),
+        ("v.nrrd", b"endian", b'space units: "um" "um" "um"\nendian'),
+    ],
+)
+def test_itk_formats_refuse_shear_and_convert_units(tmp_path, name, old, new):
+    path = tmp_path / name
+    itk.imwrite(itk_image(values(), np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])), str(path))
+    refuses(path, r"sheared.*0\.447.*resample", read_volume)
+    itk.imwrite(itk_image(values()), str(path))
+    affine = read_volume(path).affine
+    path.write_bytes(path.read_bytes().replace(old, new))
+    np.testing.assert_allclose(read_volume(path).affine, np.diag([1e-3, 1e-3, 1e-3, 1]) @ affine)
+
+
+def test_a_type_that_itk_does_not_wrap(tmp_path):
+    path = tmp_path / "v.mha"
+    itk.imwrite(itk_image(values()), str(path))
+    path.write_bytes(path.read_bytes().replace(b"MET_SHORT", b"MET_LONG_LONG"))
+    refuses(path, "not wrapped.*Convert.*int32", read_volume)
+
+
+@pytest.mark.parametrize("ending", [".mgh", ".mgz"])
+@pytest.mark.parametrize("dtype", ["u1", "i2", "i4", "f4"])
+def test_mgh(tmp_path, ending, dtype):
+    nib.save(nib.MGHImage(values(dtype), oblique().astype("f4")), tmp_path / f"v{ending}")
+    same_as_nibabel(tmp_path / f"v{ending}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("packages", BOTH)
+@pytest.mark.parametrize("ending", [*NIFTI, ".mgh", ".mgz", ".nrrd", ".mha", ".npy", ".npz"])
+def test_truncated_files(tmp_path, monkeypatch, ending, packages):
+    path = tmp_path / f"v{ending}"
+    write_volume(path, values("i2", (20, 20, 20)), np.eye(4) if ending == ".npy" else oblique())
+    whole = path.read_bytes()
+    only(monkeypatch, packages)
+    nearly = len(whole) - (30 if ending == ".mgh" else 9)  # beyond the optional footer of MGH
+    for size in (len(whole) // 2, nearly, 300, 10, 0):
+        path.write_bytes(whole[:size])
+        with pytest.raises(InputError, match=f"v{ending}: ") as error:
+            read_volume(path)
+        assert "\n" not in str(error.value)
+        assert len(str(error.value)) < 400
+
+
+@pytest.mark.parametrize("ending", [".nii.gz", ".mgz", ".nrrd", ".mha", ".npz"])
+def test_a_flipped_bit_is_noticed(tmp_path, ending):
+    path = tmp_path / f"v{ending}"
+    write_volume(path, values("i2", (20, 20, 20)), oblique())
+    whole = path.read_bytes()
+    patch(path, {len(whole) // 2: bytes([whole[len(whole) // 2] ^ 4])})
+    refuses(path, "", read_volume)
+
+
+@pytest.mark.parametrize("ending", sorted(READERS))
+def test_files_of_another_format(tmp_path, ending):
+    (tmp_path / f"v{ending}").write_text("this is a text file\n" * 50)
+    refused(f"v{ending}: ", read_volume, tmp_path / f"v{ending}")
+
+
+def test_gz_and_nii_exchanged(tmp_path):
+    plain = save(tmp_path / "v.nii", values()).read_bytes()
+    for name, content in {"v.nii": gzip.compress(plain), "w.nii.gz": plain}.items():
+        (tmp_path / name).write_bytes(content)
+        refuses(tmp_path / name, "", read_volume)
+
+
+def test_no_file_directory_or_ending(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.nii"):
+        read_volume(tmp_path / "none.nii")
+    refuses(tmp_path, "is a directory", as_volume)
+    (tmp_path / "v.jpg").touch()
+    refuses(tmp_path / "v.jpg", r"'.jpg' is unknown; .nii, ", read_volume)
+    assert issubclass(InputError, ValueError)

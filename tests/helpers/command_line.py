@@ -1,0 +1,17 @@
+"""The command line, in this process."""
+
+from click.testing import CliRunner
+
+from voxflat import cli
+
+
+def run(*words):
+    """Return what a command made of its words: `exit_code`, `output`, `stdout`, `stderr`."""
+    return CliRunner().invoke(cli.main, [str(word) for word in words], prog_name="voxflat")
+
+
+def succeed(*words):
+    """Run a command that must succeed."""
+    result = run(*words)
+    assert result.exit_code == 0, result.output
+    return result
