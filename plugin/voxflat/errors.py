@@ -1,5 +1,6 @@
 """The exceptions that voxflat raises on purpose."""
 
+import importlib
 from typing import Any
 
 
@@ -111,9 +112,8 @@ class HemisphereError(InputError):
         >>> len(error.figure().axes)
         3
         """
-        from voxflat.figures.sections import sections
-
-        return sections(self.white, self.affine, self.template)
+        figures = importlib.import_module("voxflat.figures.sections")  # which stands above
+        return figures.sections(self.white, self.affine, self.template)
 
 
 class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user asked for it)

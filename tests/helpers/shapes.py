@@ -6,6 +6,11 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from voxflat.io.sources import taken
+from voxflat.pipeline.surface import Surface
+from voxflat.surfaces.foreground import foreground_of
+from voxflat.surfaces.of_volume import of_volume
+
 DATA = Path(__file__).parents[1] / "data"
 
 
@@ -14,6 +19,12 @@ def sheet(size=(40, 40)):
     volume = np.zeros((size[0] + 2, size[1] + 2, 3), dtype=np.uint8)
     volume[1:-1, 1:-1, 1] = 1
     return volume
+
+
+def two_sided(volume, repair=None):
+    """Return the surface of a volume whose sheet is taken for a thin solid."""
+    foreground = foreground_of(taken(volume), label=None, threshold=None)
+    return Surface._of(of_volume(foreground, sheet=False, repair=repair))
 
 
 def ball(radius=10):

@@ -233,10 +233,10 @@ def test_flipped_and_unused_are_mended_and_told():
 
 def test_a_single_voxel_and_a_checkerboard_are_surfaces():
     # the dual of a cube is an octahedron; a checkerboard is many of them
-    single = voxflat.surface(np.pad(np.ones((1, 1, 1), np.uint8), 2), sheet=False)
+    single = shapes.two_sided(np.pad(np.ones((1, 1, 1), np.uint8), 2))
     assert (len(single), len(single.faces)) == (6, 8)
     board = (np.indices((4, 4, 4)).sum(axis=0) % 2).astype(np.uint8)
-    topology = voxflat.surface(board, sheet=False).core.topology()
+    topology = shapes.two_sided(board).core.topology()
     assert topology["euler"] == 2 * 32
     assert len(topology["components"]) == 32
 

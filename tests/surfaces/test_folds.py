@@ -1,5 +1,8 @@
 """Curvature and sulcal depth: analytic shapes, FreeSurfer's own values, the whole surface before it is cut."""
 
+from importlib.util import find_spec
+from pathlib import Path
+
 import hard_shapes
 import lab
 import nibabel as nib
@@ -93,7 +96,7 @@ class TestSulcalDepth:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_they_agree_with_freesurfer(side):
     surface = voxflat.surface(lab.fsaverage5(f"white_{side}"))
-    folder = lab.Path(lab.find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
     curv, sulc = (nib.load(folder / f"{name}_{side}.gii.gz").agg_data() for name in ("curv", "sulc"))
     assert np.corrcoef(surface.mean_curvature(), curv)[0, 1] < -0.96  # the other sign
     assert np.corrcoef(surface.sulcal_depth(), sulc)[0, 1] > 0.97

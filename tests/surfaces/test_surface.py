@@ -24,7 +24,7 @@ class TestFromVoxels:
 
         noise = gaussian_filter(np.random.default_rng(seed).normal(size=(size,) * 3), 0.8)
         volume = (noise > np.quantile(noise, share)).astype(np.uint8)
-        surface = voxflat.surface(volume, sheet=False, repair="none")
+        surface = shapes.two_sided(volume, repair="none")
         topology = surface.core.topology()
         edges = np.sort(np.concatenate([surface.faces[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]), axis=1)
         _, counts = np.unique(edges, axis=0, return_counts=True)
@@ -132,7 +132,7 @@ class TestSheets:
         assert surface.metadata["sheet"]
         assert (len(surface), len(surface.faces)) == (600, 2 * 19 * 29)
         assert np.linalg.norm(surface.points - surface.ids, axis=1).max() < 1e-6
-        pillow = voxflat.surface(shapes.sheet((20, 30)), sheet=False)
+        pillow = shapes.two_sided(shapes.sheet((20, 30)))
         assert pillow.core.topology()["euler"] == 2
 
     def test_a_sheet_on_a_slope_may_be_a_strip_of_edges(self):

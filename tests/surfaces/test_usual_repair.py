@@ -70,7 +70,7 @@ def test_no_handle_is_left_whatever_else_stays(seed):
     noise = gaussian_filter(rng.normal(size=(34, 34, 34)), 0.7)
     ball = distance + 18 * gaussian_filter(rng.normal(size=(34, 34, 34)), 1.2) < 13
     volume = (ball & (noise > np.quantile(noise, 0.03))) | (noise > np.quantile(noise, 0.9995))
-    made, none = (voxflat.surface(volume, sheet=False, repair=repair) for repair in (None, "none"))
+    made, none = (shapes.two_sided(volume, repair=repair) for repair in (None, "none"))
     assert handles(made._with_core(made.core.largest_piece())) == 0
     assert handles(none) - handles(made) >= made.metadata["repair"]["handles"] > 0
     assert len(made.core.topology()["components"]) > 1

@@ -107,7 +107,7 @@ class Given:
     def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
         """Return the part of the surface that is chosen; the options that say which are taken out of what is given."""
         skin = None if self._is_image else self._skin(scalars)
-        making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold") if name in given}
+        making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold", "unit") if name in given}
         making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
         part = surface(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **making)
         for name in ("keep", "drop"):

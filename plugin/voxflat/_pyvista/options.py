@@ -26,7 +26,13 @@ class PlaceOptions(TypedDict, total=False):
     progress: Progress | None
 
 
-class PartOptions(PlaceOptions, total=False):
+class SurfaceOptions(PlaceOptions, total=False):
+    """The same, and the unit of a mesh."""
+
+    unit: str | None
+
+
+class PartOptions(SurfaceOptions, total=False):
     """Which part of a surface: `Surface.keep`, `drop`, `disk` and `polygon`."""
 
     keep: object | None

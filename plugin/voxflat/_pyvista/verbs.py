@@ -25,7 +25,7 @@ from voxflat.surfaces.findings import Check
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed
+    from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed, SurfaceOptions
 
 
 class Verbs(Given):
@@ -136,7 +136,7 @@ class Verbs(Given):
             found: FlatMap = part.flatten(progress=progress, **given)
         return found
 
-    def surface(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> pv.PolyData:
+    def surface(self, scalars: str | None = None, **options: Unpack[SurfaceOptions]) -> pv.PolyData:
         """Return the surface that is flattened.
 
         Parameters

@@ -80,7 +80,7 @@ class Plane:
 
     def __repr__(self) -> str:
         origin, normal = (", ".join(f"{x:.3g}" for x in vector) for vector in (self.origin, self.normal))
-        return f"<Plane through ({origin}) mm, normal ({normal})>"
+        return f"<Plane through ({origin}), normal ({normal})>"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -48,7 +48,7 @@ class FlatPage(Planar):
     def __repr__(self) -> str:
         width, height = self.uv.max(axis=0)
         used = 100 * self.used_share
-        return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f} mm, {used:.0f} % of it used>"
+        return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f}, {used:.0f} % of it used>"
 
     @property
     def provenance(self) -> Record:

@@ -52,7 +52,7 @@ class Piece:
 
     def __repr__(self) -> str:
         name = type(self).__name__
-        return f"<{name}: {len(self.faces)} triangles, {self.area:.4g} mm², C = {self.isometric:.4f}>"
+        return f"<{name}: {len(self.faces)} triangles, area {self.area:.4g}, C = {self.isometric:.4f}>"
 
 
 Own = TypeVar("Own", bound="FlatPieces")

@@ -14,7 +14,7 @@ from voxflat.errors import HemisphereError, InputError
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 
-_MAKING = ("label", "threshold", "spacing", "probability", "pial", "repair")
+_MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repair")
 
 
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
@@ -23,7 +23,7 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
     if side is None:
         return surface(input_, **how, **limits, progress=progress)
-    for name in ("label", "probability", "pial"):
+    for name in ("label", "unit", "probability", "pial"):
         if how[name] is not None:
             raise InputError(f"--{name} and --hemisphere cannot be combined: leave one of them out")
     try:

@@ -17,6 +17,7 @@ from voxflat.cli.output import READ, WRITTEN
 from voxflat.cli.told import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
+from voxflat.io.grid import UNITS
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
 from voxflat.pipeline.surface import Surface, surface
@@ -240,6 +241,7 @@ _making = section(
         "each, and the files that it writes are called lh.NAME and rh.NAME.",
     ),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
+    option_of(surface, "unit", type=click.Choice(UNITS)),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
     option_of(surface, "pial", type=FILE, metavar="FILE"),
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),

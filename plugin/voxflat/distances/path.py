@@ -49,7 +49,7 @@ class Path(Recorded):
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
+        return f"<Path over {len(self.ids)} points, length {self.length:.1f}>"
 
 
 def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str, link_lengths: str | None) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
+from voxflat.io.grid import in_unit
 from voxflat.io.notebook import page
 
 
@@ -46,6 +47,8 @@ class Distortion:
         ``handles``. Edges of more than two triangles are refused, vertices where sheets touch are split.
     voxel_size : float or None
         Geometric mean of the three spacings, mm, of voxel surfaces.
+    unit : str
+        That of the surface, in which its lengths are; "unknown" if nothing tells.
 
     Examples
     --------
@@ -67,6 +70,7 @@ class Distortion:
     triangles: TriangleFigures | None = None
     topology: dict[str, int] | None = None
     voxel_size: float | None = None
+    unit: str = "mm"
 
     def __repr__(self) -> str:
         error, scatter = 100 * self.raw.relative_error, 100 * self.standard_error.raw.relative_error
@@ -121,7 +125,7 @@ class Distortion:
             *_distance_rows([(self.raw, errors.raw), (self.best_scale, errors.best_scale)], self.voxel_size),
             *_other_rows([self]),
         ]
-        return _aligned([self], rows)
+        return in_unit(_aligned([self], rows), {"unit": self.unit})
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
@@ -190,7 +194,8 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
         ["OF THE MAP AS IT IS"],
         *_other_rows(of),
     ]
-    return _aligned(of, rows)
+    units = {one.unit for one in of}
+    return in_unit(_aligned(of, rows), {"unit": units.pop() if len(units) == 1 else "unknown"})
 
 
 def _distance_rows(columns: Sequence[tuple[Figures, Figures]], voxel_size: float | None) -> list[list[str]]:

@@ -53,7 +53,7 @@ class Figures:
     def __repr__(self) -> str:
         return (
             f"<Figures at scale {self.scale:.4g}: relative error {100 * self.relative_error:.2f} %, "
-            f"absolute error {self.absolute_error:.3g} mm, stress-1 {self.stress_1:.4f}>"
+            f"absolute error {self.absolute_error:.3g}, stress-1 {self.stress_1:.4f}>"
         )
 
 

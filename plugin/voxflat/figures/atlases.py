@@ -12,6 +12,7 @@ from voxflat.arguments import checked_kind
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.figures.colours import ERRORS, patch_colours
+from voxflat.io.grid import in_unit
 
 
 def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
@@ -41,7 +42,9 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     colours = patch_colours(atlas) / 255
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
-    axes = figure.add_subplot(xlabel="mm", ylabel="mm", aspect="equal")
+    axes = figure.add_subplot(
+        xlabel=in_unit("mm", atlas.metadata), ylabel=in_unit("mm", atlas.metadata), aspect="equal"
+    )
     axes.add_collection(PolyCollection(corners, facecolor=colours, edgecolor=colours, linewidth=0.1, rasterized=True))
     axes.autoscale()
     if isinstance(atlas, GluedAtlas):  # where pieces end, colours of patches do not show
@@ -78,7 +81,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     values = getattr(atlas, of)
     least, most = np.nanpercentile(values[np.isfinite(values)], (1, 99))
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
-    axes = figure.add_subplot(xlabel="mm", ylabel="mm")
+    axes = figure.add_subplot(xlabel=in_unit("mm", atlas.metadata), ylabel=in_unit("mm", atlas.metadata))
     low = min(least, 1.0) if of == "areal" else 1.0
     shown = axes.imshow(
         image.data, cmap=ERRORS, vmin=low, vmax=max(most, low + 1e-6), extent=image.extent, interpolation="nearest"

@@ -15,6 +15,7 @@ from matplotlib.ticker import LogLocator
 from voxflat.arguments import checked_kind
 from voxflat.errors import InputError
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
+from voxflat.io.grid import in_unit
 from voxflat.judging.measure import Comparison
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
@@ -47,7 +48,8 @@ def scatter(flat_map: FlatMap) -> Figure:
     geodesic, flat = distortion.scatter.T
     end = 1.03 * float(distortion.scatter.max())
     figure = Figure(figsize=(7.0, 5.6), layout="constrained")
-    axes = figure.add_subplot(xlabel="geodesic distance δ (mm)", ylabel="flat distance d (mm)", aspect="equal")
+    names = (in_unit(name, flat_map.metadata) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
+    axes = figure.add_subplot(**dict(zip(("xlabel", "ylabel"), names, strict=True)), aspect="equal")
     axes.plot([0, end], [0, end], color="black", linewidth=0.8, zorder=3, label="d = δ")
     shown = axes.hexbin(
         geodesic, flat, gridsize=90, extent=(0, end, 0, end), bins="log", mincnt=1, cmap="viridis", linewidths=0.1
@@ -56,10 +58,11 @@ def scatter(flat_map: FlatMap) -> Figure:
     axes.legend(loc="upper left", frameon=False)
     _add_colour_bar(axes, shown, f"pairs in a hexagon, of {len(flat)}", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
     raw = distortion.raw
-    axes.set_title(
+    title = (
         rf"$\bar\varepsilon$ = {raw.absolute_error:.2f} mm,  $\bar\varepsilon_r$ = {100 * raw.relative_error:.1f} %,  "
         rf"$\bar\delta$ = {distortion.mean_geodesic:.1f} mm"
     )
+    axes.set_title(in_unit(title, flat_map.metadata))
     return figure
 
 
@@ -86,7 +89,7 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     """
     checked_kind(flat_map, "flat map", "heat_map", "a FlatMap")
     image = flat_map.heat_map(pixel_size)
-    figure, axes = _map_axes(image)
+    figure, axes = _map_axes(image, flat_map.metadata)
     place: dict[str, Any] = {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
     shown = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **place)
     _add_colour_bar(axes, shown, ERROR_LABEL, extend="max")
@@ -129,7 +132,8 @@ def heat_maps(comparison: Comparison) -> Figure:
             defined = one.faces[np.isfinite(value)[one.faces].all(axis=1)]
             if len(defined):
                 axes.tripcolor(*one.uv.T, np.nan_to_num(value), triangles=defined, **look)
-            axes.set(aspect="equal", xlabel="u (mm)", ylabel="v (mm)")
+            u, v = (in_unit(f"{axis} (mm)", {"unit": one.distortion.unit}) for axis in "uv")
+            axes.set(aspect="equal", xlabel=u, ylabel=v)
         colour_bar = ScalarMappable(Normalize(low, high), colours)
         figure.colorbar(colour_bar, ax=row.tolist(), label=label, extend=extend)
     for axes, name in zip(grid[0], maps, strict=True):
@@ -168,7 +172,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
     colours = np.where(values < 0, _NEGATIVE, _POSITIVE)
     colours[used] = _USED
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.add_subplot(xlabel="eigenvalue, by falling magnitude", ylabel="|λ| (mm²)")
+    axes = figure.add_subplot(xlabel="eigenvalue, by falling magnitude", ylabel=in_unit("|λ| (mm²)", flat_map.metadata))
     rank = np.arange(1, len(values) + 1)
     axes.bar(rank, np.abs(values), color=colours.tolist(), edgecolor="black", linewidth=0.6)
     axes.set_xticks(rank)
@@ -180,13 +184,14 @@ def spectrum(flat_map: FlatMap) -> Figure:
     return figure
 
 
-def _map_axes(image: FlatImage) -> tuple[Figure, Axes]:
+def _map_axes(image: FlatImage, metadata: dict[str, Any]) -> tuple[Figure, Axes]:
     """Return a figure with axes in mm around an image's outline."""
     left, right, bottom, upper = image.extent
     height = float(np.clip(5.0 * (upper - bottom) / (right - left), 2.0, 8.0))
     margin = 0.03 * max(right - left, upper - bottom)
     figure = Figure(figsize=(6.8, height + 0.9), layout="compressed")
-    axes = figure.add_subplot(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
+    u, v = (in_unit(f"{axis} (mm)", metadata) for axis in "uv")
+    axes = figure.add_subplot(xlabel=u, ylabel=v, aspect="equal")
     axes.set(xlim=(left - margin, right + margin), ylim=(bottom - margin, upper + margin), autoscale_on=False)
     step = image.pixel_size  # a pixel more on each side, where the outline closes
     around = (left - step, right + step, bottom - step, upper + step)

@@ -19,6 +19,7 @@ from voxflat.figures.layers import MAP
 from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names, text_size
 from voxflat.figures.overlays import OverlayColours
+from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import Raster
@@ -248,7 +249,7 @@ class Page:
                 length = round_length(0.22 * self.width / self.scale / len(self.panels))
                 end = x + length * self.scale
                 self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
-                self.text((x + end) / 2, 5.4, f"{length:g} mm", "marks")
+                self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.metadata), "marks")
                 x = end
             for name, u, v in cut_names(panel.flat_map):
                 at_x, at_y = panel.at(u, v)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_kind
 from voxflat.figures.colours import AREAS
 from voxflat.figures.space import drawn_from_both_sides, load_pyvista
+from voxflat.io.grid import in_unit
 from voxflat.maps.lines import outline, rim
 from voxflat.maps.worst_places import WorstPlaces
 
@@ -48,7 +49,8 @@ def worst_places(worst: WorstPlaces) -> Figure:
     flat_map = worst.flat_map
     wide, high = np.ptp(flat_map.uv, axis=0).tolist()
     figure = Figure(figsize=(7.6, float(np.clip(6.4 * high / wide, 2.4, 8.0)) + 0.6), layout="compressed")
-    axes = figure.add_subplot(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
+    u, v = (in_unit(f"{axis} (mm)", flat_map.metadata) for axis in "uv")
+    axes = figure.add_subplot(xlabel=u, ylabel=v, aspect="equal")
     look: dict[str, Any] = {"cmap": AREAS, "norm": _norm(worst), "rasterized": True}
     axes.tripcolor(*flat_map.uv.T, triangles=flat_map.faces, facecolors=worst.logs, **look)
     _lines(axes, outline(flat_map.uv, flat_map.faces), _BORDER, 0.6)

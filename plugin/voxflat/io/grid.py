@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -96,6 +97,7 @@ def check_axes(shape: tuple[int, ...]) -> None:
 
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
+UNITS = tuple(_MILLIMETRES)
 _UNITS = {
     "mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"),
     "cm": ("cm", "centimeter"),
@@ -104,6 +106,27 @@ _UNITS = {
     "nm": ("nm", "nanometer"),
     "inch": ("inch", "in"),
 }
+
+
+def named_unit(unit: object) -> str:
+    """Return a unit of length that a user gave, as it is written."""
+    given = unit.strip().lower() if isinstance(unit, str) and unit.strip() else None
+    found = next((name for name, called in _UNITS.items() if given in called), None)
+    if found is None:
+        raise InputError(f"unit is {shown(unit)}; give one of {', '.join(_MILLIMETRES)}")
+    return found
+
+
+def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
+    """Return a text that speaks of mm in the unit of a surface or map; of one whose unit is unknown without it."""
+    unit = metadata.get("unit", "mm")
+    if metadata.get("napari", {}).get("unit", "").startswith("pixel"):
+        unit = "unknown"
+    if unit == "mm":
+        return text
+    if unit != "unknown":
+        return re.sub(r"(?<![A-Za-z])mm(?![A-Za-z])", unit, text)
+    return re.sub(r" \(mm²?\)|,? ?(?<![A-Za-z])mm²?(?![A-Za-z])", "", text)
 
 
 def millimetres(unit: str) -> float:

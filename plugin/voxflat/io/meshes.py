@@ -76,12 +76,13 @@ class Mesh:
     face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     space: Space = UNKNOWN
+    has_unit: bool = True
 
     @property
     def has_unknown_unit(self) -> bool:
         """Whether it may not be in mm: only GIFTI and FreeSurfer say so, or it is smaller than anything in mm."""
         by_name = None if self.path is None else formats.by_name(self.path)
-        return by_name in _WITHOUT_UNIT or self.unit_remark is not None
+        return not self.has_unit or by_name in _WITHOUT_UNIT or self.unit_remark is not None
 
     @property
     def unit_remark(self) -> str | None:

@@ -96,6 +96,10 @@ def _of_surface_image(image: Any) -> Mesh:
     return _of_parts(image.mesh)
 
 
+def _of_trimesh(mesh: Any) -> Mesh:
+    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=False)
+
+
 def _of_meshio(mesh: Any) -> Mesh:
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:
@@ -107,12 +111,12 @@ def _of_meshio(mesh: Any) -> Mesh:
     corners = np.concatenate([block.ravel() for block in polygons])
     lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
     places, remarks = triangulated(points, corners, lengths)
-    return Mesh(points, corners[places], remarks=remarks)
+    return Mesh(points, corners[places], remarks=remarks, has_unit=False)
 
 
 def _of_polydata(mesh: Any) -> Mesh:
     faces, remarks = polydata_triangles(mesh)
-    return Mesh(polydata_points(mesh), faces, remarks=remarks)
+    return Mesh(polydata_points(mesh), faces, remarks=remarks, has_unit=False)
 
 
 _POLYGONS = ("triangle", "quad", "polygon")
@@ -126,7 +130,10 @@ _MESHES: tuple[_Reader, ...] = (
     (_has_parts, _of_parts),  # PolyMesh
     (lambda given: is_gifti(given) and gifti._has_triangles(given), lambda image: Mesh(**gifti.surface(image))),
     (_has("points", "cells", "cells_dict"), _of_meshio),
-    (_has("vertices", "faces", "face_normals"), lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))),
+    (
+        _has("vertices", "faces", "face_normals"),
+        lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=False),
+    ),
 )
 
 

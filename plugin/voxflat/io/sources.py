@@ -23,12 +23,21 @@ from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
 
-def taken(source: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Mesh | Volume:
+def taken(
+    source: object,
+    *,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    unit: str | None = None,
+) -> Mesh | Volume:
     """Take a mesh as a `Mesh`, and all else as a `Volume`, of which spacing or affine may be told (`as_volume`)."""
     mesh = as_mesh(source)
     if mesh is None:
-        return as_volume(source, spacing=spacing, affine=affine)
-    if mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
+        volume = as_volume(source, spacing=spacing, affine=affine)
+        if unit not in (None, "mm") and spacing is None and affine is None and volume.is_placed:
+            raise InputError(f"unit is {unit!r}, but this volume says how large it is, in mm: leave unit out")
+        return volume
+    if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
         return mesh
     return replace(mesh, remarks=(*mesh.remarks, f"the surface {mesh.unit_remark}"))
 

@@ -273,7 +273,7 @@ def compare(
             distances[id(one)] = measured | {"per_point": per_point}
     judged = {}
     for name, one in matched.items():
-        more = {"topology": topologies[name], "voxel_size": whole.voxel_size}
+        more = {"topology": topologies[name], "voxel_size": whole.voxel_size, "unit": whole.metadata.get("unit", "mm")}
         distortion = Distortion._of(distances[id(one)], one.core.measure(one.uv, progress), reference, **more)
         judged[name] = JudgedMap(one.uv, one.vertices, one.core.faces, distortion)
     return Comparison(judged)

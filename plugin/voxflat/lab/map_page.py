@@ -17,6 +17,7 @@ from voxflat.distortion.triangles import measure_arrays
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
 from voxflat.io.files import atomic_path
+from voxflat.io.grid import in_unit
 from voxflat.lab.pages import Laid, Layer, colour_bar, filled, layers_of, scene
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.laying import laid
@@ -106,7 +107,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
     anatomy = {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
     of_points |= {name: values for name, values in anatomy.items() if values is not None}
-    return page_of(flat_map, of_points, of_triangles, title, unit="mm")
+    return page_of(flat_map, of_points, of_triangles, title, unit=in_unit("mm", flat_map.metadata))
 
 
 def page_of(

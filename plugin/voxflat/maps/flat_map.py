@@ -20,6 +20,7 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, require
 from voxflat.io.formats import gifti
+from voxflat.io.grid import in_unit
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
@@ -106,6 +107,10 @@ class FlatMap(Planar):
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
 
+    def __post_init__(self) -> None:
+        unit = self.metadata.get("unit", "mm")
+        object.__setattr__(self, "distortion", replace(self.distortion, unit=unit))
+
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.uv)
@@ -113,7 +118,8 @@ class FlatMap(Planar):
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
         error = 100 * self.distortion.raw.relative_error
-        return f"<FlatMap: {len(self)} points, {width:.0f} x {height:.0f} mm, relative error {error:.1f} %>"
+        size = in_unit(f"{width:.0f} x {height:.0f} mm", self.metadata)
+        return f"<FlatMap: {len(self)} points, {size}, relative error {error:.1f} %>"
 
     @property
     def is_voxels(self) -> bool:

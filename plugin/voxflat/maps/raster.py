@@ -36,7 +36,7 @@ class Raster:
 
     def __repr__(self) -> str:
         height, width = self.shape
-        return f"<Raster: {width} x {height} pixels of {self.pixel_size:g} mm>"
+        return f"<Raster: {width} x {height} pixels of {self.pixel_size:g}>"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -107,7 +107,7 @@ class FlatImage(Recorded):
 
     def __repr__(self) -> str:
         height, width = self.data.shape[:2]
-        return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
+        return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g}>"
 
     @property
     def is_colour(self) -> bool:

@@ -54,7 +54,7 @@ class RelievingCut:
     gain: float
 
     def __repr__(self) -> str:
-        return f"<RelievingCut along {len(self.ids)} vertices, {self.length:.1f} mm, gain {100 * self.gain:.2f} %>"
+        return f"<RelievingCut along {len(self.ids)} vertices, length {self.length:.1f}, gain {100 * self.gain:.2f} %>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +111,7 @@ class WorstPlace:
     cut: RelievingCut | None = None
 
     def __repr__(self) -> str:
-        return (
-            f"<WorstPlace {self.number}: {self.kind}, {self.area:.1f} mm², area times {self.worst_ratio:.2f} at worst>"
-        )
+        return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, changed {self.worst_ratio:.2f} at worst>"
 
     def figures(self) -> dict[str, Any]:
         """Return it ready for JSON, without its triangles, with units in the names.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_path, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
+from voxflat.io.grid import in_unit
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, as_text, saving, telling
 from voxflat.maps.flat_map import FlatMap
@@ -53,7 +54,7 @@ class Cut:
     name: str | None = None
 
     def __repr__(self) -> str:
-        length = "" if self.length is None else f"{self.length:.1f} mm, "
+        length = "" if self.length is None else f"length {self.length:.1f}, "
         name = "" if self.name is None else f"{self.name!r}, "
         return f"<Cut {name}along {len(self.ids)} vertices, {length}{self.reason}>"
 
@@ -179,7 +180,9 @@ class CutSurface(Generic[_Surface]):
         names = [self.title(n) for n in range(len(self.cuts))]
         figure = importlib.import_module("voxflat.figures.opened").opened(self.surface)  # it stands above the pipeline
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
-        return page(self, table, figure, "The surface from its two broad sides, its cuts in red")
+        return page(
+            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides, its cuts in red"
+        )
 
     def title(self, number: int) -> str:
         """Say which cut one is: by its name, or its number, which begin at 1, and where it lies.

@@ -17,6 +17,7 @@ from voxflat.distances.path import Path
 from voxflat.distances.path import path as _path
 from voxflat.distances.rows import DistanceRows
 from voxflat.errors import InputError
+from voxflat.io.grid import named_unit
 from voxflat.io.meshes import Mesh
 from voxflat.io.provenance import telling
 from voxflat.io.reading import reading
@@ -610,8 +611,8 @@ def surface(
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,
+    unit: str | None = None,
     probability: object | None = None,
-    sheet: bool | None = None,
     pial: object | None = None,
     repair: str | None = None,
     memory_limit: int | None = None,
@@ -637,14 +638,15 @@ def surface(
         Voxel size, mm, for volumes that know none (.npy, arrays); by default 1.
     affine : array_like, shape (4, 4), optional
         From voxel indices to RAS+ mm, for volumes that know none.
+    unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional
+        Of the coordinates of a mesh, or of the spacing of an array, whose unit nothing tells; what is shown and written
+        of the surface and its maps is in this unit. By default arrays, GIFTI and FreeSurfer's files are in mm, and the
+        unit of other meshes is unknown.
     probability : ndarray, path, image object or Volume, optional
         For volumes: an image of the same shape whose value is `threshold`, or 0.5, on the surface. Points are placed
         there. By
         default they are placed by the volume itself where `threshold` is given and its values change smoothly, and else
         by a fit to the voxels.
-    sheet : bool, optional
-        Whether the foreground is a sheet one voxel thick, of which one surface is made instead of two sides. By default
-        this is recognised.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface of a white one, with the same vertices: distances are measured midway. A pial surface that does
         not lie outside it, vertex by vertex, is refused.
@@ -689,21 +691,21 @@ def surface(
     give_back_memory()
     if isinstance(source, Surface):
         _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
-        _refuse_options("a Surface", probability=probability, sheet=sheet, repair=repair)
+        _refuse_options("a Surface", unit=unit, probability=probability, repair=repair)
         return source
-    given = taken(source, spacing=spacing, affine=affine)
+    given = taken(source, spacing=spacing, affine=affine, unit=None if unit is None else named_unit(unit))
     if isinstance(given, Mesh):
         _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
-        _refuse_options("a mesh", probability=probability, sheet=sheet)
+        _refuse_options("a mesh", probability=probability)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels; give 'cuts' or 'none', or leave it out")
         made = of_mesh(given, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
         inside = foreground_of(given, label=label, threshold=threshold, memory_limit=memory_limit)
-        made = of_volume(
-            inside, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress
-        )
+        made = of_volume(inside, probability=probability, repair=repair, threads=threads, progress=progress)
+    if unit is not None:
+        made = replace(made, metadata={**made.metadata, "unit": named_unit(unit)})
     return Surface._of(cut_handles(made, threads, progress) if repair == "cuts" else made)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
+from voxflat.io.grid import in_unit
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
@@ -158,7 +159,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
-    elif part.metadata.get("unit") == "unknown":
+    elif part.metadata.get("unit", "mm") != "mm":
         longest = _SMALL_HOLE_VOXELS * part.usual_edge
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
@@ -166,7 +167,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     return (
         part._with_core(core),
         part.faces,
-        [f"{filled} hole(s) up to {longest:g} mm around were closed for measuring"],
+        [in_unit(f"{filled} hole(s) up to {longest:g} mm around were closed for measuring", part.metadata)],
     )
 
 
@@ -203,7 +204,7 @@ def opened(
         part = part._with_core(core)
     was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
-        return part, cuts, remarks
+        return part, cuts, [in_unit(remark, part.metadata) for remark in remarks]
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
@@ -217,7 +218,7 @@ def opened(
             f"to {after:.1f} %. Use relax=False to leave them out"
         )
     _name(part, further)
-    return part._with_core(core), cuts + further, remarks
+    return part._with_core(core), cuts + further, [in_unit(remark, part.metadata) for remark in remarks]
 
 
 def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.parts import dropped, largest_piece
@@ -238,10 +239,11 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
     by = os.path.basename(cut.metadata["sphere"]["input"])
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
-    return (
+    told = (
         f"cut along {what} ({names}; {length:.0f} mm), located by {by}, so that maps of different brains can be "
         f"compared.{estimate} For less distortion use cuts='automatic', which voxflat check compares"
     )
+    return in_unit(told, cut.metadata)
 
 
 def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
@@ -251,5 +253,6 @@ def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None)
         return whole
     lengths = [handle["length"] for handle in handles]
     remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
+    remark = in_unit(remark, whole.metadata)
     metadata = {**whole.metadata, "handles_cut": handles}
     return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

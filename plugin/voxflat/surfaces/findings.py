@@ -10,6 +10,7 @@ import numpy as np
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
 from voxflat.io.spaces import Space
 from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
@@ -138,7 +139,10 @@ class Check:
         of = self.contents
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
-            rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"), ("size", f"{size} mm")]
+            rows = [
+                ("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"),
+                ("size", in_unit(f"{size} mm", of)),
+            ]
             rows.append(("coordinates", str(Space._of(of))))
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]

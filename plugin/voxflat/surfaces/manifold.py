@@ -23,7 +23,7 @@ from voxflat.arguments import (
     shown,
 )
 from voxflat.errors import InputError
-from voxflat.io.grid import voxel_size
+from voxflat.io.grid import in_unit, voxel_size
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
@@ -103,7 +103,9 @@ class Manifold:
         """Return what the surface is and where it lies, for Jupyter."""
         facts = {"space": self.space.name, "structure": self.metadata.get("structure"), "file": self.metadata["input"]}
         low, high = self.points.min(axis=0), self.points.max(axis=0)
-        facts["extent, mm"] = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
+        facts[in_unit("extent, mm", self.metadata)] = ", ".join(
+            f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True)
+        )
         return page(self, "\n".join(f"{name:12}{value}" for name, value in facts.items() if value))
 
     @property

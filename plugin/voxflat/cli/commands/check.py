@@ -41,10 +41,11 @@ def command(input_: Path, as_json: bool, **given: Any) -> None:
     with bars() as shown:
         part = part_of(given, shown.progress)
         source: Path | Surface = input_
-        if any(given[name] is not None for name in ("pial", "probability", "repair", "hemisphere")):
+        making = ("pial", "probability", "repair", "hemisphere", "unit")
+        if any(given[name] is not None for name in making):
             source = surface_of(input_, given, shown.progress)
         else:
-            del given["pial"], given["probability"], given["repair"], given["hemisphere"]
+            given = {name: value for name, value in given.items() if name not in making}
         findings = check(source, part=part, progress=shown.progress, **given)
     if as_json:
         print_json(json_ready(asdict(findings)))

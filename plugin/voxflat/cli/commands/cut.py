@@ -13,6 +13,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
 from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
+from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
 
 _ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
@@ -70,7 +71,7 @@ def command(
         print_json({**told, "provenance": made.provenance})
         return
     for number, one in enumerate(made.cuts):
-        length = "" if one.length is None else f", {one.length:.1f} mm"
+        length = "" if one.length is None else in_unit(f", {one.length:.1f} mm", made.surface.metadata)
         click.echo(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
     also = "" if template is None else f", template as {template}"
     click.echo(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles\nsaved as {output}{also}")

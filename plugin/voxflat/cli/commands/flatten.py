@@ -14,6 +14,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
 from voxflat.cli.output import check_output, print_json
 from voxflat.cli.told import option_of
+from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.pipeline.surface import Surface
 
@@ -72,7 +73,7 @@ def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, 
 def _summary(flat_map: FlatMap, output: Path) -> str:
     metadata = flat_map.metadata
     width, height = np.ptp(flat_map.uv, axis=0)
-    return "\n".join(
+    told = "\n".join(
         [
             f"{'flattened':22}{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}",
             *_cuts(metadata),
@@ -82,9 +83,9 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
             "",
             flat_map.distortion.table(),
             "",
-            f"saved as {output}",
         ]
     )
+    return f"{in_unit(told, metadata)}\nsaved as {output}"
 
 
 def _cuts(metadata: dict[str, Any]) -> list[str]:

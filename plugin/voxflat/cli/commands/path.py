@@ -16,6 +16,7 @@ from voxflat.cli.output import check_output, print_json
 from voxflat.cli.told import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.io.files import atomic_path
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import saving
 from voxflat.pipeline.surface import Surface
 
@@ -65,4 +66,4 @@ def command(
         print_json({**told, "provenance": found.provenance})
     else:
         saved = "" if output is None else f"\nsaved as {output}"
-        click.echo(f"{found.length:.3f} mm through {len(found.ids)} points{saved}")
+        click.echo(in_unit(f"{found.length:.3f} mm", whole.metadata) + f" through {len(found.ids)} points{saved}")

@@ -1,0 +1,101 @@
+"""Lengths in the unit of the surface, wherever they are told; nothing says mm of one whose unit nobody knows."""
+
+import logging
+import re
+
+import nibabel as nib
+import numpy as np
+import pytest
+import pyvista as pv
+import shapes
+from command_line import run, succeed
+from matplotlib.text import Text
+from PIL import Image
+from refusals import refused
+
+import voxflat
+from voxflat import figures
+from voxflat.io.grid import in_unit, named_unit
+
+MM = re.compile(r"(?<![A-Za-z])mm(?![A-Za-z])")
+
+
+@pytest.mark.parametrize("given", ["µm", "um", "micron", "micrometer", "Micrometre"])
+def test_units_have_their_usual_names(given):
+    assert named_unit(given) == "µm"
+
+
+@pytest.mark.parametrize("given", ["", "furlong", 3, None])
+def test_another_unit_is_refused(given):
+    refused("give one of mm, cm, m, µm, nm, inch", named_unit, given)
+
+
+@pytest.mark.parametrize(
+    ("text", "in_micrometres", "without"),
+    [
+        ("33 x 28 mm, error", "33 x 28 µm, error", "33 x 28, error"),
+        ("u (mm)", "u (µm)", "u"),
+        ("(256 mm in total)", "(256 µm in total)", "(256 in total)"),
+        ("area, mm²", "area, µm²", "area"),
+        ("hammer", "hammer", "hammer"),
+    ],
+)
+def test_a_text_is_put_into_a_unit(text, in_micrometres, without):
+    assert in_unit(text, {}) == in_unit(text, {"unit": "mm"}) == text
+    assert in_unit(text, {"unit": "µm"}) == in_micrometres
+    assert in_unit(text, {"unit": "unknown"}) == without
+
+
+def told_of(surface, tmp_path, caplog):
+    """Return all that is said of a surface and its map."""
+    with caplog.at_level(logging.INFO):
+        opened = surface.cut()
+        flat_map = opened.flatten()
+    flat_map.save(tmp_path / "map.npz")
+    again = voxflat.load(tmp_path / "map.npz")
+    judged = voxflat.measure(surface, again)
+    texts = [repr(surface), surface._repr_html_(), opened._repr_html_(), repr(flat_map), repr(again)]
+    texts += [again.distortion.table(), judged.table(), *(record.message for record in caplog.records)]
+    for figure in (figures.scatter(again), figures.heat_map(again), figures.flat_map(again)):
+        texts += [text.get_text() for text in figure.findobj(Text)]
+    return [text for text in texts if "MiB" not in text], again
+
+
+def test_micrometres_are_carried_through(tmp_path, caplog):
+    cells = shapes.ball(8)
+    texts, flat_map = told_of(voxflat.surface(cells, spacing=(0.65,) * 3, unit="um"), tmp_path, caplog)
+    assert not [text for text in texts if MM.search(text)]
+    assert sum("µm" in text for text in texts) > 10
+    other = voxflat.surface(cells, spacing=(0.65,) * 3).flatten()
+    np.testing.assert_array_equal(flat_map.uv, other.uv)  # no length is changed
+
+
+@pytest.mark.parametrize("mesh", [pv.Sphere(radius=30), pv.Sphere(radius=3e6)])
+def test_nothing_says_mm_of_an_unknown_unit(mesh, tmp_path, caplog):
+    texts, _ = told_of(voxflat.surface(mesh), tmp_path, caplog)
+    assert not [text for text in texts if MM.search(text)]
+    told, _ = told_of(voxflat.surface(mesh, unit="mm"), tmp_path, caplog)
+    assert sum(bool(MM.search(text)) for text in told) > 10
+
+
+def test_the_command_line_takes_a_unit(tmp_path):
+    pv.Sphere(radius=300.0, theta_resolution=20, phi_resolution=20).save(tmp_path / "cell.ply")
+    given = ["flatten", tmp_path / "cell.ply", "-o", tmp_path / "map.npz"]
+    assert not MM.search(succeed(*given).output)
+    assert "µm" in succeed(*given, "--unit", "µm").output
+    assert "size" in succeed("check", tmp_path / "cell.ply", "--unit", "nm").output
+    succeed("figure", tmp_path / "map.npz", "-o", tmp_path / "map.png")
+    with Image.open(tmp_path / "map.png") as picture:
+        assert picture.size[0] > 500
+
+
+def test_a_volume_that_tells_its_size_has_its_unit(tmp_path):
+    nib.save(nib.Nifti1Image(shapes.ball(8).astype(np.uint8), np.eye(4)), tmp_path / "ball.nii")
+    refused("this volume says how large it is, in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
+    assert run("flatten", tmp_path / "ball.nii", "--unit", "µm", "-o", tmp_path / "m.npz").exit_code == 1
+
+
+def test_pyvista_takes_a_unit(caplog):
+    with caplog.at_level(logging.INFO):
+        pv.Sphere(radius=300.0).voxflat(unit="µm")
+    assert "µm in total" in caplog.text
