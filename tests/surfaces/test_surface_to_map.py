@@ -1,7 +1,6 @@
 """Distances on a surface, its maps, their distortion and their files."""
 
 import re
-import subprocess
 
 import anatomy
 import lab
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 import shapes
 from command_line import succeed
-from mesh_files import needs_workbench
+from mesh_files import needs_workbench, workbench
 from refusals import refused
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
@@ -231,9 +230,9 @@ class TestMeasure:
         paths = [tmp_path / name for name in ("white.surf.gii", "flat.surf.gii", "out.func.gii")]
         write_mesh(paths[0], Mesh(white[0], faces, structure="CortexLeft"))
         write_mesh(paths[1], Mesh(places * [1, 1, 0], faces, structure="CortexLeft"))
-        subprocess.run(["wb_command", "-surface-distortion", *paths], check=True, capture_output=True)
-        told = subprocess.run(["wb_command", "-file-information", paths[1]], check=True, capture_output=True, text=True)
-        assert re.search(r"Structure: +CortexLeft.*Surface Type \(Primary\): +Flat", told.stdout, re.DOTALL)
+        workbench("-surface-distortion", *paths)
+        told = workbench("-file-information", paths[1])
+        assert re.search(r"Structure: +CortexLeft.*Surface Type \(Primary\): +Flat", told, re.DOTALL)
         theirs = voxflat.io.read_overlay(paths[2], len(white[0]))[np.unique(faces)]
         ours = voxflat.measure(paths[0], paths[1], sources=1).triangles.areal
         np.testing.assert_allclose(ours, theirs, atol=1e-4)
