@@ -137,3 +137,11 @@ WAYS = {
     "workbench.surf.gii": workbench,
 }
 """How programs write a surface that lies at one place, by the files' names."""
+
+AFFINES = {
+    "RAS": np.array([[4.0, 0, 0, -120], [0, 4, 0, -140], [0, 0, 4, -80], [0, 0, 0, 1]]),
+    "LAS": np.array([[-3.5, 0, 0, 90], [0, 4, 0, -140], [0, 0, 4.5, -80], [0, 0, 0, 1]]),
+    "conformed": header(shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
+    "oblique": header(axes=oblique(), shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
+}
+"""Where volumes of 60 voxels a side lie, around the ball."""

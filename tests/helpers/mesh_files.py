@@ -2,6 +2,7 @@
 
 import importlib.util
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,19 @@ def refuses(path, message, read=read_mesh, *arguments):
     assert str(caught.value).startswith(str(path))
     assert str(caught.value).count(str(path)) == 1
     assert "\n" not in str(caught.value)
+
+
+def icosphere(radius, nsub=4):
+    """Return points and triangles of a sphere, its points at the radius to the last bit of a double."""
+    ball = pv.Icosphere(radius=1.0, nsub=nsub)
+    points = np.asarray(ball.points, dtype=np.float64)
+    return radius * points / np.linalg.norm(points, axis=1)[:, None], np.asarray(ball.regular_faces)
+
+
+def workbench(*words, folder=None):
+    """Run `wb_command`; return what it prints."""
+    command = ["wb_command", *map(str, words)]
+    return subprocess.run(command, check=True, capture_output=True, text=True, cwd=folder).stdout
 
 
 def write_old_vtk(path, polydata, is_binary=True):

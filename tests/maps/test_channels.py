@@ -1,7 +1,6 @@
 """Files of several maps on the flat map: values that are linear on a plane come back as they are, pixel by pixel."""
 
 import json
-import subprocess
 import tracemalloc
 from dataclasses import replace
 
@@ -9,7 +8,7 @@ import nibabel as nib
 import numpy as np
 import pytest
 from command_line import run, succeed
-from mesh_files import gifti, grid, needs_workbench
+from mesh_files import gifti, grid, needs_workbench, workbench
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refused
@@ -187,10 +186,6 @@ class TestCifti:
     @needs_workbench
     def test_what_workbench_makes(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
-
-        def workbench(*words):
-            subprocess.run(["wb_command", *map(str, words)], check=True, capture_output=True)
-
         for k, name in enumerate("ab"):
             gifti(tmp_path / f"{name}.func.gii", [(at_vertices(k), "none")])
             workbench("-set-structure", f"{name}.func.gii", "CORTEX_LEFT")

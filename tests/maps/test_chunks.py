@@ -7,9 +7,8 @@ from collections import Counter
 import nibabel as nib
 import numpy as np
 import pytest
-import pyvista as pv
 from command_line import succeed
-from mesh_files import patch
+from mesh_files import icosphere, patch
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
@@ -42,10 +41,7 @@ class Counting:
 
 @pytest.fixture(scope="module")
 def m():
-    mesh = pv.Icosphere(radius=1.0, nsub=3)
-    points, faces = np.asarray(mesh.points, dtype=np.float64), np.asarray(mesh.regular_faces)
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    whole = voxflat.surface((10 * points, faces), pial=(12 * points, faces))
+    whole = voxflat.surface(icosphere(10, 3), pial=icosphere(12, 3))
     return whole.disk(0, 7.0).flatten(Voxflat(sources=30))
 
 

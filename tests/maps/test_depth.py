@@ -1,7 +1,6 @@
 """Depth: fractions of the cortex' volume and thickness, mm, means, stacks; by analytic volumes and Workbench."""
 
 import json
-import subprocess
 from dataclasses import replace
 
 import nibabel as nib
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 from command_line import run, succeed
-from mesh_files import needs_workbench
+from mesh_files import icosphere, needs_workbench, workbench
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
@@ -26,16 +25,10 @@ FRACTIONS = (0.0, 0.1, 0.5, 0.8, 1.0)
 GRID = np.array([[0.5, 0, 0, -15], [0, 0.5, 0, -15], [0, 0, 0.5, -15], [0, 0, 0, 1.0]])
 
 
-def ball(radius, nsub=4):
-    mesh = pv.Icosphere(radius=1.0, nsub=nsub)
-    points = np.asarray(mesh.points, dtype=np.float64)
-    return radius * points / np.linalg.norm(points, axis=1)[:, None], np.asarray(mesh.regular_faces)
-
-
 @pytest.fixture(scope="module")
 def shells():
     """Return the map of a disk of concentric spheres: what lies between them is known in closed form."""
-    return voxflat.surface(ball(INNER), pial=ball(OUTER)).disk(0, 9.0).flatten(Voxflat(sources=40))
+    return voxflat.surface(icosphere(INNER), pial=icosphere(OUTER)).disk(0, 9.0).flatten(Voxflat(sources=40))
 
 
 def volume_of(function, affine=GRID, n=61):
@@ -82,11 +75,11 @@ class TestFractions:
         crowns, fundi = equivolume(0.5, 1.0, 2.0), equivolume(0.5, 2.0, 1.0)
         assert crowns > 0.5 > fundi
         assert crowns + fundi == pytest.approx(1)
-        points, faces = ball(INNER)
+        points, faces = icosphere(INNER)
         assert vertex_areas(points, faces).sum() == pytest.approx(pv.PolyData.from_regular_faces(points, faces).area)
 
     def test_lips_of_a_cut_have_one_depth(self):
-        whole = voxflat.surface(ball(INNER, 2), pial=ball(OUTER, 2))
+        whole = voxflat.surface(icosphere(INNER, 2), pial=icosphere(OUTER, 2))
         m = voxflat.flatten(whole, Voxflat(sources=30))  # cut open
         rows = m._triangles.on_surface.at(Depths.of(fraction=0.5))[0]
         first = {int(v): row for v, row in zip(m.ids[::-1], rows[::-1], strict=True)}
@@ -109,10 +102,10 @@ class TestFractions:
     def test_they_are_kept_in_the_file(self, shells, tmp_path):
         shells.save(tmp_path / "m.npz")
         again = voxflat.load(tmp_path / "m.npz")
-        assert_array_equal(again.white_points, ball(INNER)[0][shells.ids])
-        assert_array_equal(again.pial_points, ball(OUTER)[0][shells.ids])
+        assert_array_equal(again.white_points, icosphere(INNER)[0][shells.ids])
+        assert_array_equal(again.pial_points, icosphere(OUTER)[0][shells.ids])
         assert_allclose(again.points, (again.white_points + again.pial_points) / 2)
-        assert voxflat.surface(ball(INNER)).disk(0, 5.0).flatten(Voxflat(sources=10)).white_points is None
+        assert voxflat.surface(icosphere(INNER)).disk(0, 5.0).flatten(Voxflat(sources=10)).white_points is None
 
 
 class TestSeveral:
@@ -233,11 +226,10 @@ def test_the_mean_over_equal_volumes_is_that_of_the_volume(shells):
 @pytest.mark.slow
 def test_ribbon_constrained_mapping_of_workbench_has_that_mean_too(tmp_path):
     for name, radius in (("white", INNER), ("mid", (INNER + OUTER) / 2), ("pial", OUTER)):
-        write_mesh(tmp_path / f"{name}.surf.gii", Mesh(*ball(radius, 3)))
+        write_mesh(tmp_path / f"{name}.surf.gii", Mesh(*icosphere(radius, 3)))
     coarse = GRID * [2, 2, 2, 1]
     write_volume(tmp_path / "v.nii.gz", radius_volume(coarse, 31).data, coarse)
     arguments = ["v.nii.gz", "mid.surf.gii", "out.shape.gii", "-ribbon-constrained", "white.surf.gii", "pial.surf.gii"]
-    command = ["wb_command", "-volume-to-surface-mapping", *arguments, "-thin-columns"]
-    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
+    workbench("-volume-to-surface-mapping", *arguments, "-thin-columns", folder=tmp_path)
     theirs = nib.load(tmp_path / "out.shape.gii").darrays[0].data
     assert theirs.mean() == pytest.approx(MEAN_RADIUS, abs=0.04)

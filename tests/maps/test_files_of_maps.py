@@ -13,14 +13,13 @@ doubles, that patches cannot hold at a cut, and that are torn; the message says 
 
 import logging
 import re
-import subprocess
 
 import freesurfer_rule
 import nibabel
 import numpy as np
 import pytest
 import pyvista as pv
-from mesh_files import grid, needs_workbench
+from mesh_files import grid, needs_workbench, workbench
 from scipy.spatial import cKDTree
 from shapes import curled_sheet
 
@@ -146,7 +145,7 @@ def test_what_comes_back(flat, name, tmp_path, caplog):
 def test_workbench_finds_the_same_areas(flat, tmp_path):
     paths = [tmp_path / name for name in ("lh.flat.surf.gii", "areas.func.gii")]
     flat.save(paths[0])
-    subprocess.run(["wb_command", "-surface-vertex-areas", *paths], check=True, capture_output=True)
+    workbench("-surface-vertex-areas", *paths)
     corners, _ = from_gifti(paths[0], flat)
     a, b = (corners[:, k, :2].astype(np.float64) - corners[:, 0, :2] for k in (1, 2))
     areas = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2

@@ -1,7 +1,6 @@
 """To the map and back: regions to vertices and voxels and onto the map again, points to the map; by other readers."""
 
 import json
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ import pytest
 import pyvista as pv
 from brain_spaces import ball, header, to_scanner, write_freesurfer
 from command_line import run, succeed
-from mesh_files import needs_workbench
+from mesh_files import icosphere, needs_workbench, workbench
 from PIL import Image
 from refusals import refused
 
@@ -27,16 +26,10 @@ from voxflat.methods import Voxflat
 INNER, OUTER = 20.0, 23.0
 
 
-def sphere(radius, nsub=5):
-    mesh = pv.Icosphere(radius=1.0, nsub=nsub)
-    points = np.asarray(mesh.points, dtype=np.float64)
-    return radius * points / np.linalg.norm(points, axis=1)[:, None], np.asarray(mesh.regular_faces)
-
-
 @pytest.fixture(scope="module")
 def m():
     """Return the map of a disk of 20 mm around a pole of concentric spheres, 2,500 vertices 0.8 mm apart."""
-    return voxflat.surface(sphere(INNER), pial=sphere(OUTER)).disk(0, 20.0).flatten(Voxflat(sources=40))
+    return voxflat.surface(icosphere(INNER, 5), pial=icosphere(OUTER, 5)).disk(0, 20.0).flatten(Voxflat(sources=40))
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +119,7 @@ class TestVoxels:
 
     @pytest.mark.slow
     def test_along_normals_where_no_pial_surface_is_known(self, grid):
-        white = voxflat.surface(sphere(INNER)).disk(0, 20.0).flatten(Voxflat(sources=30))
+        white = voxflat.surface(icosphere(INNER, 5)).disk(0, 20.0).flatten(Voxflat(sources=30))
         regions = white.regions(circle(*white.uv.mean(axis=0), 10.0))
         found = regions.volume(grid, depth=(0.5, 2.0)).data
         radius = np.linalg.norm(nib.affines.apply_affine(grid.affine, np.argwhere(found)), axis=1)
@@ -175,7 +168,7 @@ class TestFiles:
         vertices = nib.freesurfer.read_label(tmp_path / "lh.V1.label")
         np.testing.assert_array_equal(np.sort(vertices), np.flatnonzero(one.vertex_labels))
         rows = np.loadtxt(tmp_path / "lh.V1.label", skiprows=2)
-        np.testing.assert_allclose(rows[:, 1:4], sphere(INNER)[0][vertices], atol=6e-4)  # on the white one
+        np.testing.assert_allclose(rows[:, 1:4], icosphere(INNER, 5)[0][vertices], atol=6e-4)  # on the white one
         refused(r"a .label holds one region, and there are 2", m.regions(drawn(m)).save, tmp_path / "lh.both.label")
 
     def test_points_of_a_label_are_tkras(self, tmp_path):
@@ -203,8 +196,7 @@ class TestFiles:
         assert image.labeltable.get_labels_as_dict() == {0: "???", 1: "V1"}
         assert image.meta["AnatomicalStructurePrimary"] == "CortexLeft"
         assert json.loads(image.meta["Provenance"])["function"] == "regions"
-        command = "wb_command -gifti-label-to-roi lh.rois.label.gii roi.func.gii -name V1"
-        subprocess.run(command.split(), capture_output=True, check=True)
+        workbench(*["-gifti-label-to-roi", "lh.rois.label.gii", "roi.func.gii", "-name", "V1"])
         np.testing.assert_array_equal(nib.load("roi.func.gii").agg_data(), regions.vertex_labels)
 
     def test_volume(self, m, grid, tmp_path):
@@ -223,7 +215,7 @@ class TestFiles:
 
     @pytest.mark.slow
     def test_both_sides_of_a_cut(self):
-        points, faces = sphere(INNER, 2)
+        points, faces = icosphere(INNER, 2)
         whole = voxflat.flatten((points, faces), Voxflat(sources=30))
         labels = whole.regions(whole.image(np.ones(len(points), int), 0.5)).vertex_labels
         assert np.count_nonzero(labels) == len(points)  # up to the map's border, which pixels meet only in part

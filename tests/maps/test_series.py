@@ -6,7 +6,7 @@ from dataclasses import replace
 import nibabel as nib
 import numpy as np
 import pytest
-from brain_spaces import ball, header, oblique, to_scanner, write_freesurfer
+from brain_spaces import AFFINES, ball, header, oblique, to_scanner, write_freesurfer
 from command_line import run, succeed
 from mesh_files import gifti, patch
 from refusals import refused
@@ -20,11 +20,6 @@ from voxflat.maps.sampling import Mixing
 from voxflat.methods import Voxflat
 
 COUNT, SIZE = 5, 60
-AFFINES = {
-    "RAS": np.array([[4.0, 0, 0, -120], [0, 4, 0, -140], [0, 0, 4, -80], [0, 0, 0, 1]]),
-    "LAS": np.array([[-3.5, 0, 0, 90], [0, 4, 0, -140], [0, 0, 4.5, -80], [0, 0, 0, 1]]),
-    "oblique": header(axes=oblique(), shape=(SIZE, SIZE, SIZE), size=(4.0, 4.0, 4.0)).get_vox2ras(),
-}
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,12 @@
 """Volumes are sampled where they lie, whatever space the surface is in: tkRAS, scanner RAS, in each program's files."""
 
-import subprocess
 from dataclasses import replace
 
 import nibabel as nib
 import numpy as np
 import pytest
 from brain_spaces import (
+    AFFINES,
     C_RAS,
     CONFORMED,
     WAYS,
@@ -21,7 +21,7 @@ from brain_spaces import (
     write_gifti,
 )
 from command_line import succeed
-from mesh_files import needs_workbench
+from mesh_files import needs_workbench, workbench
 from numpy.testing import assert_allclose
 
 import voxflat
@@ -29,13 +29,6 @@ from voxflat.io import Space, VolumeGeometry
 from voxflat.io.meshes import read_mesh
 from voxflat.maps.raster import Raster
 from voxflat.methods import Voxflat
-
-AFFINES = {
-    "RAS": np.array([[4.0, 0, 0, -120], [0, 4, 0, -140], [0, 0, 4, -80], [0, 0, 0, 1]]),
-    "LAS": np.array([[-3.5, 0, 0, 90], [0, 4, 0, -140], [0, 0, 4.5, -80], [0, 0, 0, 1]]),
-    "conformed": header(shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
-    "oblique": header(axes=oblique(), shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
-}
 
 
 def coordinate_volume(path, affine, axis):
@@ -234,7 +227,3 @@ def at_vertices(m, volume):
     corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
     weights = np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape)
     return m._triangles.on_surface.image(Raster(corners, weights, (0.0, 0.0), 1.0), volume).data[0]
-
-
-def workbench(*arguments):
-    subprocess.run(["wb_command", *map(str, arguments)], check=True, capture_output=True)

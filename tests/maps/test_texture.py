@@ -1,13 +1,19 @@
-"""Texture coordinates and pictures on a surface."""
+"""Texture coordinates and pictures on a surface, whose triangles are divided where the map tears or bends."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refused
-from textures import chessboard
+from textures import areas, chessboard, grid, side_counts
 
 import voxflat
 from voxflat import InputError
+from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.methods import Grossmann2002
 
 
@@ -19,22 +25,22 @@ class TestPlacing:
         # a similarity: all distances in the picture are those on the map by one factor
         uv = cylinder_map.uv - cylinder_map.uv.mean(axis=0)
         factor = np.linalg.norm(np.ptp(texels, axis=0)) / np.linalg.norm(np.ptp(uv, axis=0))
-        np.testing.assert_allclose(texels - texels.mean(axis=0), factor * uv, atol=1e-9 * max(shape))
+        assert_allclose(texels - texels.mean(axis=0), factor * uv, atol=1e-9 * max(shape))
         low, high = textured.texture_coordinates.min(axis=0), textured.texture_coordinates.max(axis=0)
-        np.testing.assert_allclose((low + high) / 2, 0.5)
-        np.testing.assert_allclose((high - low).max(), 1)
+        assert_allclose((low + high) / 2, 0.5)
+        assert_allclose((high - low).max(), 1)
 
     def test_on_a_plane_it_is_a_similarity_of_space(self, plane_map):
         textured = plane_map.textured(chessboard(), texel_size=0.5)
         points, texels = textured.points, 64 * textured.texture_coordinates
         in_space = np.linalg.norm(points[:, None] - points, axis=2)
         in_picture = np.linalg.norm(texels[:, None] - texels, axis=2)
-        np.testing.assert_allclose(0.5 * in_picture, in_space, atol=1e-12)
+        assert_allclose(0.5 * in_picture, in_space, atol=1e-12)
 
     def test_a_texel_has_the_size_that_is_asked_for(self, cylinder_map):
         textured = cylinder_map.textured(chessboard(), texel_size=0.25, repeat=True)
         moved = 0.25 * 64 * textured.texture_coordinates - cylinder_map.uv
-        np.testing.assert_allclose(moved, np.broadcast_to(moved[0], moved.shape), atol=1e-9)
+        assert_allclose(moved, np.broadcast_to(moved[0], moved.shape), atol=1e-9)
         assert textured.texture_coordinates.max() > 1
 
     def test_a_picture_that_is_too_small_must_be_repeated(self, cylinder_map):
@@ -49,17 +55,17 @@ class TestPlacing:
     def test_a_repeated_picture_goes_on(self, cylinder_map):
         once = cylinder_map.textured(chessboard(), texel_size=0.25, repeat=True)
         tiled = cylinder_map.textured(np.tile(chessboard(), (5, 5)), texel_size=0.25)
-        np.testing.assert_array_equal(once.colours, tiled.colours)
+        assert_array_equal(once.colours, tiled.colours)
 
     def test_colours_are_those_of_texture(self, cylinder_map):
         picture = np.random.default_rng(0).integers(0, 256, (20, 33, 4), dtype=np.uint8)
-        np.testing.assert_array_equal(cylinder_map.textured(picture).colours, cylinder_map.texture(picture))
+        assert_array_equal(cylinder_map.textured(picture).colours, cylinder_map.texture(picture))
 
     def test_torn_triangles_are_left_out(self):
         flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=Grossmann2002(sources=81))
         torn = np.arange(len(flat_map.faces)) % 7 == 0
         object.__setattr__(flat_map, "torn", torn)
-        np.testing.assert_array_equal(flat_map.textured(chessboard()).faces, flat_map.faces[~torn])
+        assert_array_equal(flat_map.textured(chessboard()).faces, flat_map.faces[~torn])
 
 
 class TestPictures:
@@ -68,22 +74,22 @@ class TestPictures:
         image = Image.fromarray(chessboard()).convert("RGBA" if mode == "LA" else "RGB").convert(mode)
         colours = cylinder_map.textured(image).picture
         assert colours.shape == (64, 64, 4 if "A" in mode else 3)
-        np.testing.assert_array_equal(colours[..., :3], np.repeat(chessboard()[..., None], 3, axis=2))
+        assert_array_equal(colours[..., :3], np.repeat(chessboard()[..., None], 3, axis=2))
         if mode not in ("CMYK", "YCbCr"):
             image.save(tmp_path / "picture.png")
             textured = cylinder_map.textured(tmp_path / "picture.png")
-            np.testing.assert_array_equal(textured.picture, colours)
+            assert_array_equal(textured.picture, colours)
             assert textured.source == tmp_path / "picture.png"
 
     @pytest.mark.parametrize("picture", [chessboard() > 0, chessboard() / 255, (chessboard() / 255).astype(np.float32)])
     def test_arrays_of_bool_and_of_floats(self, cylinder_map, picture):
-        np.testing.assert_array_equal(cylinder_map.textured(picture).picture[..., 0], chessboard())
+        assert_array_equal(cylinder_map.textured(picture).picture[..., 0], chessboard())
 
     def test_each_of_the_deep_greys_becomes_the_next_of_256(self, cylinder_map, tmp_path):
         deep = np.arange(1 << 16, dtype=np.uint16).reshape(256, 256)
         Image.fromarray(deep).save(tmp_path / "deep.tif")
         shown = cylinder_map.textured(tmp_path / "deep.tif").picture[..., 0]
-        np.testing.assert_array_equal(shown, np.round(deep / 65535 * 255))
+        assert_array_equal(shown, np.round(deep / 65535 * 255))
 
     def test_photographs_are_turned_upright(self, cylinder_map, tmp_path):
         image = Image.fromarray(np.zeros((20, 30), dtype=np.uint8))
@@ -121,3 +127,80 @@ class TestPictures:
     @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf])
     def test_texel_sizes(self, cylinder_map, size):
         refused(r"texel size is .* mm; give a positive number", cylinder_map.textured, chessboard(), size, repeat=True)
+
+
+class TestSubdivision:
+    def flat(self, picture, rows=3, columns=3, step=4.0, repeat=False):
+        points, faces = grid(rows, columns, step)
+        return TexturedSurface(points, faces, points[:, :2] / points[:, :2].max(), picture, repeat)
+
+    def test_nothing_is_split_where_colours_carry_the_picture(self):
+        even = np.full((64, 64, 3), 90, dtype=np.uint8)
+        assert len(self.flat(even).subdivided().faces) == 8
+        ramp = np.repeat(np.arange(64, dtype=np.uint8)[:, None, None] * 4, 64, axis=1)
+        assert len(self.flat(ramp, 9, 9).subdivided().faces) == 128
+
+    def test_only_what_needs_it_is_split(self):
+        """A black spot at the centre of one of 128 triangles: all that are far from it stay."""
+        picture = np.full((128, 128, 3), 255, dtype=np.uint8)
+        picture[70:74, 20:24] = 0  # at (22, 128 − 72) of 128
+        before = self.flat(picture, 9, 9)
+        after = before.subdivided()
+        whole = {tuple(face) for face in after.faces.tolist()}
+        split = np.array([tuple(face) not in whole for face in before.faces.tolist()])
+        centres = 128 * before.texture_coordinates[before.faces].mean(axis=1)
+        assert 1 <= split.sum() <= 24
+        assert np.linalg.norm(centres[split] - [22, 56], axis=1).max() < 3 * 16
+        assert len(after.faces) > 128 + 32
+
+    @pytest.mark.slow
+    @given(st.integers(0, 2**32 - 1), st.sampled_from([4.0, 16.0, 100.0]), st.booleans())
+    def test_the_surface_stays_and_carries_the_picture(self, seed, tolerance, repeat):
+        rng = np.random.default_rng(seed)
+        points, faces = grid(4, 5)
+        coordinates = (points[:, :2] + rng.uniform(-0.2, 0.2, (20, 2))) / 5 * (2 if repeat else 1)
+        points = points + rng.normal(size=points.shape)
+        picture = np.kron(rng.integers(0, 256, (5, 6, 3)), np.ones((4, 4, 1))).astype(np.uint8)
+        before = TexturedSurface(points, faces, coordinates, picture, repeat)
+        after = before.subdivided(tolerance)
+        n = len(points)
+        assert_array_equal(after.points[:n], points)
+        assert_array_equal(after.texture_coordinates[:n], coordinates)
+        # no cracks: every side has two triangles but those of the boundary, which is as long as before; one disk
+        sides, counts = side_counts(after.faces)
+        sides_before, counts_before = side_counts(faces)
+        assert counts.max() == 2
+        length = lambda p, s: np.linalg.norm(p[s[:, 0]] - p[s[:, 1]], axis=1).sum()  # noqa: E731
+        assert_allclose(length(after.points, sides[counts == 1]), length(points, sides_before[counts_before == 1]))
+        assert len(after.points) - len(sides) + len(after.faces) == 1
+        # the same shape: area and volume below it, and each triangle's way round
+        assert_allclose(areas(after.points, after.faces).sum(), areas(points, faces).sum())
+        a, b, c = after.texture_coordinates[after.faces].transpose(1, 2, 0)
+        turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        assert (turn > 0).all()
+        # halfway along the sides of triangles longer than a texel; colours are rounded
+        corners = after.texture_coordinates[after.faces]
+        ahead = np.roll(corners, -1, axis=1)
+        is_long = np.linalg.norm((ahead - corners) * picture.shape[1::-1], axis=2).max(axis=1) > 1
+        colours = after.colours.astype(float)[after.faces]
+        true = replace(after, texture_coordinates=((corners + ahead) / 2).reshape(-1, 2)).colours.reshape(-1, 3)
+        off = np.abs((colours + np.roll(colours, -1, axis=1)).reshape(-1, 3) / 2 - true)
+        assert off[np.repeat(is_long, 3)].max(initial=0) <= tolerance + 1
+
+    def test_angles_stay(self, textured):
+        def least_angle(surface):
+            corners = surface.texture_coordinates[surface.faces]
+            ahead = np.roll(corners, -1, axis=1) - corners
+            back = np.roll(corners, 1, axis=1) - corners
+            cosine = (ahead * back).sum(axis=2) / np.linalg.norm(ahead, axis=2) / np.linalg.norm(back, axis=2)
+            return np.arccos(cosine).min()
+
+        assert least_angle(textured.subdivided()) >= least_angle(textured) / 2 - 1e-9
+
+    @pytest.mark.parametrize("tolerance", [0, -1, np.nan, np.inf])
+    def test_tolerances(self, textured, tolerance):
+        refused(r"tolerance is .*; give a positive number", textured.subdivided, tolerance)
+
+    def test_too_fine_a_picture_is_refused(self, textured, monkeypatch):
+        monkeypatch.setattr("voxflat.maps.textures.subdivision._MOST_FACES", 5000)
+        refused(r"64 x 64 texels need more than 5000 triangles; give a greater tolerance", textured.subdivided)

@@ -81,8 +81,8 @@ class TestFiles:
         red, blue = drawn[..., 0] > drawn[..., 2] + 80, drawn[..., 2] > drawn[..., 0] + 80
         assert min(red.sum(), blue.sum()) > 500
         # seen along −y of glTF with −z up: columns grow with x of space, rows downwards with −y of space
-        order = plane_map.uv[:, 1].argsort()
-        towards = (plane_map.points[order[-1]] - plane_map.points[order[0]])[:2] * [1, -1]
+        v = plane_map.uv[:, 1]
+        towards = (plane_map.points[v.argmax()] - plane_map.points[v.argmin()])[:2] * [1, -1]
         seen = (np.argwhere(red).mean(axis=0) - np.argwhere(blue).mean(axis=0))[::-1]
         assert seen @ towards > 0.9 * np.linalg.norm(seen) * np.linalg.norm(towards)
 

@@ -45,15 +45,12 @@ def fin():
 
 NAN = float("nan")
 MESHES = {
-    "index beyond": (
-        changed(faces=lambda f: put(f, (3, 1), 99)),
-        r"face 3 is \[3, 99, 11\]; the surface has the points 0 to 48",
-    ),
+    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\]; .* the points 0 to 48"),
     "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
     "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
-    "no point": (np.zeros((0, 3)), np.zeros((0, 3), int), r"no points"),
-    "no triangle": (square()[0], np.zeros((0, 3), int), r"no (triangle|face)"),
-    "quads": (square()[0], np.array([[0, 1, 8, 7]]), r"\(1, 4\)"),
+    "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
+    "no triangle": ((square()[0], np.zeros((0, 3), int)), r"no (triangle|face)"),
+    "quads": ((square()[0], np.array([[0, 1, 8, 7]])), r"\(1, 4\)"),
     "an edge of three": (fin(), r"more than two triangles meet at the edge of vertices 0 and 8 \(1 such edges\)"),
     "a vertex of two fans": ((square()[0], np.array([[0, 7, 8], [8, 16, 9]])), r"touches itself at vertex 8 \(1 such"),
     "a corner twice": (changed(faces=lambda f: put(f, (5, 1), int(f[5, 0]))), r"triangle 5 has no area"),
@@ -63,11 +60,6 @@ MESHES = {
     "text": ((np.array([["a", "b", "c"]]), np.array([[0, 0, 0]])), r"<U1"),
     "fractional faces": ((square()[0], np.array([[0, 1.5, 8]])), r"float64"),
 }
-
-
-def parts(name):
-    *mesh, message = MESHES[name]
-    return (mesh[0] if len(mesh) == 1 else tuple(mesh)), message
 
 
 MENDED = ("a vertex of two fans", "a corner twice", "no area", "a triangle twice")
@@ -80,7 +72,7 @@ def strictly(mesh):
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("call", [voxflat.flatten, voxflat.surface, lambda m: voxflat.surface(m).geodesic(3), strictly])
 def test_meshes(name, call):
-    mesh, message = parts(name)
+    mesh, message = MESHES[name]
     if name in MENDED and call is not strictly:
         assert len(voxflat.surface(mesh).faces) >= 2
         return
@@ -269,7 +261,7 @@ def test_repair_of_what_cannot_be_repaired():
 
 @pytest.mark.parametrize("name", ["an edge of three", "a Möbius strip"])
 def test_command_line(name, tmp_path):
-    (points, faces), message = parts(name)
+    (points, faces), message = MESHES[name]
     write_mesh(tmp_path / "in.ply", Mesh(points, faces))
     for command in (["flatten", "-o", tmp_path / "out.npz"], ["surface", "-o", tmp_path / "out.vtp"]):
         result = run(*command, tmp_path / "in.ply")
