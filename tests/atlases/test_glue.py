@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hard_shapes import sheet
 from lab_runs import run
+from textures import areas
 from triangle_meshes import singular_values
 
 import voxflat
@@ -143,14 +144,9 @@ class TestGluedAtlas:
         places = glued.layout()
         a, b, c = np.moveaxis(places[glued.uv_faces], 1, 0)
         drawn = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-        np.testing.assert_allclose(drawn, glued.areal * _areas(glued), rtol=1e-6)
+        np.testing.assert_allclose(drawn, glued.areal * areas(glued.points, glued.faces), rtol=1e-6)
         figures.save(figures.atlas_page(glued), tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 10_000
-
-
-def _areas(glued):
-    corners = glued.points[glued.faces]
-    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 class TestCommand:
