@@ -82,9 +82,6 @@ def surfaces(options):
     return wrong
 
 
-# ------------------------------------------------------------------------------------- maps that are published
-
-
 def suit_disk(folder, kind):
     """Return the cerebellum of SUIT, from the folder into which suitpy was put, and the places of its own flat map."""
     folder = folder / SUIT

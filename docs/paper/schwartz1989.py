@@ -45,9 +45,6 @@ def tell(flat_map):
     row("  triangles turned over", "", f"{distortion.triangles.flipped} of {len(flat_map.faces)}")
 
 
-# ---------------------------------------------------------------------------------------- hemisphere
-
-
 def hemisphere(radius=20.0):
     """Figure 1: a hemispherical shell."""
     sphere = pv.PlatonicSolid("octahedron").subdivide(4, "linear").clean()
@@ -59,9 +56,6 @@ def hemisphere(radius=20.0):
     row("  stress of the 3 starts", "", " ".join(f"{stress:.4f}" for stress in flat_map.metadata["starts"]))
     tell(flat_map)
     picture(flat_map, (9, 4.4), "a hemisphere", (0.6, -0.8, 0.45), "mapmaker_hemisphere.png")
-
-
-# -------------------------------------------------------------------------------------------- cortex
 
 
 def fsaverage5():
@@ -158,9 +152,6 @@ def striate(cortex):
     row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
     row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
     picture(flat_map, (10, 5.2), "occipital cortex from behind", (-0.35, -1.0, 0.15), "mapmaker_cortex.png")
-
-
-# ------------------------------------------------------------------------------------------ pictures
 
 
 def show_flat(axes, flat_map, title, colour=SURFACE):

@@ -26,9 +26,6 @@ def flatten(surface, **options):
     return timed(surface.flatten, voxflat.methods.Zigelman2002(sources=SOURCES, **options), relax=False)
 
 
-# ------------------------------------------------------------------------------------------ surfaces
-
-
 def cylinder_image(side=100, arc=150):
     """Return a part of a cylinder (figure 4), and where its vertices lie unrolled, mm; `arc` is in degrees."""
     half = np.radians(arc) / 2
@@ -52,9 +49,6 @@ def bust():
     return voxflat.range_image(np.where(there, smooth / np.where(there, share, 1), np.nan), 1.0, jump=np.inf)
 
 
-# ------------------------------------------------------------------------------------------ cylinder
-
-
 def cylinder():
     """Figure 4: a cylinder as a range image, which can be flattened without any error."""
     image, truth = cylinder_image()
@@ -74,9 +68,6 @@ def cylinder():
     show(space, textured(flat_map, wall, azimuth=35, elevation=25), "a cylinder with a picture")
     show_flat(plane, flat_map, wall)
     figures.save(figure, PICTURES / "zigelman_cylinder.png")
-
-
-# --------------------------------------------------------------------------------------------- waves
 
 
 def waves():
@@ -105,9 +96,6 @@ def tell(how, flat_map):
     row("    flipped triangles", "", f"{distortion.triangles.flipped}")
 
 
-# ---------------------------------------------------------------------------------------------- face
-
-
 def face():
     """Figures 3 and 5: a face from a range image of 40,000 vertices by 25 x 25 samples."""
     image = bust()
@@ -130,9 +118,6 @@ def face():
     figures.save(figure, PICTURES / "zigelman_face.png")
 
 
-# -------------------------------------------------------------------------------------------- cortex
-
-
 def cortex():
     """Flatten a patch of the cortex that the paper does not have: fsaverage5's, with its cuts."""
     white, pial, flat = fsaverage5("white", "pial", "flat")
@@ -142,9 +127,6 @@ def cortex():
     tell("re-insertion", flat_map)
     usual = surface.keep(flat).flatten()
     row("  relative error of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
-
-
-# ------------------------------------------------------------------------------------------- pictures
 
 
 def coloured(grey):
