@@ -13,7 +13,6 @@ from triangle_meshes import singular_values
 import voxflat
 from voxflat import Cancelled, FlatAtlas, InputError, figures
 from voxflat.atlases.glued import GluedAtlas
-from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Saucan2006
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
@@ -238,12 +237,3 @@ class TestOneMap:
         assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1
         with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
             voxflat.flatten(mesh, method=Saucan2006(bound=1.02))
-
-    def test_the_command(self, tmp_path):
-        write_mesh(tmp_path / "bumps.ply", Mesh(*bumps()))
-        result = run(
-            "flatten", tmp_path / "bumps.ply", "--method", "saucan2006", "--bound", 1.3, "-o", tmp_path / "m.npz"
-        )
-        assert result.exit_code == 0, result.output
-        assert voxflat.load(tmp_path / "m.npz").metadata["bound"] == 1.3
-        assert "\nsources" not in result.output

@@ -33,15 +33,6 @@ def test_distances_on_a_sphere(rows, solver, worst):
         assert np.abs(row[n][far] / truth[far] - 1).max() < worst
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_rows_have_the_same_bits_in_a_store(ball, rows, solver, tmp_path):
-    stored = ball.geodesic([0, 7, 1000], geodesic=solver, store=tmp_path / "store")
-    np.testing.assert_array_equal(stored, rows[solver])
-    other = SOLVERS[SOLVERS.index(solver) - 1]
-    with pytest.raises(voxflat.InputError, match=f"its geodesic is '{solver}'"):
-        ball.geodesic([0, 7, 1000], geodesic=other, store=tmp_path / "store")
-
-
 def test_an_unknown_solver_is_named(ball):
     with pytest.raises(voxflat.InputError, match="'heat'; give 'graph', 'marching', 'exact' or 'chain'"):
         ball.geodesic(5, geodesic="heat")
