@@ -13,11 +13,9 @@ the last bits otherwise, in NumPy, SciPy and the mathematical library: "made wit
 """
 
 import argparse
-import contextlib
 import dataclasses
 import hashlib
 import importlib
-import io
 import json
 import logging
 import os
@@ -39,7 +37,9 @@ import nibabel
 import numpy as np
 import pyvista
 import scipy
+from click.testing import CliRunner
 from hard_shapes import sheet
+from mesh_files import fsaverage5
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -341,14 +341,6 @@ def face():
 
 
 @cache
-def fsaverage5(kind):
-    """Return a file of fsaverage5 that nilearn carries: 10,242 vertices."""
-    from nilearn import datasets  # takes seconds
-
-    return datasets.fetch_surf_fsaverage("fsaverage5")[kind]
-
-
-@cache
 def cortex(side="left"):
     """Return a hemisphere, measured midway between white and pial surface."""
     return voxflat.surface(fsaverage5(f"white_{side}"), pial=fsaverage5(f"pial_{side}"))
@@ -363,17 +355,15 @@ def command(*arguments, place):
     """Run a command of voxflat in a directory, and return what it prints."""
     from voxflat.cli import main as program
 
-    told, errors, home = io.StringIO(), io.StringIO(), Path.cwd()
+    home = Path.cwd()
     os.chdir(place)
     try:
-        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
-            program([str(argument) for argument in arguments], prog_name="voxflat")
-    except SystemExit as status:
-        if status.code:
-            raise RuntimeError(f"voxflat {arguments[0]} ends with {status.code}: {errors.getvalue()[-400:]}") from None
+        done = CliRunner().invoke(program, [str(argument) for argument in arguments], prog_name="voxflat")
     finally:
         os.chdir(home)
-    return told.getvalue()
+    if done.exit_code:
+        raise RuntimeError(f"voxflat {arguments[0]} ends with {done.exit_code}: {done.stderr[-400:]}")
+    return done.stdout
 
 
 # ------------------------------------------------------------------------------------ the method voxflat

@@ -71,18 +71,6 @@ def kill_one(workers):
 # ------------------------------------------------------------------------------------------------ work
 
 
-def test_work_is_done_where_the_caller_is_and_errors_are_those_of_their_items(ready, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with connected(ready, most=9) as found:
-        assert len(found) == 2
-        told = {item: (result, error) for item, result, error in found.each(tell, ["a", "fail", "b"], stage="telling")}
-        (three,) = found.each(tell, ["c"], stage="telling", threads=3)
-    for item in "ab":
-        assert told[item] == ({"item": item, "folder": str(tmp_path), "threads": 1, "go on": True}, None)
-    assert three[1]["threads"] == 3
-    assert isinstance(told["fail"][1], ValueError)
-
-
 def test_workers_stop_when_nobody_waits_any_more(ready, tmp_path):
     def cancel(stage, done, total):
         assert (stage, done, total) == ("waiting", 0, 1)

@@ -50,13 +50,9 @@ def test_what_scripts_of_the_docs_import_is_there():
     scripts = sorted((ROOT / "docs").rglob("*.py"))
     wanted = {(path, *name) for path in scripts for name in names_by_module(ast.parse(path.read_text()))}
     assert len(wanted) > 50
-    assert [one for one in sorted(wanted) if not is_there(*one[1:])] == []
-
-
-def is_there(module, name):
-    found = import_module(module)
-    is_package = hasattr(found, "__path__")
-    return hasattr(found, name) or (is_package and find_spec(f"{module}.{name}") is not None)
+    for path, module, name in sorted(wanted):
+        found = import_module(module)
+        assert hasattr(found, name) or find_spec(f"{module}.{name}") is not None, path
 
 
 def names_by_module(tree):

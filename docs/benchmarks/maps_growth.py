@@ -33,11 +33,6 @@ def said(made, name):
     return f"{made.taken:.2f}, {made.need:.2f}, off by % {off}"
 
 
-def bounds(size):
-    """Return the most wall time and memory of a surface of so many vertices, None where nothing is asked."""
-    return next((most for near, most in BOUNDS.items() if abs(size / near - 1) < NEAR), (None, None))
-
-
 def powers(sizes, costs):
     """Say how CPU time and memory, packages and input left out, grow from size to size."""
     if len(sizes) < 2:
@@ -60,7 +55,7 @@ def grown(title, kind, first, surfaces, options):
         if made is None:
             continue
         size = len(made.places)
-        wall, peak = bounds(size)
+        wall, peak = next((most for near, most in BOUNDS.items() if abs(size / near - 1) < NEAR), (None, None))
         name = f"{kind}, {size:,} vertices"
         off = "" if error is None else judged(100 * error(made.places), ".4f", 100 * MOST_OFF, f"{name}, error %")
         rows.append(

@@ -82,9 +82,6 @@ def surfaces(options):
     return wrong
 
 
-# ------------------------------------------------------------------------------------- maps that are published
-
-
 def suit_disk(folder, kind):
     """Return the cerebellum of SUIT, from the folder into which suitpy was put, and the places of its own flat map."""
     folder = folder / SUIT
@@ -93,12 +90,6 @@ def suit_disk(folder, kind):
     surface = voxflat.surface(surface[0], pial=surface[1])
     flat = voxflat.io.read_mesh(folder / "FLAT.surf.gii")
     return surface.points, surface.faces, flat.points[surface.vertices, :2]
-
-
-def file_disk(path):
-    """Return points, faces and places of a .npz file with V, F and flat."""
-    with np.load(path) as file:
-        return file["V"].astype(float), file["F"].astype(np.int64), file["flat"].astype(float)
 
 
 def disks(options):
@@ -110,7 +101,8 @@ def disks(options):
         for kind in options.kinds:
             yield f"SUIT {kind}", *suit_disk(options.suit, kind)
     for path in options.more:
-        yield path.stem, *file_disk(path)
+        with np.load(path) as file:
+            yield path.stem, file["V"].astype(float), file["F"].astype(np.int64), file["flat"].astype(float)
 
 
 def published(options):
@@ -126,7 +118,8 @@ def published(options):
         pairs = zip(*map(figures, both, edges), strict=True)
         shown = zip(FIGURES.items(), pairs, strict=True)
         cells = [ahead(f"{name}, {figure}", digits, *pair) for (figure, digits), pair in shown]
-        counts = (f"{ours:,}, {theirs:,}" for ours, theirs in zip(*map(faults, both), strict=True))
+        ours, theirs = (one.triangles for one in both)
+        counts = (f"{ours.flipped:,}, {theirs.flipped:,}", f"{ours.covering:,}, {theirs.covering:,}")
         rows.append([name, f"{len(points):,}", *cells, *counts])
     columns = ("surface", "vertices", *FIGURES, "turned over", "covering")
     table("Beside published maps: ours, theirs (by how much ours is less, %)", columns, rows)
@@ -150,11 +143,6 @@ def figures(distortion, edge):
     shares = (best.relative_error, best.relative_error_30mm, best.relative_error_10mm)
     areas = (triangles.equal_area_median, triangles.equal_area_p95)
     return (*(100 * share for share in shares), best.stress_1, 100 * edge, *areas)
-
-
-def faults(distortion):
-    """Return how many triangles are turned over, and cover another one."""
-    return distortion.triangles.flipped, distortion.triangles.covering
 
 
 def edge(points, faces, places, distortion):

@@ -234,9 +234,6 @@ def simulated(options):
     return wrong
 
 
-# ------------------------------------------------------------------------------------------- without the sphere
-
-
 def hidden(options):
     """Print how far cuts lie from those by the sphere where that is hidden, and the surface registered by its folds."""
     wrong = []
@@ -281,9 +278,6 @@ def cuts_apart(points, ours, theirs):
             apart[cut.name] = KDTree(other[cut.name]).query(points[cut.ids])[0]
     named = ", ".join(f"{name} {distances.mean():.1f}" for name, distances in apart.items())
     return np.concatenate(list(apart.values())).mean(), named
-
-
-# ------------------------------------------------------------------------------------------- distortion
 
 
 def distortion(_):

@@ -57,24 +57,28 @@ def run(*arguments: object, status: int = 0) -> float:
 
 def look(page: Path, folder: Path) -> None:
     """Open a page in Chromium, as desktops and phones show it, light and dark; it must say nothing in its console."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser")
-    if program is None:
-        print(f"{page}: there is no chromium to open it")
-        return
-    base = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    base += ["--hide-scrollbars", "--enable-logging=stderr", "--timeout=10000"]
     for name, options in LOOKS.items():
         picture = folder / f"{page.stem}_{name}.png"
-        command = [*base, *options, f"--screenshot={picture}", page.resolve().as_uri()]
-        done = opened(command)
+        done = chromium(page, "--hide-scrollbars", "--timeout=10000", *options, f"--screenshot={picture}")
+        if done is None:
+            print(f"{page}: there is no chromium to open it")
+            return
         said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
         print(f"{page.name}, {name}: {len(said)} messages in the console, {picture}")
         if said:
             sys.exit("\n".join(said))
 
 
-def opened(command: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run Chromium; without a graphics card it stops for good now and then on a busy machine, and is started again."""
+def chromium(page: Path, *options: str) -> subprocess.CompletedProcess[str] | None:
+    """Open a page in Chromium, or return None where there is none.
+
+    Without a graphics card it stops for good now and then on a busy machine, and is started again.
+    """
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        return None
+    command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    command += ["--enable-logging=stderr", *options, page.resolve().as_uri()]
     for _ in range(3):
         with suppress(subprocess.TimeoutExpired):
             return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)

@@ -45,9 +45,6 @@ def tell(flat_map):
     row("  triangles turned over", "", f"{distortion.triangles.flipped} of {len(flat_map.faces)}")
 
 
-# ---------------------------------------------------------------------------------------- hemisphere
-
-
 def hemisphere(radius=20.0):
     """Figure 1: a hemispherical shell."""
     sphere = pv.PlatonicSolid("octahedron").subdivide(4, "linear").clean()
@@ -59,9 +56,6 @@ def hemisphere(radius=20.0):
     row("  stress of the 3 starts", "", " ".join(f"{stress:.4f}" for stress in flat_map.metadata["starts"]))
     tell(flat_map)
     picture(flat_map, (9, 4.4), "a hemisphere", (0.6, -0.8, 0.45), "mapmaker_hemisphere.png")
-
-
-# -------------------------------------------------------------------------------------------- cortex
 
 
 def fsaverage5():
@@ -90,22 +84,18 @@ def same_map(cortex):
     row("  stress of the 3 starts", "equal", " ".join(f"{m.metadata['starts'][0]:.5f}" for m in maps))
     apart = max(procrustes(maps[0].uv, other.uv) for other in maps[1:])
     row("  distance between the maps after rotation and reflection (RMS), mm", "0", f"{apart:.5f}")
-    steps = [steps_to_end(m.metadata["descent"]["energies"]) for m in maps]
+    energies = [np.array(m.metadata["descent"]["energies"]) for m in maps]
+    steps = [int(np.flatnonzero(of > 1.01 * of.min())[-1]) + 1 for of in energies]
     row("  iterations until the stress is within 1 % of its end", "about 100", " ".join(map(str, steps)))
     tell(maps[0])
     figure = Figure(figsize=(9, 8.6), layout="constrained")
     axes = figure.subplots(2, 2).ravel()
     for number, flat_map in enumerate(maps):
         show_flat(axes[number], flat_map, f"random start {number + 1}", CURVES[number])
-        axes[3].plot(flat_map.metadata["descent"]["energies"], color=CURVES[number], label=f"start {number + 1}")
+        axes[3].plot(energies[number], color=CURVES[number], label=f"start {number + 1}")
     axes[3].set(xlabel="iteration", ylabel="stress", yscale="log", xlim=(0, 1.5 * max(steps)), title="descent")
     axes[3].legend(frameon=False)
     paper.save_small(figure, "mapmaker_starts.png")
-
-
-def steps_to_end(energies):
-    """Return after how many iterations the stress stays within 1 % of the least."""
-    return int(np.flatnonzero(np.array(energies) > 1.01 * min(energies))[-1]) + 1
 
 
 def procrustes(uv, other):
@@ -162,9 +152,6 @@ def striate(cortex):
     row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
     row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
     picture(flat_map, (10, 5.2), "occipital cortex from behind", (-0.35, -1.0, 0.15), "mapmaker_cortex.png")
-
-
-# ------------------------------------------------------------------------------------------ pictures
 
 
 def show_flat(axes, flat_map, title, colour=SURFACE):

@@ -26,9 +26,6 @@ def flatten(surface, **options):
     return timed(surface.flatten, voxflat.methods.Zigelman2002(sources=SOURCES, **options), relax=False)
 
 
-# ------------------------------------------------------------------------------------------ surfaces
-
-
 def cylinder_image(side=100, arc=150):
     """Return a part of a cylinder (figure 4), and where its vertices lie unrolled, mm; `arc` is in degrees."""
     half = np.radians(arc) / 2
@@ -39,28 +36,17 @@ def cylinder_image(side=100, arc=150):
     return image, np.stack([radius * np.arcsin(across[columns]), -rows], axis=1)
 
 
-def waves_image(side=141, unit=1.0):
-    """Return the graph of sin x sin y over a period (figure 11); x and y are in units of so many mm."""
-    x = np.linspace(-np.pi, np.pi, side)
-    return voxflat.range_image(unit * np.outer(np.sin(x), np.sin(x)), unit * 2 * np.pi / (side - 1))
-
-
 def bust():
-    """Return a bust, 1 mm a pixel (figure 3: a face), as one sheet, which the paper takes a range image to be."""
-    return voxflat.range_image(bust_depth(), 1.0, jump=np.inf)
+    """Return a bust, 1 mm a pixel (figure 3: a face), as one sheet, which the paper takes a range image to be.
 
-
-def bust_depth():
-    """Return the depths of a bust; its grey levels are smoothed, for whole numbers make a staircase."""
+    Its grey levels are smoothed, for whole numbers make a staircase.
+    """
     depth = shapes.head_depth().astype(float)
     pieces, _ = ndimage.label(ndimage.binary_opening(depth > 0, iterations=2))
     there = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
     share = ndimage.gaussian_filter(there.astype(float), 1.5)
     smooth = ndimage.gaussian_filter(np.where(there, depth, 0.0), 1.5)
-    return np.where(there, smooth / np.where(there, share, 1), np.nan)
-
-
-# ------------------------------------------------------------------------------------------ cylinder
+    return voxflat.range_image(np.where(there, smooth / np.where(there, share, 1), np.nan), 1.0, jump=np.inf)
 
 
 def cylinder():
@@ -84,12 +70,10 @@ def cylinder():
     figures.save(figure, PICTURES / "zigelman_cylinder.png")
 
 
-# --------------------------------------------------------------------------------------------- waves
-
-
 def waves():
     """Figure 11: the graph of sin x sin y with a chessboard."""
-    image = waves_image()
+    x = np.linspace(-np.pi, np.pi, 141)
+    image = voxflat.range_image(np.outer(np.sin(x), np.sin(x)), 2 * np.pi / 140)
     flat_map, _ = flatten(image)
     grid, _ = flatten(image, sampling="grid")
     row(f"sin x sin y, {len(image)} vertices", "", "")
@@ -110,9 +94,6 @@ def tell(how, flat_map):
     row("    correlation of flat with geodesic distances", "", f"{distortion.pearson_r:.4f}")
     row("    ratio of a triangle's two stretches, median", "", f"{distortion.triangles.quasi_conformal:.3f}")
     row("    flipped triangles", "", f"{distortion.triangles.flipped}")
-
-
-# ---------------------------------------------------------------------------------------------- face
 
 
 def face():
@@ -137,9 +118,6 @@ def face():
     figures.save(figure, PICTURES / "zigelman_face.png")
 
 
-# -------------------------------------------------------------------------------------------- cortex
-
-
 def cortex():
     """Flatten a patch of the cortex that the paper does not have: fsaverage5's, with its cuts."""
     white, pial, flat = fsaverage5("white", "pial", "flat")
@@ -149,9 +127,6 @@ def cortex():
     tell("re-insertion", flat_map)
     usual = surface.keep(flat).flatten()
     row("  relative error of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
-
-
-# ------------------------------------------------------------------------------------------- pictures
 
 
 def coloured(grey):

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hard_shapes import sheet
 from lab_runs import run
+from textures import areas
 from triangle_meshes import singular_values
 
 import voxflat
 from voxflat import Cancelled, FlatAtlas, InputError, figures
 from voxflat.atlases.glued import GluedAtlas
-from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Saucan2006
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
@@ -143,14 +143,9 @@ class TestGluedAtlas:
         places = glued.layout()
         a, b, c = np.moveaxis(places[glued.uv_faces], 1, 0)
         drawn = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-        np.testing.assert_allclose(drawn, glued.areal * _areas(glued), rtol=1e-6)
+        np.testing.assert_allclose(drawn, glued.areal * areas(glued.points, glued.faces), rtol=1e-6)
         figures.save(figures.atlas_page(glued), tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 10_000
-
-
-def _areas(glued):
-    corners = glued.points[glued.faces]
-    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 class TestCommand:
@@ -242,12 +237,3 @@ class TestOneMap:
         assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1
         with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
             voxflat.flatten(mesh, method=Saucan2006(bound=1.02))
-
-    def test_the_command(self, tmp_path):
-        write_mesh(tmp_path / "bumps.ply", Mesh(*bumps()))
-        result = run(
-            "flatten", tmp_path / "bumps.ply", "--method", "saucan2006", "--bound", 1.3, "-o", tmp_path / "m.npz"
-        )
-        assert result.exit_code == 0, result.output
-        assert voxflat.load(tmp_path / "m.npz").metadata["bound"] == 1.3
-        assert "\nsources" not in result.output

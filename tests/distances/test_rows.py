@@ -232,19 +232,19 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
         assert (stored.store / name).read_bytes() == whole
 
 
-@pytest.mark.parametrize(("before", "after"), [(b'"rows"', b'"sows"'), (b'"rows": 4', b'"rows": 5')])
-def test_a_journal_of_other_rows_is_refused_by_readers(stored, before, after):
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('"rows"', '"sows"', "journal.jsonl is damaged .* or delete this one"),
+        ('"rows": 4', '"rows": 5', "journal.jsonl is damaged .* or delete this one"),
+        (r'("row": 1, "crc32": ")\w+', r"\g<1>fffffffff", "is not complete"),
+        (r'("row": 1, "crc32": ")\w+', r"\g<1>-1", "is not complete"),
+    ],
+)
+def test_a_journal_of_other_rows_or_without_a_checksum_is_refused_by_readers(stored, before, after, message):
     journal = stored.store / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes().replace(before, after))
-    with pytest.raises(InputError, match=r"journal.jsonl is damaged .* or delete this one"):
-        voxflat.open_rows(stored.store)
-
-
-@pytest.mark.parametrize("wrong", ["fffffffff", "-1"])
-def test_a_checksum_that_is_none_is_no_entry(stored, wrong):
-    journal = stored.store / "journal.jsonl"
-    journal.write_text(re.sub(r'("row": 1, "crc32": ")\w+', rf"\g<1>{wrong}", journal.read_text()))
-    with pytest.raises(InputError, match="is not complete"):
+    journal.write_text(re.sub(before, after, journal.read_text()))
+    with pytest.raises(InputError, match=message):
         voxflat.open_rows(stored.store)
 
 
@@ -271,10 +271,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
         ("", "store.json is damaged"),
         ("[]", "store.json is damaged"),
         ('{"format": "voxflat rows 2"}', r"store.json is damaged \(it is not complete\)"),
-        (
-            '{"format": "voxflat rows 1"}',
-            "has the format 'voxflat rows 1', this version of voxflat has 'voxflat rows 2'",
-        ),
+        ('{"format": "voxflat rows 1"}', "has the format 'voxflat rows 1', this version .* has 'voxflat rows 2'"),
     ],
 )
 def test_a_bad_description_is_refused(stored, text, message):

@@ -11,14 +11,9 @@ import voxflat
 from voxflat.distortion.triangles import isometric, measure_arrays, quasi_conformal, stretches
 
 
-def random_triangles(count=100):
-    rng = np.random.default_rng(2)
-    points, uv = rng.normal(size=(3 * count, 3)), rng.normal(size=(3 * count, 2))
-    return points, np.arange(3 * count).reshape(-1, 3), uv
-
-
 def test_stretches_are_the_singular_values_of_each_triangles_map():
-    points, faces, uv = random_triangles()
+    rng = np.random.default_rng(2)
+    points, uv, faces = rng.normal(size=(300, 3)), rng.normal(size=(300, 2)), np.arange(300).reshape(-1, 3)
     for face, found in zip(faces, stretches(points, faces, uv), strict=True):
         sides = (points[face[1:]] - points[face[0]]).T  # (3, 2), in the plane of an orthonormal frame:
         frame, in_plane = np.linalg.qr(sides)

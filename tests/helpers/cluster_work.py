@@ -1,16 +1,13 @@
 """What the workers of a cluster do in tests: functions that they can import."""
 
-import os
 import time
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 
 def tell(item, *, threads, progress):
-    """Return what a worker knows; ``fail`` raises."""
-    if item == "fail":
-        raise ValueError("not today")
-    return {"item": item, "folder": os.getcwd(), "threads": threads, "go on": progress("working", 0, 1)}
+    """Return an item at once."""
+    return item
 
 
 def wait(item, *, threads, progress):

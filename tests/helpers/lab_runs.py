@@ -2,14 +2,12 @@
 
 import base64
 import json
-import shutil
-import subprocess
 import zlib
-from contextlib import suppress
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from study import chromium
 
 from voxflat import cli
 
@@ -54,13 +52,7 @@ def drawn_with(script, text, folder):
 
 def console_of(page, *options):
     """Open a page in headless Chromium; return what it says in its console, and its elements once it is drawn."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser")
-    if program is None:
+    done = chromium(page, "--virtual-time-budget=8000", *options, "--dump-dom")
+    if done is None:
         pytest.skip("there is no chromium")
-    command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    command += ["--enable-logging=stderr", "--virtual-time-budget=8000", *options, "--dump-dom", page.as_uri()]
-    for _ in range(3):  # without a graphics card it stops for good now and then on a busy machine
-        with suppress(subprocess.TimeoutExpired):
-            done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-            return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout
-    raise AssertionError(f"it does not end: {command}")
+    return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout

@@ -31,17 +31,6 @@ def test_weighting_leads_from_near_to_far_distances():
     assert all(flat.distortion.triangles.flipped == 0 for flat in maps)
 
 
-@pytest.mark.parametrize("geodesic", ["marching", "exact"])
-def test_any_solver_makes_a_map(geodesic, tmp_path):
-    usual = voxflat.flatten(HILL, method=Voxflat(sources=60), rows=True)
-    other = voxflat.flatten(HILL, method=Voxflat(sources=60, geodesic=geodesic), rows=True)
-    assert other.metadata["geodesic"] == geodesic
-    np.testing.assert_array_equal(other.rows, voxflat.surface(HILL).geodesic(other.sources, geodesic=geodesic))
-    assert 0 < np.abs(other.uv - usual.uv).max() < 1
-    stored = voxflat.flatten(HILL, method=Voxflat(sources=60, geodesic=geodesic), rows=tmp_path / "rows")
-    np.testing.assert_array_equal(stored.uv, other.uv)
-
-
 def test_options_are_refused_before_anything_is_done():
     def progress(stage, done, total):
         raise AssertionError(stage)

@@ -8,8 +8,10 @@ import composed
 import numpy as np
 import pytest
 import shapes
+from lab_runs import run
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
+from triangle_meshes import cylinder
 
 import voxflat
 
@@ -165,27 +167,6 @@ class TestLongWork:
         assert "measuring distances" in stages
         assert all(0 <= done <= total for _, done, total in head[1])
 
-    @pytest.mark.slow
-    @pytest.mark.parametrize("stage", ["choosing sources", "measuring distances", "scaling"])
-    def test_cancelling_is_fast(self, stage):
-        volume = shapes.depth_surface(shapes.head_depth())
-
-        def latency():
-            cancelled = []
-
-            def progress(now, done, total):
-                if now == stage and (done or total == 1):
-                    cancelled.append(time.perf_counter())
-                    return False
-                return None
-
-            with pytest.raises(voxflat.Cancelled):
-                grossmann2002(volume, sources=3000, progress=progress)
-            return time.perf_counter() - cancelled[0]
-
-        # a busy machine may delay some attempts, but not each of them
-        assert any(latency() < 0.1 for _ in range(8))
-
     def test_ctrl_c_stops_the_core(self):
         volume = shapes.depth_surface(shapes.head_depth())
         amid, pressed = threading.Event(), []
@@ -206,3 +187,22 @@ class TestLongWork:
         finally:
             amid.set()
         assert time.perf_counter() - pressed[0] < 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "zigelman2002", "sources": 50, "sampling": "farthest"},
+        {"method": "schwartz1989", "sources": 30, "neighbourhood": 4, "starts": 2},
+        {"method": "saucan2006", "bound": 1.3},
+    ],
+    ids=lambda options: options["method"],
+)
+def test_the_command_line_hands_on_what_methods_are_given(options, tmp_path):
+    voxflat.surface(cylinder((21, 16))[0]).save(tmp_path / "mesh.ply")
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
+    result = run("flatten", tmp_path / "mesh.ply", "-o", tmp_path / "map.npz", *words, "--quiet")
+    assert result.exit_code == 0, result.output
+    expected = composed.flatten(tmp_path / "mesh.ply", **options)
+    np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").uv, expected.uv)

@@ -1,7 +1,5 @@
 """Flattening after Schwartz, Shaw and Wolfson (1989)."""
 
-import json
-
 import composed
 import mesh_files
 import numpy as np
@@ -116,19 +114,6 @@ class TestBadInput:
 
 
 class TestCommandLine:
-    @pytest.mark.slow
-    def test_it_has_the_method_and_its_options(self, tmp_path):
-        mesh, _ = cylinder(SMALL)
-        path, output = tmp_path / "cylinder.ply", tmp_path / "map.npz"
-        voxflat.surface(mesh).save(path)
-        options = ["--method", "schwartz1989", "--sources", 30, "--neighbourhood", 4, "--starts", 2, "--json"]
-        result = run("flatten", path, "-o", output, *options)
-        assert result.exit_code == 0, result.output
-        expected = voxflat.flatten(path, method=Schwartz1989(sources=30, neighbourhood=4, starts=2))
-        np.testing.assert_array_equal(voxflat.load(output).uv, expected.uv)
-        told = json.loads(result.stdout)
-        assert (told["neighbourhood"], told["starts"]) == (4, expected.metadata["starts"])
-
     @pytest.mark.parametrize(("text", "code"), [("all", 0), ("many", 2), ("0", 1)])
     def test_neighbourhoods_are_numbers_or_all(self, tmp_path, text, code):
         path = tmp_path / "cylinder.ply"

@@ -7,7 +7,6 @@ import pytest
 import shapes
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lab_runs import run
 from scipy.spatial.distance import pdist
 from triangle_meshes import cylinder
 
@@ -82,16 +81,6 @@ class TestFlatten:
         np.testing.assert_array_equal(again.uv, flat.uv)
         np.testing.assert_array_equal(again.rows, flat.rows)
         assert again.metadata["range_image"] == {"shape": [40, 40], "spacing": [1.0, 1.0], "jump": None, "cut": 0}
-
-    def test_the_command_line_has_it(self, tmp_path):
-        mesh, _ = cylinder((31, 21))
-        voxflat.surface(mesh).save(tmp_path / "cylinder.ply")
-        options = ["--method", "zigelman2002", "--sources", 50, "--sampling", "farthest", "--quiet"]
-        result = run("flatten", tmp_path / "cylinder.ply", "-o", tmp_path / "map.npz", *options)
-        assert result.exit_code == 0, result.output
-        flat = voxflat.load(tmp_path / "map.npz")
-        expected = voxflat.flatten(tmp_path / "cylinder.ply", method=Zigelman2002(sources=50, sampling="farthest"))
-        np.testing.assert_array_equal(flat.uv, expected.uv)
 
 
 class TestGrid:

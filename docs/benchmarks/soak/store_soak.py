@@ -47,7 +47,7 @@ def main():
             if whole is None:
                 limit, what = None, "never"
             elif kills % 4 == 3:
-                limit, what = moment_passed(start + moment), f"{moment:4.1f} s"
+                limit, what = (lambda end=start + moment: time.monotonic() > end), f"{moment:4.1f} s"
             else:
                 limit, what = row_finished(store, after, moment / whole), f"{after:4} rows"
             if run(store, limit):
@@ -72,11 +72,6 @@ def sheet():
     volume = np.zeros((SIDE, SIDE, 10), dtype=bool)
     volume[i, j, height] = True
     return volume
-
-
-def moment_passed(moment):
-    """Return whether a moment has passed, as a function."""
-    return lambda: time.monotonic() > moment
 
 
 def row_finished(store, number, later):
