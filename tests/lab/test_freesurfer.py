@@ -300,6 +300,18 @@ def test_the_report_holds_everything_and_needs_no_network(made):
     assert page.count("<img ") == 2 * 5  # folds, two overlays, errors, areas
 
 
+def test_the_report_shows_both_hemispheres_side_by_side(made):
+    page = (made / "voxflat.html").read_text()
+    found = re.findall(r'width="(\d+)" height="\d+" alt="(.*?) on the flat map of the (left|right) hemisphere"', page)
+    titles = [title for _, title, _ in found[::2]]
+    assert [(title, side) for _, title, side in found] == [(one, side) for one in titles for side in ("left", "right")]
+    assert titles[0] == "Folds"
+    assert len(titles) == 5  # thickness, z, errors of distances and areas
+    maps = [voxflat.load(made / "surf" / f"{hemi}.voxflat.npz").uv[:, 0] for hemi in ("lh", "rh")]
+    wide = [int(width) for width, *_ in found[:2]]
+    assert wide[0] / wide[1] == pytest.approx(np.ptp(maps[0]) / np.ptp(maps[1]), rel=0.02)  # the same scale
+
+
 def test_references_are_those_of_the_benchmark():
     text = (Path(__file__).parents[2] / "docs/benchmarks/standard.md").read_text()
     rows = {

@@ -33,7 +33,7 @@ _POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however 
 _NOTHING = 65_535  # in place of a value
 _EXACT = 2**53  # whole numbers below are exact in the page
 _COLOURS = 64  # of a layer in a scene
-_WIDTH = 620  # pixels of a picture
+PICTURE_WIDTH = 620  # pixels of a picture
 _BAR = 12  # colours of a bar
 _SHADE = 0.45  # how much of an overlay's light the folds take
 
@@ -111,7 +111,7 @@ def pictures(
     ``mm``, the width in mm.
     """
     width = float(np.ptp(flat_map.uv[:, 0]))
-    raster = flat_map.raster(width / _WIDTH if pixel_size is None else pixel_size)
+    raster = flat_map.raster(width / PICTURE_WIDTH if pixel_size is None else pixel_size)
     under = folds(flat_map, raster)
     shade = 1 - _SHADE + _SHADE * (under[..., :1] / under[..., :1].max())
     drawn = []

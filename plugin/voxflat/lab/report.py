@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from voxflat._core import __version__
 from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
-from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
+from voxflat.lab.pages import PICTURE_WIDTH, colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, Shown, figure_of
 from voxflat.maps.worst_search import worst_places
 
@@ -36,20 +38,24 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
 
 def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
     """Return the report on a subject, as HTML, of hemispheres, "lh" and "rh", and of failures: why one has no map."""
-    hemispheres = []
+    hemispheres: list[dict[str, Any]] = []
+    drawn: dict[str, dict[str, Any]] = {}
     together = layers_of([one.values for one in shown.values()])
+    pixel_size = max([np.ptp(one.flat_map.uv[:, 0]) / PICTURE_WIDTH for one in shown.values()], default=None)
     for (hemi, one), layers in zip(shown.items(), together, strict=True):
         by_name = {layer.name: layer for layer in layers}
         chosen = [by_name[key] for key in (*one.record["overlays"], "distanceerror", "areachange") if key in by_name]
-        folds, *drawn = pictures(one.flat_map, [None, *chosen])
-        shown_layers = zip(drawn, chosen, strict=True)
+        found = pictures(one.flat_map, [None, *chosen], pixel_size)
+        for picture, layer in zip(found, [None, *chosen], strict=True):
+            key = "" if layer is None else layer.name
+            of_layer = drawn.setdefault(key, {"layer": layer, "bar": layer and colour_bar(layer), "sides": []})
+            of_layer["sides"].append({**picture, "letter": HEMISPHERES[hemi][0], "side": HEMISPHERES[hemi][1]})
         hemispheres.append(
             {
                 "hemi": hemi,
                 "side": HEMISPHERES[hemi][1],
                 "record": one.record,
-                "folds": folds,
-                "pictures": [{**one, "layer": layer, "bar": colour_bar(layer)} for one, layer in shown_layers],
+                "overlays": one.record["overlays"],
                 "layers": [{"layer": layer, "bar": colour_bar(layer)} for layer in layers],
                 "scene": scene(one.flat_map, layers, one.cuts),
                 "cuts": list(one.cuts),
@@ -63,6 +69,7 @@ def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, s
         name=name,
         key=page_key([one.record for one in shown.values()], failures),
         hemispheres=hemispheres,
+        drawn=list(drawn.values()),
         failures={HEMISPHERES[hemi][1]: reason for hemi, reason in failures.items()},
         citation=citation([one.record for one in shown.values()]),
         version=__version__,
