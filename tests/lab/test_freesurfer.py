@@ -307,7 +307,7 @@ def test_the_report_shows_both_hemispheres_side_by_side(made):
     assert [(title, side) for _, title, side in found] == [(one, side) for one in titles for side in ("left", "right")]
     assert titles[0] == "Folds"
     assert len(titles) == 5  # thickness, z, errors of distances and areas
-    maps = [voxflat.load(made / "surf" / f"{hemi}.voxflat.npz").uv[:, 0] for hemi in ("lh", "rh")]
+    maps = [voxflat.load(made / "surf" / f"{hemi}.voxflat.flat.npz").uv[:, 0] for hemi in ("lh", "rh")]
     wide = [int(width) for width, *_ in found[:2]]
     assert wide[0] / wide[1] == pytest.approx(np.ptp(maps[0]) / np.ptp(maps[1]), rel=0.02)  # the same scale
 

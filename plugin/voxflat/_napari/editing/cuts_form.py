@@ -22,7 +22,7 @@ class CutsForm(LayerForm):
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
         self.shown_on = LayerChoice(viewer, self._shown_rank, none="the surface itself")
-        self.shown_on.setToolTip("A surface with the same vertices to draw on, such as the inflated one")
+        self.shown_on.setToolTip("Draw on another surface with the same vertices, such as the inflated one")
         self._add_rows(
             (
                 ("Surface", self.surface),

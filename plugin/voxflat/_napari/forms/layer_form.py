@@ -33,18 +33,30 @@ class LayerForm(QWidget):
         super().__init__(parent)
         self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
-        self.surface.setToolTip("A Labels layer, an Image layer and a threshold, or a Surface layer of triangles")
+        self.surface.setToolTip(
+            "What is flattened: a Labels layer, an Image layer with a threshold, or a Surface layer"
+        )
         self.label = LabelChoice()
-        self.label.setToolTip("The label whose surface is flattened; by default the layer's selected one")
+        self.label.setToolTip("The label whose surface is flattened; by default the selected label of the layer")
         self.threshold = ThresholdChoice(viewer)
-        self.world = choice(WORLDS, "Where the viewer's axes grow to. With a wrong choice the map is mirrored!")
+        self.world = choice(WORLDS, "The anatomical directions of the viewer's axes. A wrong choice mirrors the map")
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
-        self.sampled.setToolTip("What the map shows: the values at the surface of a layer, such as T1 or an atlas")
+        self.sampled.setToolTip("A layer, such as T1 or an atlas, whose values at the surface the map shows")
         self.sample_depth = spin(
-            QDoubleSpinBox(), -100, 100, "How far outside the surface to look; negative is inside", " mm"
+            QDoubleSpinBox(),
+            -100,
+            100,
+            "Distance from the surface at which the layer is sampled; negative values lie inside",
+            " mm",
         )
         self.sample_depth.setSingleStep(0.5)
-        self.pixel_size = spin(QDoubleSpinBox(), 0, 100, "Side of the map's pixels: half a voxel or edge", " mm")
+        self.pixel_size = spin(
+            QDoubleSpinBox(),
+            0,
+            100,
+            "Size of the map's pixels; by default half a voxel, or half an edge of the mesh",
+            " mm",
+        )
         self.pixel_size.setSingleStep(0.1)
         self.pixel_size.setSpecialValueText("automatic")
         self._depth_by_user = False

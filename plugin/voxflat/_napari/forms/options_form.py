@@ -25,28 +25,28 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     ),
     "relax": (
         "Further cuts",
-        {None: "as usual", True: "as long as it pays", False: "none"},
-        "Whether the map is cut further, from its border inwards, where that relieves it most",
+        {None: "default", True: "while they help", False: "none"},
+        "Whether further cuts are made from the border inwards, where they reduce the distortion most",
     ),
     "geodesic": (
         "Distances",
         {
-            None: "links, or what is within 1 %",
+            None: "default",
             "graph": "straight links",
             "marching": "fast marching",
             "exact": "exact",
         },
-        "What measures the distances that the map keeps",
+        "How the distances that the map preserves are measured",
     ),
     "scale": (
         "Scale",
-        {None: "right for distances", "areas": "right for areas"},
-        "What the map's millimetres are right for",
+        {None: "preserves distances", "areas": "preserves areas"},
+        "Whether lengths on the map fit the distances or the areas of the surface best",
     ),
     "sampling": (
-        "Sources lie",
-        {None: "as usual", "farthest": "evenly", "curvature": "closer where it bends", "random": "at random"},
-        "How the points are chosen that distances are measured from",
+        "Place sources",
+        {None: "default", "farthest": "evenly", "curvature": "denser at folds", "random": "at random"},
+        "How the sources, from which distances are measured, are chosen",
     ),
     "link_lengths": (
         "Links",
@@ -89,24 +89,24 @@ class OptionsForm(QWidget):
         self._drawn: DrawnCuts | None = None
         self._cuts = self._chosen("cuts")
         self._cuts.currentIndexChanged.connect(self.changed)
-        self.mirror = QCheckBox("left and right exchanged")
-        self.mirror.setToolTip("So that maps of right hemispheres look like those of left ones")
+        self.mirror = QCheckBox("mirror left to right")
+        self.mirror.setToolTip("Maps of right hemispheres then look like maps of left ones")
         self._add("mirror", "Mirror", self.mirror)
-        self.sources = spin(QSpinBox(), 0, 100_000, "How many points distances are measured from")
-        self.sources.setSpecialValueText("as usual")
+        self.sources = spin(QSpinBox(), 0, 100_000, "From how many points distances are measured")
+        self.sources.setSpecialValueText("default")
         self._add("sources", "Sources", self.sources)
         for name in ("sampling", "geodesic"):
             self._add_choice(name)
         self.weighting = spin(
-            QDoubleSpinBox(), 0, 1, "From 0, near distances and the shape of triangles, to 1, far distances"
+            QDoubleSpinBox(), 0, 1, "0 preserves short distances and the shape of triangles, 1 preserves long distances"
         )
         self.weighting.setSingleStep(0.1)
         self.weighting.setValue(usual("weighting", "voxflat"))
         self._add("weighting", "Local to global", self.weighting)
         for name in ("scale", "link_lengths"):
             self._add_choice(name)
-        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Distances are kept to points that so many edges lead to")
-        self.neighbourhood.setSpecialValueText("as usual")
+        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Distances to points within this many edges are preserved")
+        self.neighbourhood.setSpecialValueText("default")
         self._add("neighbourhood", "Neighbourhood", self.neighbourhood)
         self.starts = spin(QSpinBox(), 1, 100, "Random starts, of which the best map is kept")
         self.starts.setValue(usual("starts", "schwartz1989"))

@@ -42,11 +42,11 @@ class SeedChoice(QWidget):
         self._layers = LayerChoice(viewer, _rank)
         self._layers.setPlaceholderText("no points yet: click Pick")
         self._layers.setToolTip(
-            "The Points layer with the seed: its selected point, else its last; the nearest on the surface is meant"
+            "A Points layer: its selected or last point, moved to the nearest point of the surface, is the seed point"
         )
         self.pick = QPushButton("Pick")
         self.pick.setCheckable(True)
-        self.pick.setToolTip("Then click on the surface in the viewer, in a slice or in 3D")
+        self.pick.setToolTip("Press, then click on the surface in the viewer, in a slice or in 3D")
         self._text = QLabel()
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)

@@ -87,10 +87,10 @@ class SurfaceForm(LayerForm):
 
     def _make_fields(self, viewer: Viewer) -> None:
         self.method = choice(_METHODS, "How the surface is flattened: voxflat's own method, or the method of a paper")
-        self.pial = LayerChoice(viewer, self._pial_rank, none="none: distances on the surface itself")
-        self.pial.setToolTip("Of a white surface its pial one: distances are then measured midway between them")
+        self.pial = LayerChoice(viewer, self._pial_rank, none="none")
+        self.pial.setToolTip("The pial surface of a white surface: distances are then measured midway between them")
         self.patch = choice(
-            _PARTS, "A closed surface, such as a brain's whole, is cut open; a smaller part is distorted less"
+            _PARTS, "Which part is flattened. A closed surface is cut open; a smaller part is distorted less"
         )
         self.seed = SeedChoice(viewer, self._inside)
         self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, along the surface", " mm")
@@ -99,16 +99,16 @@ class SurfaceForm(LayerForm):
         self.polygon = LayerChoice(viewer, _polygon_rank)
         self.polygon.setPlaceholderText("draw a polygon in a Shapes layer, or set Points")
         self.polygon.setToolTip(
-            "A Shapes layer, whose selected or last shape is taken, or the points of a Points layer in their order: "
-            "corners, each moved to the nearest place of the surface, joined along it"
+            "A Shapes layer (its selected or last shape) or a Points layer: the corners of the region, in order. They "
+            "move to the nearest points of the surface, and shortest paths on the surface join them"
         )
         self.masked_by = LayerChoice(viewer, self._mask_rank)
         self.masked_by.setPlaceholderText("open a Labels layer of the same voxels")
-        self.masked_by.setToolTip("What of the volume is flattened: where this Labels layer of the same shape is not 0")
+        self.masked_by.setToolTip("Only where this Labels layer, of the same shape, is not 0")
         self.go_on = QCheckBox("from the map that is shown")
         self.go_on.setToolTip(
-            "After another cut, or with another option, the new map then lies as that one does. It needs a place for "
-            "all that is flattened, and all of its cuts; where no cuts are chosen it is cut as it is"
+            "The new map starts from the one that is shown and keeps its position: use it after a change of cuts or "
+            "options. The shown map must contain all that is flattened; without other cuts its own are kept"
         )
         self.options = OptionsForm()
         self.options.rows.addRow("Pixel size", self.pixel_size)

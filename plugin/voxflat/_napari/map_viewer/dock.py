@@ -109,26 +109,26 @@ class FlatMapDock(Dock):
         self.runs.setToolTip("Which map is shown")
         self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.keep = QCheckBox("Keep maps")
-        self.keep.setToolTip("Keep earlier maps: else a new one takes the place of the one before")
+        self.keep.setToolTip("Keep earlier maps in the list; otherwise a new map replaces the one before")
         self.keep.setChecked(self._workbench.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
         self.contents.setToolTip(
-            "What the map shows: what flattening changed, or a layer of the viewer "
-            f"({key_text(_NEXT)}: the next, {key_text(_PREVIOUS)}: the one before)"
+            "What the map shows: a distortion measure, or a layer of the viewer "
+            f"({key_text(_NEXT)}: next, {key_text(_PREVIOUS)}: previous)"
         )
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
-        self.depths.setToolTip("How deep the layer is sampled")
+        self.depths.setToolTip("How far from the surface the layer is sampled")
         self.depth_unit = QComboBox()
         self.depth_unit.addItems([_MM, _CORTEX])
         self.opacity = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(0, 1)
         self.opacity.setValue(_CLEAR)
-        self.opacity.setToolTip("Less of it, and the folds show")
+        self.opacity.setToolTip("Opacity of the colours over the folds")
         self.on_surface = QCheckBox("In 3D")
-        self.on_surface.setToolTip(f"Show the surface in the colours of the map, in the viewer ({key_text(_IN_3D)})")
+        self.on_surface.setToolTip(f"Show the surface in the viewer, coloured like the map ({key_text(_IN_3D)})")
         self.outlined = QCheckBox("Outline")
         self.outlined.setToolTip(
-            "Show in slices where the surface of the map lies, and marks where it is cut; in 3D its border and cuts "
+            "Draw the flattened surface in the slices, with its cuts; in 3D its border and its cuts "
             f"({key_text(_OUTLINE)})"
         )
         self.click = QComboBox()
@@ -138,7 +138,9 @@ class FlatMapDock(Dock):
             + ", ".join(f"{key_text(key)} {what}" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
         )
         self.whole = QPushButton("Whole map")
-        self.whole.setToolTip(f"The wheel zooms, dragging moves; also by a double click ({key_text(_WHOLE)})")
+        self.whole.setToolTip(
+            f"Fit the map to the window ({key_text(_WHOLE)}, or double click). Scroll to zoom, drag to move"
+        )
         self.canvas = MapCanvas()
         self.strip = Strip()
         self.text = QLabel(NOTHING)

@@ -38,7 +38,7 @@ class MapPanel(QWidget):
         colours.setWordWrap(True)
         self.save = QPushButton(f"Save {what}…")
         loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
-        self.save.setToolTip(f"Everything, for {loads} and to be opened in napari")
+        self.save.setToolTip(f"Save the map with all its data, for {loads} or for napari")
         self.save.clicked.connect(self._on_save)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -107,7 +107,7 @@ class CopyAsPython(QPushButton):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Copy as Python", parent)
         self._run: Run | None = None
-        self.setToolTip("A script that makes the same map without a window")
+        self.setToolTip("Copy a Python script that makes this map")
         self.clicked.connect(self.copy)
         self.hide()
 
