@@ -92,16 +92,90 @@ impl Components {
     }
 }
 
+/// Items in ascending order, each once.
+pub(crate) fn distinct<T: Ord>(items: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut items: Vec<T> = items.into_iter().collect();
+    items.sort_unstable();
+    items.dedup();
+    items
+}
+
+/// Of each of so many things, is it one of some?
+pub(crate) fn marked<'a>(count: usize, some: impl IntoIterator<Item = &'a u32>) -> Vec<bool> {
+    let mut marked = vec![false; count];
+    some.into_iter().for_each(|&one| marked[one as usize] = true);
+    marked
+}
+
+/// Where the rows of a compressed table begin, and where the last one ends, by the row of each entry.
+pub(crate) fn starts_of(rows: usize, of_entries: impl Iterator<Item = u32>) -> Vec<u32> {
+    let mut starts = vec![0; rows + 1];
+    of_entries.for_each(|row| starts[row as usize + 1] += 1);
+    (0..rows).for_each(|row| starts[row + 1] += starts[row]);
+    starts
+}
+
+/// Numbers in groups, in compressed rows.
+#[derive(Debug, Clone)]
+pub(crate) struct Groups {
+    starts: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Groups {
+    /// The group of 0, of 1, and so on.
+    pub fn new(count: usize, of_members: impl Iterator<Item = u32> + Clone) -> Self {
+        let starts = starts_of(count, of_members.clone());
+        let (mut free, mut members) = (starts.clone(), vec![0; starts[count] as usize]);
+        for (member, group) in (0..).zip(of_members) {
+            members[free[group as usize] as usize] = member;
+            free[group as usize] += 1;
+        }
+        Self { starts, members }
+    }
+
+    /// Its members, ascending.
+    pub fn of(&self, group: u32) -> &[u32] {
+        &self.members[self.starts[group as usize] as usize..self.starts[group as usize + 1] as usize]
+    }
+}
+
+/// Disjoint sets (Tarjan 1975).
+#[derive(Debug)]
+pub(crate) struct Sets(Vec<u32>);
+
+impl Sets {
+    pub fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    pub fn find(&mut self, mut member: u32) -> u32 {
+        while self.0[member as usize] != member {
+            let above = self.0[self.0[member as usize] as usize];
+            self.0[member as usize] = above; // halves the path
+            member = above;
+        }
+        member
+    }
+
+    /// Makes two sets one; were they two?
+    pub fn join(&mut self, a: u32, b: u32) -> bool {
+        let (a, b) = (self.find(a), self.find(b));
+        self.0[a.max(b) as usize] = a.min(b);
+        a != b
+    }
+}
+
 /// Any graph, for tests: the links of each vertex.
 #[cfg(test)]
 pub(crate) struct Listed(pub Vec<Vec<Arc>>);
 
 #[cfg(test)]
 impl Listed {
-    /// A graph of links that lead both ways.
+    /// A graph of links that lead both ways; those from a vertex to itself are left out.
     pub fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
         let mut arcs = vec![Vec::new(); vertices];
-        for &(a, b, length) in links {
+        for &(a, b, length) in links.iter().filter(|link| link.0 != link.1) {
             arcs[a as usize].push(Arc { to: b, length });
             arcs[b as usize].push(Arc { to: a, length });
         }

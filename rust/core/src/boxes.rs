@@ -19,7 +19,6 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// Over items with these bounds.
     pub(crate) fn over(bounds: Vec<Bounds>) -> Self {
         let all = bounds.iter().fold(Bounds::NOTHING, |a, b| a.with(b));
         let mut keyed: Vec<(u64, u32)> = bounds.iter().map(|b| all.curve_position(b)).zip(0..).collect();
@@ -54,12 +53,10 @@ impl Tree {
     }
 }
 
-/// The nodes under a parent.
 fn siblings(parent: usize, level: &[Bounds]) -> Range<usize> {
     parent * FAN..((parent + 1) * FAN).min(level.len())
 }
 
-/// A box along the axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bounds {
     low: [f64; 2],

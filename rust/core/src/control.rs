@@ -3,6 +3,8 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use rayon::prelude::*;
+
 use crate::error::{Error, Result};
 
 /// What long work reports and obeys. Share it between the thread that works and the one that watches.
@@ -41,6 +43,24 @@ impl Control {
     pub fn progress(&self) -> Progress {
         let (stage, total) = *self.stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         Progress { stage, done: self.done.load(Ordering::Relaxed).min(total), total }
+    }
+
+    /// A stage that takes one value an item, in parallel, in the order of the items; its steps are `chunk` of them.
+    pub(crate) fn each<T: Sync, U: Copy + Send>(
+        &self,
+        stage: &'static str,
+        items: &[T],
+        chunk: usize,
+        value: impl Fn(&T) -> U + Sync,
+    ) -> Result<Vec<U>> {
+        self.begin(stage, items.len().div_ceil(chunk) as u64);
+        let of_chunk = |items: &[T]| {
+            self.check()?;
+            let values = items.iter().map(&value).collect();
+            self.advance();
+            Ok(values)
+        };
+        Ok(items.par_chunks(chunk).map(of_chunk).collect::<Result<Vec<Vec<U>>>>()?.concat())
     }
 
     /// For a part of the work: cancelled with it, its own progress untold.

@@ -334,6 +334,14 @@ pub enum Error {
     Cancelled,
 }
 
+/// Are all of these among so many points?
+pub fn check_points(vertices: impl IntoIterator<Item = u32>, points: usize) -> Result<()> {
+    match vertices.into_iter().find(|&vertex| vertex as usize >= points) {
+        Some(vertex) => Err(Error::NoSuchPoint { vertex: vertex as usize, points }),
+        None => Ok(()),
+    }
+}
+
 impl Error {
     /// Turns what the system says of a store's file into an error that names it.
     pub(crate) fn of_store(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {

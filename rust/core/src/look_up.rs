@@ -1,7 +1,6 @@
 //! The inverse look-up: which triangle of the plane holds a place, and where in it.
 
 use nalgebra::Vector2;
-use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::Result;
@@ -107,15 +106,7 @@ impl TriangleFinder {
 
     /// As [`find`](Self::find), for many places.
     pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<InTriangle>>> {
-        control.begin("looking places up", places.len().div_ceil(CHUNK) as u64);
-        let mut found = vec![None; places.len()];
-        found.par_chunks_mut(CHUNK).zip(places.par_chunks(CHUNK)).try_for_each(|(found, places)| {
-            control.check()?;
-            found.iter_mut().zip(places).for_each(|(found, &place)| *found = self.find(place));
-            control.advance();
-            Ok(())
-        })?;
-        Ok(found)
+        control.each("looking places up", places, CHUNK, |&place| self.find(place))
     }
 }
 

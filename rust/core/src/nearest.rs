@@ -109,15 +109,7 @@ impl NearestFinder {
 
     /// As [`find`](Self::find), for many points.
     pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
-        control.begin("finding the nearest places", points.len().div_ceil(CHUNK) as u64);
-        let mut found = vec![None; points.len()];
-        found.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).try_for_each(|(found, points)| {
-            control.check()?;
-            found.iter_mut().zip(points).for_each(|(found, &point)| *found = self.find(point, limit));
-            control.advance();
-            Ok(())
-        })?;
-        Ok(found)
+        control.each("finding the nearest places", points, CHUNK, |&point| self.find(point, limit))
     }
 }
 

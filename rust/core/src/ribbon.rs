@@ -128,15 +128,14 @@ fn tetrahedron(corners: &[Vector3<f64>; 4], shape: [usize; 3], mut call: impl Fn
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::surface::mesh::shapes;
     use proptest::prelude::*;
 
     /// A sheet of triangles over a square, at a height above it.
-    fn sheet(height: impl Fn(f64, f64) -> [f64; 3]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
-        let points = (0..25).map(|n| height(f64::from(n / 5) * 3.0, f64::from(n % 5) * 3.0)).collect();
-        let corner = |n: u32| n / 4 * 5 + n % 4;
-        let faces = (0..16)
-            .flat_map(|n| [[corner(n), corner(n) + 5, corner(n) + 6], [corner(n), corner(n) + 6, corner(n) + 1]]);
-        (points, faces.collect())
+    fn sheet(height: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+        let (points, faces) = shapes::sheet(4, 4);
+        let points = points.iter().map(|[x, y, _]| [3.0 * x + 0.13, 3.0 * y + 0.17, height]).collect();
+        (points, faces.iter().map(|face| face.map(|v| v as u32)).collect())
     }
 
     proptest! {
@@ -145,8 +144,8 @@ mod tests {
             shifts in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 25),
             numbers in Just((0..25i64).collect::<Vec<_>>()).prop_shuffle(),
         ) {
-            let (inner, faces) = sheet(|x, y| [x + 0.13, y + 0.17, 1.3]);
-            let (mut outer, _) = sheet(|x, y| [x + 0.13, y + 0.17, 6.2]);
+            let (inner, faces) = sheet(1.3);
+            let (mut outer, _) = sheet(6.2);
             for (n, (place, shift)) in outer.iter_mut().zip(&shifts).enumerate() {
                 let is_inside = (5..20).contains(&n) && (1..4).contains(&(n % 5));
                 (0..2).filter(|_| is_inside).for_each(|axis| place[axis] += shift[axis]);
@@ -169,15 +168,9 @@ mod tests {
 
     #[test]
     fn a_voxel_of_several_columns_goes_to_the_nearest_one() {
-        let inner = [
-            [-1.0, -1.0, 0.0],
-            [5.0, -1.0, 0.0],
-            [-1.0, 5.0, 0.0],
-            [-1.0, -1.0, 9.0],
-            [5.0, -1.0, 9.0],
-            [-1.0, 5.0, 9.0],
-        ];
-        let outer = inner.map(|[x, y, z]| [x, y, if z == 0.0 { 6.0 } else { 2.0 }]);
+        let triangle = [[-1.0, -1.0], [5.0, -1.0], [-1.0, 5.0]];
+        let [inner, outer] =
+            [[0.0, 9.0], [6.0, 2.0]].map(|heights| heights.map(|z| triangle.map(|[x, y]| [x, y, z])).concat());
         let (faces, numbers) = ([[0, 1, 2], [3, 5, 4]], [0, 1, 2, 3, 4, 5]);
         let found = voxels(&inner, &outer, &faces, &numbers, [1, 1, 10], 0.0, &Control::default()).unwrap();
         let owners: Vec<u32> = found.iter().map(|of| of.triangle).collect();

@@ -59,6 +59,21 @@ impl DistanceRows {
         Self::measured(solver, sources, Some(targets), control)
     }
 
+    /// Rows from every source to the others only; and whole rows, if these are to be kept.
+    pub(crate) fn among_sources<S: Solver>(
+        solver: &S,
+        sources: &[u32],
+        keep: bool,
+        control: &Control,
+    ) -> Result<(Self, Option<Self>)> {
+        if keep {
+            let rows = Self::compute(solver, sources, control)?;
+            Ok((rows.among(control)?, Some(rows)))
+        } else {
+            Ok((Self::compute_to(solver, sources, sources, control)?, None))
+        }
+    }
+
     fn measured<S: Solver>(solver: &S, sources: &[u32], targets: Option<&[u32]>, control: &Control) -> Result<Self> {
         let columns = targets.map_or(solver.columns(), <[u32]>::len);
         let mut data = vec![0.0; sources.len() * columns];
@@ -199,7 +214,7 @@ mod tests {
     use super::*;
     use crate::adjacency::Links;
     use crate::surface::voxels::graph::VoxelGraph;
-    use crate::tests::{chained, with_threads};
+    use crate::tests::{chained, row, with_threads};
     use crate::volume::Mask;
 
     fn sheet(gap: bool) -> VoxelGraph {
@@ -216,12 +231,7 @@ mod tests {
 
     /// Each row by a search of its own.
     fn searched(graph: &VoxelGraph, sources: &[u32]) -> Vec<f32> {
-        let mut scratch = graph.scratch();
-        let mut data = vec![f32::NAN; sources.len() * graph.vertices()];
-        for (&source, row) in sources.iter().zip(data.chunks_exact_mut(graph.vertices())) {
-            graph.row(source, row, &mut scratch, &Control::default()).unwrap();
-        }
-        data
+        sources.iter().flat_map(|&source| row(graph, source)).collect()
     }
 
     #[test]

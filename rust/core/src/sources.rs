@@ -14,6 +14,11 @@ use crate::surface::mesh::curvature::mean_curvature;
 /// Fewest sources that span a plane.
 pub const FEWEST_SOURCES: usize = 3;
 
+/// Are so many sources enough for a plane?
+pub fn check_enough(sources: usize) -> Result<()> {
+    if sources < FEWEST_SOURCES { Err(Error::TooFewSources { sources, needed: FEWEST_SOURCES }) } else { Ok(()) }
+}
+
 /// The greatest weight of a point ([`by_curvature`]).
 const DENSEST: f64 = 4.0;
 
@@ -137,11 +142,11 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::geodesic::Solver;
+    use crate::adjacency::distinct;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::mesh::shapes;
     use crate::surface::voxels::graph::VoxelGraph;
-    use crate::tests::chained;
+    use crate::tests::{chained, row};
     use crate::volume::Mask;
 
     fn bent_sheet() -> VoxelGraph {
@@ -162,12 +167,10 @@ mod tests {
         ] {
             let chosen = sources.choose(&graph, &control).unwrap();
             let mut nearest = vec![f32::INFINITY; graph.vertices()];
-            let mut row = nearest.clone();
             for (n, &source) in chosen.iter().enumerate() {
                 let counted = |v: usize| nearest[v] * weights[v];
-                assert!(n == 0 || counted(source as usize) == (0..row.len()).map(counted).fold(0.0, f32::max));
-                graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
-                nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
+                assert!(n == 0 || counted(source as usize) == (0..weights.len()).map(counted).fold(0.0, f32::max));
+                nearest.iter_mut().zip(row(&graph, source)).for_each(|(near, distance)| *near = near.min(distance));
             }
         }
     }
@@ -206,11 +209,9 @@ mod tests {
                 let random = choose(Sources::Random { count, seed });
                 assert_eq!(random, choose(Sources::Random { count, seed }));
                 assert!(random.is_sorted_by(|a, b| a < b) && random.len() == count);
-                let mut farthest = choose(Sources::Farthest { count, seed });
+                let farthest = choose(Sources::Farthest { count, seed });
                 assert_eq!(farthest, choose(Sources::Farthest { count, seed }));
-                farthest.sort_unstable();
-                farthest.dedup();
-                assert_eq!(farthest.len(), count);
+                assert_eq!(distinct(farthest).len(), count);
             }
         }
         assert_ne!(choose(Sources::Random { count: 10, seed: 0 }), choose(Sources::Random { count: 10, seed: 1 }));

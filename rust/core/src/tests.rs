@@ -1,10 +1,81 @@
 //! What unit tests of several modules begin with.
 
+use std::ops::Range;
+
+use proptest::prelude::*;
+
 use crate::control::Control;
+use crate::error::Result;
+use crate::geodesic::Solver;
 use crate::geodesic::chain::{LinkLengths, chain_graph};
-use crate::surface::VoxelSurface;
+use crate::orient::map_area;
 use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::voxels::voxelmesh::VoxelMesh;
+use crate::surface::{Surface, VoxelSurface};
 use crate::volume::{Affine, Mask};
+
+pub(crate) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
+
+/// Two meshes as one.
+pub(crate) fn both(one: &Mesh, other: &Mesh) -> Mesh {
+    let others = other.1.iter().map(|face| face.map(|v| v + one.0.len() as i64));
+    ([&one.0[..], &other.0].concat(), one.1.iter().copied().chain(others).collect())
+}
+
+/// A mesh with its points elsewhere.
+pub(crate) fn moved((points, faces): &Mesh, to: impl Fn(&[f64; 3]) -> [f64; 3]) -> Mesh {
+    (points.iter().map(to).collect(), faces.clone())
+}
+
+/// How many triangles a map turns over.
+pub(crate) fn flipped(surface: &Surface, uv: &[[f64; 2]]) -> usize {
+    surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
+}
+
+/// Any mask of a shape that is not empty, as full as one of `shares`.
+pub(crate) fn masks(shape: [usize; 3], shares: Range<f64>) -> impl Strategy<Value = Mask> {
+    let values = prop::collection::vec(0.0..1.0f64, shape.iter().product::<usize>());
+    (values, shares).prop_filter_map("no foreground", move |(values, share)| {
+        Mask::new(shape, values.into_iter().map(|value| value < share).collect()).ok()
+    })
+}
+
+/// The surface of a mask as a solid's.
+pub(crate) fn solid(mask: &Mask, spacing: [f64; 3]) -> Surface {
+    let affine = Affine::from_spacing(spacing).unwrap();
+    VoxelMesh::of_solid(mask, &affine, None, &Control::default()).unwrap().surface
+}
+
+/// The distances from a source, by a search of its own.
+pub(crate) fn row<S: Solver>(solver: &S, source: u32) -> Vec<f32> {
+    let mut row = vec![f32::NAN; solver.columns()];
+    solver.row(source, &mut row, &mut solver.scratch(), &Control::default()).unwrap();
+    row
+}
+
+/// A solver with whose rows something is done, which may fail.
+pub(crate) struct Altered<'a, S, F>(pub &'a S, pub F);
+
+impl<S: Solver, F: Fn(&mut [f32]) -> Result<()> + Sync> Solver for Altered<'_, S, F> {
+    type Scratch = S::Scratch;
+
+    fn scratch(&self) -> S::Scratch {
+        self.0.scratch()
+    }
+
+    fn columns(&self) -> usize {
+        self.0.columns()
+    }
+
+    fn row(&self, source: u32, row: &mut [f32], scratch: &mut S::Scratch, control: &Control) -> Result<()> {
+        self.0.row(source, row, scratch, control)?;
+        (self.1)(row)
+    }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        self.0.fingerprint(control)
+    }
+}
 
 /// The surface voxels of a mask whose voxels have some spacing, mm.
 pub(crate) fn voxels(mask: &Mask, spacing: [f64; 3]) -> VoxelSurface {

@@ -243,16 +243,8 @@ proptest! {
 #[test]
 fn sizes_beyond_the_scales_are_refused() {
     let (points, faces) = shapes::sheet(4, 4);
-    for (size, is_taken) in [
-        (1e19, false),
-        (1e107, false),
-        (3e10, false),
-        (2e10, true),
-        (1e-9, true),
-        (2e-10, false),
-        (1e-30, false),
-        (1e-200, false),
-    ] {
+    for size in [1e107, 1e19, 3e10, 2e10, 1e-9, 2e-10, 1e-30, 1e-200] {
+        let is_taken = size == 2e10 || size == 1e-9;
         let sized: Vec<[f64; 3]> = points.iter().map(|point| point.map(|x| size * x)).collect();
         for made in [Surface::from_triangles(&sized, &faces), Surface::mended(&sized, &faces)] {
             assert_eq!(made.is_ok(), is_taken, "{size:e}: {:?}", made.err());

@@ -93,10 +93,7 @@ pub fn table<T: numpy::Element>(py: Python<'_>, values: Vec<T>, width: usize) ->
 
 /// Fails where a vertex is not below `points`.
 pub fn check_vertices(vertices: impl IntoIterator<Item = u32>, points: usize) -> PyResult<()> {
-    match vertices.into_iter().find(|&vertex| vertex as usize >= points) {
-        Some(vertex) => Err(to_python(voxflat::Error::NoSuchPoint { vertex: vertex as usize, points })),
-        None => Ok(()),
-    }
+    voxflat::error::check_points(vertices, points).map_err(to_python)
 }
 
 /// Fails where there are not as many values or rows as the surface has points.

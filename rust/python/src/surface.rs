@@ -222,7 +222,6 @@ impl Surface {
         convert::vertices(array, self.0.surface.len())
     }
 
-    /// Long work on the surface.
     fn run<T: Send + 'static>(
         &self,
         py: Python<'_>,

@@ -261,7 +261,6 @@ impl VoxelSurface {
         convert::vertices(array, self.0.surface.len())
     }
 
-    /// Long work on the surface.
     fn run<T: Send + 'static>(
         &self,
         py: Python<'_>,

@@ -111,7 +111,6 @@ impl<'a> Facets<'a> {
     }
 }
 
-/// Which corner of a face comes first by its place.
 fn first_corner(surface: &Surface, face: u32) -> u32 {
     let place = |k: u32| [surface.points()[surface.origin(3 * face + k) as usize]];
     (1..3).fold(0, |first, k| if by_places(&place(k), &place(first)) == Ordering::Less { k } else { first })

@@ -22,6 +22,7 @@ use std::collections::HashMap;
 
 use super::facets::Facets;
 use super::{ANGLES, Atlas};
+use crate::adjacency::distinct;
 use crate::control::Control;
 use crate::distortion::faces::stretch_of;
 use crate::distortion::overlap::overlaps;
@@ -207,10 +208,8 @@ fn collected(sheet: &Sheet<'_>) -> Glued {
 fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
     let (facets, surface) = (sheet.facets, sheet.facets.surface);
     let corners = members.iter().flat_map(|&facet| (0..3).map(move |k| (facet, k)));
-    let mut rows: Vec<(u32, u32)> =
-        corners.map(|(facet, k)| (facets.vertices[facet as usize][k], sheet.place[3 * facet as usize + k])).collect();
-    rows.sort_unstable();
-    rows.dedup();
+    let rows =
+        distinct(corners.map(|(facet, k)| (facets.vertices[facet as usize][k], sheet.place[3 * facet as usize + k])));
     let row: HashMap<u32, u32> = rows.iter().map(|&(_, place)| place).zip(0..).collect();
     let mut piece = Piece {
         faces: Vec::with_capacity(members.len()),
@@ -238,7 +237,6 @@ fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 
     piece
 }
 
-/// What became of the seams.
 fn seams(sheet: &Sheet<'_>, reasons: &[Option<Obstacle>]) -> Seams {
     let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
     for (side, twin) in (0..).zip(&sheet.twins).filter(|&(side, &twin)| sheet.seams[side as usize] && side < twin) {

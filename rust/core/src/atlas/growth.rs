@@ -96,7 +96,6 @@ impl<'a, 'b> Growth<'a, 'b> {
         Ok(pieces)
     }
 
-    /// Takes a region's facets.
     pub fn take(&mut self, region: &Region) {
         for &facet in &region.facets {
             self.taken[facet as usize] = true;

@@ -25,6 +25,7 @@ mod search;
 
 use nalgebra::Vector3;
 
+use crate::adjacency::distinct;
 use crate::control::Control;
 use crate::distortion::faces::stretch_of;
 use crate::error::{Error, Result};
@@ -244,9 +245,7 @@ fn finished(
 }
 
 fn measured(facets: &Facets<'_>, plane: Plane, of: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Patch {
-    let mut vertices: Vec<u32> = of.iter().flat_map(|&facet| facets.vertices[facet as usize]).collect();
-    vertices.sort_unstable();
-    vertices.dedup();
+    let vertices = distinct(of.iter().flat_map(|&facet| facets.vertices[facet as usize]));
     let uv = vertices.iter().map(|&v| plane.project(&facets.surface.points()[v as usize])).collect();
     let mut patch = Patch {
         faces: of.iter().map(|&facet| facets.faces[facet as usize]).collect(),

@@ -14,7 +14,6 @@ use crate::error::Result;
 /// How many candidates every facet belongs to at least, where there are so many.
 const COVER: u8 = 3;
 
-/// The facets in a random order.
 pub(super) fn shuffled(facets: &Facets<'_>, seed: u64) -> Vec<u32> {
     let mut order: Vec<u32> = (0..facets.len() as u32).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));

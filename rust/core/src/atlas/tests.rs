@@ -6,8 +6,7 @@ use super::*;
 use crate::distortion::faces::measure_faces;
 use crate::distortion::overlap::overlaps;
 use crate::surface::mesh::shapes;
-
-pub(super) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
+use crate::tests::{Mesh, moved};
 
 /// The places of a triangle's corners, bit by bit.
 type Corners = [[u64; 3]; 3];
@@ -50,12 +49,7 @@ fn check(surface: &Surface, atlas: &Atlas) {
             figures.quasi_conformal.summary.max / patch.quasi_conformal,
         ];
         assert!(measured.iter().all(|ratio| (ratio - 1.0).abs() < 1e-9), "{measured:?}");
-        assert!(
-            patch.isometric <= c && patch.quasi_conformal <= k,
-            "{} {} {c} {k}",
-            patch.isometric,
-            patch.quasi_conformal
-        );
+        assert!(patch.isometric <= c && patch.quasi_conformal <= k, "{c} {k} {patch:?}");
         assert!(patch.tilt <= angle * (1.0 + 1e-9));
         check_plane(patch, &points, &faces, angle);
         let part: Vec<bool> = (0..seen.len()).map(|f| atlas.labels[f] == number as u32).collect();
@@ -153,9 +147,7 @@ fn by_places(surface: &Surface, atlas: &Atlas) -> HashMap<Corners, Flat> {
 
 #[test]
 fn a_plane_is_one_patch_without_distortion() {
-    let (points, faces) = shapes::sheet(9, 7);
-    let turned = points.iter().map(|&[x, y, _]| [0.6 * x, y, 0.8 * x + 3.0]).collect();
-    let sheet = shapes::surface((turned, faces));
+    let sheet = shapes::surface(moved(&shapes::sheet(9, 7), |&[x, y, _]| [0.6 * x, y, 0.8 * x + 3.0]));
     for seeds in ALL_SEEDS {
         for limit in [Limit::Angle(0.01), Limit::Angle(80.0), Limit::Bound(1.1), Limit::Count(1)] {
             let atlas = made(&sheet, limit, seeds);
@@ -235,14 +227,10 @@ fn a_number_of_patches_is_kept_by_the_smallest_angle() {
 /// Two and a half turns of a spiral staircase: all of it is nearly level, but it lies on itself.
 #[test]
 fn a_spiral_staircase_does_not_lie_on_itself() {
-    let turn = |n: usize| 0.1 * n as f64;
-    let rail = |n: usize, r: f64| [r * turn(n).cos(), r * turn(n).sin(), 0.05 * turn(n)];
-    let points = (0..=157).flat_map(|n| [rail(n, 1.0), rail(n, 1.3), rail(n, 2.0)]).collect();
-    let strip = |n: usize| {
-        let square = |a: i64, b: i64| [[a, b, a + 3], [b, b + 3, a + 3]];
-        [square(3 * n as i64, 3 * n as i64 + 1), square(3 * n as i64 + 1, 3 * n as i64 + 2)].concat()
-    };
-    let spiral = shapes::surface((points, (0..157).flat_map(strip).collect()));
+    let spiral = shapes::surface(moved(&shapes::sheet(157, 2), |&[n, rail, _]| {
+        let (turn, r) = (-0.1 * n, [1.0, 1.3, 2.0][rail as usize]);
+        [r * turn.cos(), r * turn.sin(), 0.05 * turn]
+    }));
     assert!(spiral.face_normals().iter().all(|n| n.z.abs() > 10f64.to_radians().cos()));
     for seeds in ALL_SEEDS {
         let atlas = made(&spiral, Limit::Angle(15.0), seeds);
@@ -252,15 +240,11 @@ fn a_spiral_staircase_does_not_lie_on_itself() {
 }
 
 #[test]
-fn cancelling_is_obeyed_and_flat_triangles_are_refused() {
+fn all_is_done_in_the_end_and_flat_triangles_are_refused() {
     let sheet = shapes::surface(shapes::sheet(5, 5));
     let control = Control::default();
     patches(&sheet, Limit::Angle(5.0), Seeds::Curvature, &control).unwrap();
     assert_eq!(control.progress().done, control.progress().total);
-    control.cancel();
-    for limit in [Limit::Angle(5.0), Limit::Count(3)] {
-        assert_eq!(patches(&sheet, limit, Seeds::Curvature, &control), Err(Error::Cancelled));
-    }
     let squeezed = sheet.points().iter().map(|p| if p.x < 1.5 { Vector3::new(1.0, p.y, 0.0) } else { *p }).collect();
     let squeezed = sheet.moved(squeezed).unwrap();
     let found = patches(&squeezed, Limit::Angle(5.0), Seeds::Curvature, &Control::default());

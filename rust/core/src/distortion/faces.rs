@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, check_points};
 
 /// What one worker does between two looks at whether it should stop.
 const CHUNK: usize = 4096;
@@ -110,11 +110,11 @@ pub fn measure_faces(
     control: &Control,
 ) -> Result<FaceDistortion> {
     assert_eq!(points.len(), uv.len(), "one place a vertex");
-    all_exist(faces, points.len())?;
+    check_points(faces.iter().flatten().copied(), points.len())?;
     control.begin("measuring triangles", 7);
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
     let triangle = |face: &[u32; 3]| Triangle::of(face.map(|vertex| points[vertex as usize]), face.map(place));
-    let triangles = in_chunks(faces, control, triangle)?;
+    let triangles = control.part().each("", faces, CHUNK, triangle)?;
     control.advance();
     let by_area = |value: fn(&Triangle) -> f64| {
         control.check()?;
@@ -138,7 +138,7 @@ pub fn measure_faces(
         let ratio = (place(a) - place(b)).norm() / on_surface;
         if ratio.is_finite() { (ratio - 1.0).abs() } else { f64::NAN }
     };
-    let edge = Summary::of(&in_chunks(&edges, control, change)?, |_| 1.0);
+    let edge = Summary::of(&control.part().each("", &edges, CHUNK, change)?, |_| 1.0);
     control.advance();
     Ok(FaceDistortion {
         equal_area: Summary::of(&at_scale(&areal.values, scale), |_| 1.0),
@@ -188,30 +188,12 @@ fn at_scale(areal: &[f64], scale: f64) -> Vec<f64> {
     areal.iter().map(|log| (log + 2.0 * scale.log2()).abs()).collect()
 }
 
-/// Are all corners among this many vertices?
-pub(super) fn all_exist(faces: &[[u32; 3]], points: usize) -> Result<()> {
-    match faces.as_flattened().iter().find(|&&vertex| vertex as usize >= points) {
-        Some(&vertex) => Err(Error::NoSuchPoint { vertex: vertex as usize, points }),
-        None => Ok(()),
-    }
-}
-
 /// The edges of every face, each as often as it has faces, in ascending order.
 pub(super) fn sorted_edges(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let sides = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)]);
     let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(sides).collect();
     edges.par_sort_unstable();
     edges
-}
-
-/// One value an item, in parallel, in the order of the items.
-fn in_chunks<T: Sync, U: Copy + Send>(
-    items: &[T],
-    control: &Control,
-    value: impl Fn(&T) -> U + Sync,
-) -> Result<Vec<U>> {
-    let of_chunk = |chunk: &[T]| control.check().map(|()| chunk.iter().map(&value).collect());
-    Ok(items.par_chunks(CHUNK).map(of_chunk).collect::<Result<Vec<Vec<U>>>>()?.concat())
 }
 
 /// σ1 and σ2 of the affine map between a triangle on the surface and one in the plane; NaN where it is undefined.
@@ -265,7 +247,6 @@ pub(crate) fn doubled_area(corners: &[Vector3<f64>; 3]) -> Vector3<f64> {
     }
 }
 
-/// The angle at a corner, degrees.
 fn corner(corners: &[Vector3<f64>; 3], k: usize) -> f64 {
     let (a, b) = (corners[(k + 1) % 3] - corners[k], corners[(k + 2) % 3] - corners[k]);
     a.cross(&b).norm().atan2(a.dot(&b)).to_degrees()

@@ -51,9 +51,9 @@ pub fn judge_all<S: Solver>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::distortion::tests::Altered;
     use crate::geodesic::exact::Exact;
     use crate::surface::mesh::shapes;
+    use crate::tests::Altered;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
@@ -62,15 +62,15 @@ mod tests {
         let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [1.1 * p.x, p.y]).collect();
         let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
         let reference = [0, 7, 30];
+        let exact = Exact::new(&sheet);
         let judged = |kept| {
             let rows = AtomicUsize::new(0);
-            let counting = Altered(Exact::new(&sheet), |_: &mut [f32]| {
+            let counting = Altered(&exact, |_: &mut [f32]| {
                 rows.fetch_add(1, Ordering::Relaxed);
+                Ok(())
             });
-            (
-                judge_all(&counting, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap(),
-                rows.load(Ordering::Relaxed),
-            )
+            let found = judge_all(&counting, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap();
+            (found, rows.into_inner())
         };
         let all = 4 * 3 * 35; // bytes of three rows to 35 points
         let (kept, rows) = judged(all);
@@ -80,8 +80,8 @@ mod tests {
             let (passed, rows) = judged(bytes);
             assert_eq!((format!("{passed:?}"), rows), (format!("{kept:?}"), 6), "{bytes}");
         }
-        let alone = judge(&Exact::new(&sheet), &uv, 3, 3, &control).unwrap();
-        let same = judge_all(&Exact::new(&sheet), &[&uv], &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
+        let alone = judge(&exact, &uv, 3, 3, &control).unwrap();
+        let same = judge_all(&exact, &[&uv], &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
         assert_eq!(format!("{alone:?}"), format!("{:?}", same[0]));
     }
 }

@@ -91,7 +91,6 @@ pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Resu
     Ok(map[0].scale.unwrap_or(f64::NAN))
 }
 
-/// Shows all rows to every map.
 fn pass<'a, R: Rows>(
     maps: &mut [Judged<'a>],
     rows: &R,
@@ -106,7 +105,6 @@ fn pass<'a, R: Rows>(
     })
 }
 
-/// Some rows.
 struct Block<'a> {
     first: usize,
     sources: &'a [u32],

@@ -10,10 +10,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
-use super::faces::{all_exist, sorted_edges};
+use super::faces::sorted_edges;
 use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
-use crate::error::Result;
+use crate::error::{Result, check_points};
 
 /// Searches in one step of the progress.
 const CHUNK: usize = 256;
@@ -33,7 +33,7 @@ pub struct Overlap {
 /// Finds where a flat map (`uv`, mm) of triangles lies on itself. Triangles without area, and those with a corner that has
 /// no place, cover nothing; edges of one face are the boundary.
 pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
-    all_exist(faces, uv.len())?;
+    check_points(faces.iter().flatten().copied(), uv.len())?;
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };
     let edges = sorted_edges(faces);
     let boundary = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1).map(|same| same[0].map(place));
@@ -136,18 +136,9 @@ fn chunks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distortion::tests::grid;
     use proptest::prelude::*;
     use std::collections::HashMap;
-
-    /// A rectangle of w × h squares, each cut in two.
-    fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
-        let uv = (0..(w + 1) * (h + 1)).map(|n| [f64::from(n % (w + 1)), f64::from(n / (w + 1))]).collect();
-        let square = |n: u32| {
-            let corner = n / w * (w + 1) + n % w;
-            [[corner, corner + 1, corner + w + 2], [corner, corner + w + 2, corner + w + 1]]
-        };
-        (uv, (0..w * h).flat_map(square).collect())
-    }
 
     fn found(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Overlap {
         overlaps(faces, uv, &Control::default()).unwrap()

@@ -36,7 +36,6 @@ pub enum Answer {
 }
 
 impl Ratios {
-    /// An empty histogram around a ratio.
     fn around(middle: f64) -> Self {
         let bins = (0..BINS).map(|_| AtomicU64::new(0)).collect();
         Self { middle, bins, ..Self::default() }
@@ -74,7 +73,6 @@ impl Ratios {
         }
     }
 
-    /// The weighted median.
     pub fn median(&self) -> Answer {
         let weight = |counter: &AtomicU64| u128::from(counter.load(Ordering::Relaxed));
         let total = weight(&self.below) + weight(&self.above) + self.bins.iter().map(weight).sum::<u128>();

@@ -3,33 +3,18 @@
 use super::*;
 use proptest::prelude::*;
 
-use crate::geodesic::Solver;
-use crate::geodesic::exact::Exact;
 use crate::rows::DistanceRows;
+use crate::tests::with_threads;
 
-/// Exact distances, each row of which something is done with.
-pub(super) struct Altered<'a, F>(pub Exact<'a>, pub F);
-
-impl<'a, F: Fn(&mut [f32]) + Sync> Solver for Altered<'a, F> {
-    type Scratch = <Exact<'a> as Solver>::Scratch;
-
-    fn scratch(&self) -> Self::Scratch {
-        self.0.scratch()
-    }
-
-    fn columns(&self) -> usize {
-        self.0.columns()
-    }
-
-    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
-        self.0.row(source, row, scratch, control)?;
-        (self.1)(row);
-        Ok(())
-    }
-
-    fn fingerprint(&self, control: &Control) -> Result<u64> {
-        self.0.fingerprint(control)
-    }
+/// A rectangle of w × h squares, each cut in two.
+pub(super) fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
+    let uv = (0..(w + 1) * (h + 1)).map(|n| [f64::from(n % (w + 1)), f64::from(n / (w + 1))]).collect();
+    let square = |n: u32| {
+        let corner = n / w * (w + 1) + n % w;
+        let [a, b, c, d] = [corner, corner + 1, corner + w + 1, corner + w + 2];
+        if n.is_multiple_of(3) { [[a, b, c], [b, d, c]] } else { [[a, b, d], [a, d, c]] }
+    };
+    (uv, (0..w * h).flat_map(square).collect())
 }
 
 fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) -> f64) -> DistanceRows {
@@ -219,9 +204,8 @@ fn blocks_threads_and_other_maps_change_no_bit() {
         assert!((expected.per_point[point] - mean(others)).abs() < 1e-12, "{point}");
     }
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
-        let found = pool.install(|| measure(&maps, &Few(&rows, block), 0, &Control::default()).unwrap());
+        let found = with_threads(threads, || measure(&maps, &Few(&rows, block), 0, &Control::default()).unwrap());
         assert!(same(&found[1], &expected));
         assert!(same(&found[0], &alone));
     }

@@ -10,7 +10,7 @@ use faer::{Col, Mat, Par, Side};
 
 use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
-use crate::sources::FEWEST_SOURCES;
+use crate::sources::check_enough;
 
 /// Up to this size all eigenpairs are computed, above only the leading ones (the iterative solver needs some room).
 const DENSE: usize = 256;
@@ -36,9 +36,7 @@ pub struct Scaling {
 /// Classical scaling of the distances among sources. The two directions' distances are averaged.
 pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let m = distances.sources().len();
-    if m < FEWEST_SOURCES {
-        return Err(Error::TooFewSources { sources: m, needed: FEWEST_SOURCES });
-    }
+    check_enough(m)?;
     let b = double_centred(distances);
     let (values, vectors) = if m <= DENSE { all_eigenpairs(&b)? } else { leading_eigenpairs(&b)? };
     let mut order: Vec<usize> = (0..values.len()).collect();

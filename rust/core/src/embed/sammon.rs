@@ -69,7 +69,6 @@ impl Pull {
         pull
     }
 
-    /// Where the point goes from its place.
     fn step(&self, place: [f64; 2]) -> [f64; 2] {
         let least = LEAST_CURVATURE * self.stiffness;
         std::array::from_fn(|axis| {

@@ -7,12 +7,12 @@ use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geodesic::bundle::BundleScratch;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
-use crate::rows::{DistanceRows, Rows};
-use crate::sources::{FEWEST_SOURCES, Sources};
+use crate::rows::DistanceRows;
+use crate::sources::{Sources, check_enough};
 use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
@@ -28,15 +28,8 @@ pub fn grossmann2002(
 ) -> Result<FlatMap> {
     check_flattenable(surface, control)?;
     let sources = sources.choose(graph, control)?;
-    if sources.len() < FEWEST_SOURCES {
-        return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
-    }
-    let (among, rows) = if keep_rows {
-        let rows = DistanceRows::compute(graph, &sources, control)?;
-        (rows.among(control)?, Some(rows))
-    } else {
-        (DistanceRows::compute_to(graph, &sources, &sources, control)?, None)
-    };
+    check_enough(sources.len())?;
+    let (among, rows) = DistanceRows::among_sources(graph, &sources, keep_rows, control)?;
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;

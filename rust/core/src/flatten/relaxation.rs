@@ -146,7 +146,6 @@ struct Tip {
     gain: f64,
 }
 
-/// A cut on the coarse surface.
 #[derive(Debug)]
 struct Slit {
     /// The id of the vertex where it ends.
@@ -162,7 +161,6 @@ struct Trial {
     sketch: Sketch,
 }
 
-/// What is tried, and on what.
 struct Trials {
     sketch: Sketch,
     tips: Vec<Tip>,
@@ -238,7 +236,6 @@ impl Trials {
         Ok(self.tips.iter().enumerate().filter_map(|(n, tip)| Some((n, slit(tip)?))).collect())
     }
 
-    /// Makes a cut that was tried.
     fn accept(&mut self, trial: Trial, control: &Control) -> Result<()> {
         self.sketch = trial.sketch;
         self.sketch.settle(control)

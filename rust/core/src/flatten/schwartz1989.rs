@@ -98,7 +98,6 @@ fn best_of_starts(
     Ok((best.expect("there is a start"), stresses))
 }
 
-/// Places spread at random over a square, mm.
 fn scattered(points: usize, side: f64, seed: u64, start: u32) -> Vec<[f64; 2]> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(u64::from(start));

@@ -10,19 +10,19 @@ use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::area_bound::bounded;
 use crate::embed::stress::levels::{self, Levels};
 use crate::embed::stress::start::{Start, flatten_from};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geodesic::bundle::BundleScratch;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::{map_area, orient, turn_onto};
 use crate::rows::{DistanceRows, Rows};
-use crate::sources::FEWEST_SOURCES;
+use crate::sources::check_enough;
 use crate::store;
 use crate::surface::Surface;
 
 /// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. In the end the map is brought to its scale, and judged by the graph's
 /// distances; levels and rows are dropped before.
-/// Errors: [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`flatten_from`] among them.
+/// Errors: Those of [`check_disk`], [`check_enough`] and the stages, [`flatten_from`] among them.
 pub fn voxflat(
     mut levels: Levels,
     rows: DistanceRows,
@@ -34,9 +34,7 @@ pub fn voxflat(
     let surface = levels.finest();
     check_disk(surface)?;
     let sources = levels.landmarks().to_vec();
-    if sources.len() < FEWEST_SOURCES {
-        return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
-    }
+    check_enough(sources.len())?;
     control.begin("scaling", 1);
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;

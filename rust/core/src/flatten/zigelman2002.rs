@@ -3,6 +3,7 @@
 use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
+use crate::adjacency::marked;
 use crate::control::Control;
 use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
@@ -12,8 +13,8 @@ use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
 use crate::place::bilinear::Lattice;
 use crate::place::reinsertion::{self, Placing};
-use crate::rows::{DistanceRows, Rows};
-use crate::sources::{FEWEST_SOURCES, Sources};
+use crate::rows::DistanceRows;
+use crate::sources::{Sources, check_enough};
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
 
@@ -65,12 +66,7 @@ pub fn zigelman2002(
     check_disk(surface)?;
     let (sources, rest) = sample(surface, graph, sampling, control)?;
     let marching = Marching::new(surface, wave, control)?;
-    let (among, rows) = if keep_rows {
-        let rows = DistanceRows::compute(&marching, &sources, control)?;
-        (rows.among(control)?, Some(rows))
-    } else {
-        (DistanceRows::compute_to(&marching, &sources, &sources, control)?, None)
-    };
+    let (among, rows) = DistanceRows::among_sources(&marching, &sources, keep_rows, control)?;
     drop(marching);
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
@@ -94,9 +90,7 @@ fn sample<'a>(
 ) -> Result<(Vec<u32>, Rest<'a>)> {
     let points = surface.len();
     let checked = |count: usize| {
-        if count < FEWEST_SOURCES {
-            return Err(Error::TooFewSources { sources: count, needed: FEWEST_SOURCES });
-        }
+        check_enough(count)?;
         if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
     };
     let left = |keep: &[u32], vertices: usize| {
@@ -112,8 +106,7 @@ fn sample<'a>(
             let given = Sources::Given(vertices.iter().map(|&v| v as usize).collect());
             let mut sources = given.choose(graph, control)?;
             let decimation = left(&sources, checked(sources.len())?)?;
-            let mut is_source = vec![false; points];
-            sources.iter().for_each(|&v| is_source[v as usize] = true);
+            let is_source = marked(points, &sources);
             sources.extend(decimation.survivors.iter().filter(|&&v| !is_source[v as usize]));
             Ok((sources, Rest::Reinserted(Box::new(decimation))))
         }

@@ -39,7 +39,6 @@ const AHEAD: usize = 3;
 /// Places between two looks at whether the user has had enough.
 const CHECK: usize = 512;
 
-/// Before a range is widened.
 const NOWHERE: Range<usize> = Range { start: usize::MAX, end: 0 };
 
 /// Vertices whose distances are written into all rows before those of the next: they stay in the cache.
@@ -227,7 +226,6 @@ fn search(
     search.lower(graph, &[source], row, control)
 }
 
-/// Visits vertices until no distance can be lowered.
 struct Visits<'a, G> {
     graph: &'a G,
     scratch: &'a mut BundleScratch,
@@ -350,17 +348,12 @@ mod tests {
     use crate::adjacency::Listed;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::mesh::shapes;
+    use crate::tests::row;
     use proptest::prelude::*;
 
     /// Each row by a search of its own.
     fn searched(graph: &impl Links, sources: &[u32]) -> Vec<Vec<f32>> {
-        let mut scratch = BundleScratch::new(graph);
-        let mut row = |&source: &u32| {
-            let mut row = vec![f32::NAN; graph.vertices()];
-            scratch.row(graph, source, &mut row, &Control::default()).unwrap();
-            row
-        };
-        sources.iter().map(&mut row).collect()
+        sources.iter().map(|&source| row(graph, source)).collect()
     }
 
     /// The rows of sources, in one bundle, to the targets or to all.
@@ -402,7 +395,6 @@ mod tests {
             links in prop::collection::vec((0u32..40, 0u32..40, prop::sample::select(vec![0.0f32, 1e-30, 1e-7, 0.3, 1.0, 1e6])), 1..150),
             sources in prop::collection::vec(0u32..40, 1..=MOST_SOURCES),
         ) {
-            let links: Vec<_> = links.into_iter().filter(|link| link.0 != link.1).collect();
             let graph = Listed::new(40, &links); // not all of it can be reached
             prop_assert_eq!(bundled(&graph, &sources, None), searched(&graph, &sources));
         }
@@ -413,7 +405,6 @@ mod tests {
             sources in prop::collection::vec(0u32..150, 0..300),
             threads in 1usize..40,
         ) {
-            let links: Vec<_> = links.into_iter().filter(|link| link.0 != link.1).collect();
             let graph = Listed::new(150, &links);
             let found = bundles(&graph, &sources, threads, &Control::default()).unwrap();
             let most = if sources.len() < FEWEST_CACHED { 1 } else { MOST_SOURCES.min(sources.len().div_ceil(threads)) };

@@ -236,12 +236,8 @@ mod tests {
             assert!(mean.abs() < 0.002, "{spacing:?}: mean {mean}");
             let expected = expected_rms(spacing, &weights);
             assert!((rms - expected).abs() < 0.001, "{spacing:?}: RMS {rms}, expected {expected}");
-            let (euclidean, _) = mean_and_rms(&line_errors(
-                spacing,
-                &ChainWeights::new(spacing, LinkLengths::Euclidean).unwrap(),
-                1000,
-                4,
-            ));
+            let plain = ChainWeights::new(spacing, LinkLengths::Euclidean).unwrap();
+            let (euclidean, _) = mean_and_rms(&line_errors(spacing, &plain, 1000, 4));
             assert!(euclidean > 0.03, "{spacing:?}: Euclidean lengths overestimate, {euclidean}");
         }
     }
@@ -262,10 +258,8 @@ mod tests {
             assert!(lengths[1..].iter().all(|&length| length > 0.0), "{spacing:?}: {lengths:?}");
             for kind in 1..8 {
                 for part in (1..kind).filter(|part| part & kind == *part) {
-                    assert!(
-                        lengths[kind] <= lengths[part] + lengths[kind ^ part],
-                        "{spacing:?} {kind} {part}: {lengths:?}"
-                    );
+                    let detour = lengths[part] + lengths[kind ^ part];
+                    assert!(lengths[kind] <= detour, "{spacing:?} {kind} {part}: {lengths:?}");
                 }
             }
         }

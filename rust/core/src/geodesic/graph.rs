@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::surface::mesh::Surface;
 use needed::Needed;
 use view::View;
-pub(super) use view::{Beyond, Outgoing, outgoing, unfold};
+pub(super) use view::{Beyond, outgoing, unfold};
 
 /// Links that one task measures.
 const BATCH: usize = 1 << 16;
@@ -128,17 +128,11 @@ impl Links for GeodesicGraph {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geodesic::Solver;
     use crate::surface::mesh::shapes;
+    use crate::tests::row;
     use nalgebra::Vector3;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-
-    fn row(graph: &GeodesicGraph, source: u32) -> Vec<f32> {
-        let mut row = vec![0.0; graph.vertices()];
-        graph.row(source, &mut row, &mut graph.scratch(), &Control::default()).unwrap();
-        row
-    }
 
     /// A surface, and one whose vertices lie elsewhere by chance: no two of its links are equally long.
     fn even_and_uneven(surface: &Surface) -> [Surface; 2] {

@@ -20,7 +20,7 @@ use nalgebra::Vector2;
 
 use super::graph::{Beyond, unfold};
 use super::solver::{Fingerprint, Solver};
-use crate::adjacency::Arc;
+use crate::adjacency::{Arc, starts_of};
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
@@ -83,11 +83,7 @@ impl<'a> Marching<'a> {
             }
         }
         fronts.sort_by_key(|&(from, _)| from);
-        let mut starts = vec![0u32; surface.len() + 1];
-        fronts.iter().for_each(|&(from, _)| starts[from as usize + 1] += 1);
-        for vertex in 0..surface.len() {
-            starts[vertex + 1] += starts[vertex];
-        }
+        let starts = starts_of(surface.len(), fronts.iter().map(|&(from, _)| from));
         Ok(Self { surface, starts, fronts: fronts.into_iter().map(|(_, front)| front).collect(), wave })
     }
 
@@ -300,10 +296,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn row(surface: &Surface, wave: Wave, source: u32) -> Vec<f32> {
-        let marching = Marching::new(surface, wave, &Control::default()).unwrap();
-        let mut row = vec![0.0; surface.len()];
-        marching.row(source, &mut row, &mut marching.scratch(), &Control::default()).unwrap();
-        row
+        crate::tests::row(&Marching::new(surface, wave, &Control::default()).unwrap(), source)
     }
 
     /// The mean relative error over all vertices but the source.

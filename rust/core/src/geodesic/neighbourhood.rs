@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::exact::{Exact, Reach};
 use super::solver::Solver;
+use crate::adjacency::marked;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
@@ -51,8 +52,7 @@ impl Neighbourhoods {
         control.begin("measuring neighbourhoods", surface.len() as u64);
         let everywhere = Exact::new(surface);
         let within = Exact::new(surface).within(Reach { rings, ..Reach::default() });
-        let mut is_source = vec![false; surface.len()];
-        sources.iter().for_each(|&source| is_source[source as usize] = true);
+        let is_source = marked(surface.len(), sources);
         let row_of = |(row, wave): &mut (Vec<f64>, _), vertex: u32| {
             let solver = if is_source[vertex as usize] { &everywhere } else { &within };
             solver.distances(vertex, row, wave, control)?;

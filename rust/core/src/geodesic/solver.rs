@@ -58,13 +58,11 @@ pub trait Solver: Sync {
 pub(crate) struct Fingerprint(u64);
 
 impl Fingerprint {
-    /// Takes in another word.
     pub fn mix(&mut self, word: u64) {
         self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
         self.0 ^= self.0 >> 32;
     }
 
-    /// The hash of all words.
     pub fn finish(&self) -> u64 {
         self.0
     }

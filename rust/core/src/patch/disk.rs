@@ -2,7 +2,7 @@
 
 use crate::adjacency::{Components, Links};
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_points};
 use crate::geodesic::shortest::Search;
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
@@ -25,9 +25,7 @@ pub fn disk(
     if !(radius > 0.0 && radius.is_finite()) {
         return Err(Error::RadiusNotPositive { radius });
     }
-    if seed as usize >= surface.len() {
-        return Err(Error::NoSuchPoint { vertex: seed as usize, points: surface.len() });
-    }
+    check_points([seed], surface.len())?;
     let beyond = (radius as f32).next_up();
     let mut reached = vec![beyond; surface.len()];
     reached[seed as usize] = 0.0;
@@ -72,6 +70,8 @@ mod tests {
     use super::*;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::mesh::shapes;
+    use crate::surface::topology::Topology;
+    use crate::tests::{both, moved};
     use nalgebra::Vector3;
 
     fn disk_of(surface: &Surface, seed: u32, radius: f64) -> Result<(Surface, usize)> {
@@ -80,7 +80,7 @@ mod tests {
     }
 
     fn euler(surface: &Surface) -> i64 {
-        (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64
+        Topology::of(surface).euler
     }
 
     #[test]
@@ -121,15 +121,11 @@ mod tests {
 
     #[test]
     fn other_components_stay_outside() {
-        let (mut points, mut faces) = shapes::sphere(3);
-        let count = points.len();
-        let far = |p: &[f64; 3]| [p[0] + 5.0, p[1], p[2]];
-        points.extend(points.clone().iter().map(far));
-        faces.extend(faces.clone().iter().map(|face| face.map(|v| v + count as i64)));
-        let two = shapes::surface((points, faces));
+        let sphere = shapes::sphere(3);
+        let two = shapes::surface(both(&sphere, &moved(&sphere, |&[x, y, z]| [x + 5.0, y, z])));
         let (part, filled) = disk_of(&two, 0, 1.0).unwrap();
         assert_eq!((filled, euler(&part)), (0, 1));
-        assert_eq!(crate::patch::largest_piece(&two).len(), count);
+        assert_eq!(crate::patch::largest_piece(&two).len(), sphere.0.len());
     }
 
     #[test]

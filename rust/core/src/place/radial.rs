@@ -6,7 +6,6 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use nalgebra::{Matrix3, Vector3};
-use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -105,15 +104,7 @@ impl RadialFunctions {
 
     /// The functions' values at many points, in parallel.
     pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
-        control.begin("placing the rest", points.len().div_ceil(BATCH) as u64);
-        let mut values = vec![[0.0; 2]; points.len()];
-        values.par_chunks_mut(BATCH).zip(points.par_chunks(BATCH)).try_for_each(|(values, points)| {
-            control.check()?;
-            values.iter_mut().zip(points).for_each(|(value, point)| *value = self.at(point));
-            control.advance();
-            Ok(())
-        })?;
-        Ok(values)
+        control.each("placing the rest", points, BATCH, |point| self.at(point))
     }
 }
 

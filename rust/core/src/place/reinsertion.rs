@@ -91,7 +91,6 @@ fn area(at: Place, [a, b]: [Place; 2]) -> f64 {
     (a - at).perp(&(b - at))
 }
 
-/// Do all triangles between a place and the sides keep their orientation?
 fn sees(ring: &[Place], is_closed: bool, at: Place) -> bool {
     sides(ring, is_closed).all(|side| area(at, side) > 0.0)
 }

@@ -15,6 +15,7 @@ use std::collections::{BinaryHeap, HashMap, HashSet};
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+use crate::adjacency::Groups;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
@@ -313,8 +314,7 @@ pub(crate) fn tangents(up: Vector3<f64>) -> [Vector3<f64>; 2] {
 pub(crate) struct Metric {
     cotangents: Vec<[f64; 3]>,
     doubles: Vec<f64>,
-    starts: Vec<u32>,
-    corners: Vec<u32>,
+    around: Groups,
 }
 
 impl Metric {
@@ -332,21 +332,12 @@ impl Metric {
             cotangents.push([y + z - x, z + x - y, x + y - z].map(|w| w / (2.0 * double)));
             doubles.push(double * scale);
         }
-        let mut starts = vec![0; surface.len() + 1];
-        surface.faces().as_flattened().iter().for_each(|&v| starts[v as usize + 1] += 1);
-        (0..surface.len()).for_each(|v| starts[v + 1] += starts[v]);
-        let mut free = starts.clone();
-        let mut corners = vec![0; 3 * surface.faces().len()];
-        for (corner, &vertex) in (0..).zip(surface.faces().as_flattened()) {
-            corners[free[vertex as usize] as usize] = corner;
-            free[vertex as usize] += 1;
-        }
-        Self { cotangents, doubles, starts, corners }
+        let around = Groups::new(surface.len(), surface.faces().as_flattened().iter().copied());
+        Self { cotangents, doubles, around }
     }
 
-    /// The corners at a vertex.
     pub(crate) fn corners(&self, vertex: usize) -> &[u32] {
-        &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+        self.around.of(vertex as u32)
     }
 
     /// Moves a vertex towards a place, as far as no triangle around it is nearly turned over.

@@ -114,7 +114,6 @@ impl Smoothing {
         Self { starts, neighbours, areas, step: step / whole / 2.0 }
     }
 
-    /// One average.
     fn averaged(&self, values: &[Vector3<f64>], into: &mut Vec<Vector3<f64>>) {
         into.clear();
         into.extend(self.starts.windows(2).map(|ends| {

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::locate::{Located, Locator};
 use super::map::{Metric, closed, laid_out, levels, refined};
 use super::pattern::{Pattern, SCALES, Smoothing, pattern};
+use crate::adjacency::marked;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::Surface;
@@ -148,8 +149,7 @@ pub fn register(
     for n in (0..depth).rev() {
         let finer = level(n);
         places = refined(&levels[n], finer, &places, true, control)?;
-        let mut is_old = vec![false; finer.len()];
-        levels[n].survivors.iter().for_each(|&v| is_old[v as usize] = true);
+        let is_old = marked(finer.len(), &levels[n].survivors);
         Metric::new(finer).relax(finer, &mut places, NEW_SWEEPS, |v| !is_old[v], control)?;
     }
     places.truncate(surface.len());

@@ -13,7 +13,6 @@ const FORMAT: &str = "{\"format\": \"voxflat rows 2\", ";
 /// Says that all rows are finished and on the disk.
 const COMPLETE: &str = "{\"complete\": true}";
 
-/// What a journal says.
 #[derive(Debug, PartialEq)]
 pub struct Entries {
     /// The checksum of each row that was finished.
@@ -61,7 +60,6 @@ fn entry(line: &str) -> Option<(usize, u32)> {
     Some((row.parse().ok()?, u32::from_str_radix(checksum, 16).ok()?))
 }
 
-/// A journal that is written.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,

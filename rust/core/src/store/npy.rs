@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// Bytes of a value.
 pub const VALUE: usize = size_of::<f32>();
 
 /// Bytes that are moved at a time, between two looks at the control.
@@ -28,7 +27,6 @@ impl NpyFile {
         Self { path, header: header(rows, columns), rows, columns }
     }
 
-    /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -79,7 +77,6 @@ impl NpyFile {
         })
     }
 
-    /// The checksum of a row.
     pub fn checksum(&self, row: usize, control: &Control) -> Result<u32> {
         self.pass(row, control, |_| ())
     }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::*;
 use crate::rows::DistanceRows;
 use crate::surface::voxels::graph::VoxelGraph;
-use crate::tests::{chained, with_threads};
+use crate::tests::{Altered, chained, with_threads};
 use crate::volume::Mask;
 use proptest::prelude::*;
 
@@ -51,39 +51,13 @@ fn sources() -> Vec<u32> {
 }
 
 /// A solver that fails after so many rows, and counts them.
-struct Counting<'a>(&'a VoxelGraph, AtomicUsize, usize);
-
-impl<'a> Counting<'a> {
-    fn until(graph: &'a VoxelGraph, last: usize) -> Self {
-        Self(graph, AtomicUsize::new(0), last)
-    }
-
-    fn rows(&self) -> usize {
-        self.1.load(Ordering::Relaxed)
-    }
-}
-
-impl Solver for Counting<'_> {
-    type Scratch = <VoxelGraph as Solver>::Scratch;
-
-    fn scratch(&self) -> Self::Scratch {
-        self.0.scratch()
-    }
-
-    fn columns(&self) -> usize {
-        self.0.columns()
-    }
-
-    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
-        if self.1.fetch_add(1, Ordering::Relaxed) >= self.2 {
-            return Err(Error::Cancelled);
-        }
-        self.0.row(source, row, scratch, control)
-    }
-
-    fn fingerprint(&self, control: &Control) -> Result<u64> {
-        self.0.fingerprint(control)
-    }
+fn until<'a>(graph: &'a VoxelGraph, rows: &'a AtomicUsize, last: usize) -> impl Solver + 'a {
+    rows.store(0, Ordering::Relaxed);
+    let count = move |_: &mut [f32]| match rows.fetch_add(1, Ordering::Relaxed) < last {
+        true => Ok(()),
+        false => Err(Error::Cancelled),
+    };
+    Altered(graph, count)
 }
 
 fn compute<S: Solver>(folder: &Folder, solver: &S) -> Result<Store> {
@@ -122,9 +96,9 @@ fn a_complete_store_is_read_and_not_touched() {
     drop(compute(&folder, &graph).unwrap());
     let (table, journal) = (folder.bytes("rows.npy"), folder.bytes("journal.jsonl"));
     assert!(journal.ends_with(COMPLETE));
-    let counting = Counting::until(&graph, 0);
-    let again = compute(&folder, &counting).unwrap();
-    assert_eq!((again.found(), counting.rows()), (Found { rows: ROWS, damaged: 0 }, 0));
+    let rows = AtomicUsize::new(0);
+    let again = compute(&folder, &until(&graph, &rows, 0)).unwrap();
+    assert_eq!((again.found(), rows.into_inner()), (Found { rows: ROWS, damaged: 0 }, 0));
     assert!((table, journal) == (folder.bytes("rows.npy"), folder.bytes("journal.jsonl")));
 }
 
@@ -137,10 +111,9 @@ proptest! {
         let folder = Folder::new("stops");
         let mut finished = 0;
         for stop in stops {
-            let counting = Counting::until(&graph, stop);
-            let outcome = with_threads(threads, || compute(&folder, &counting));
-            match outcome {
-                Ok(store) => prop_assert!(store.found().rows == finished && counting.rows() == ROWS - finished),
+            let rows = AtomicUsize::new(0);
+            match with_threads(threads, || compute(&folder, &until(&graph, &rows, stop))) {
+                Ok(store) => prop_assert!(store.found().rows == finished && rows.into_inner() == ROWS - finished),
                 Err(error) => {
                     prop_assert_eq!(error, Error::Cancelled);
                     prop_assert!(!folder.bytes("journal.jsonl").ends_with(COMPLETE));
@@ -198,21 +171,21 @@ fn parts_by_several_make_the_store_that_one_would() {
     let (alone, folder) = (Folder::new("alone"), Folder::new("parts"));
     drop(compute(&alone, &graph).unwrap());
     let control = Control::default();
-    let of = |part: &Path, rows: &[u32], solver: &Counting<'_>| {
-        Store::compute_part(folder.path(), part, "a1", solver, &sources(), rows, &control)
+    let count = AtomicUsize::new(0);
+    let of = |part: &Path, rows: &[u32], last: usize| {
+        Store::compute_part(folder.path(), part, "a1", &until(&graph, &count, last), &sources(), rows, &control)
     };
     let parts = ["first", "second"].map(|name| folder.path().join(name));
     parts.iter().for_each(|part| fs::create_dir(part).unwrap());
     let (first, second): (Vec<u32>, Vec<u32>) = (0..ROWS as u32).partition(|row| row % 3 == 1);
-    let told = of(&parts[0], &first, &Counting::until(&graph, ROWS)).unwrap_err();
+    let told = of(&parts[0], &first, ROWS).unwrap_err();
     assert!(matches!(told, Error::StoreFailed { .. })); // nobody has laid the table out
     let nothing = Store::lay_out(folder.path(), "a1", ROWS, graph.columns(), &control).unwrap();
     assert_eq!(nothing, Found::default());
-    assert_eq!(of(&parts[0], &first, &Counting::until(&graph, 5)), Err(Error::Cancelled));
-    let counting = Counting::until(&graph, ROWS);
-    of(&parts[0], &first, &counting).unwrap();
-    assert_eq!(counting.rows(), first.len() - 5);
-    of(&parts[1], &second, &Counting::until(&graph, ROWS)).unwrap();
+    assert_eq!(of(&parts[0], &first, 5), Err(Error::Cancelled));
+    of(&parts[0], &first, ROWS).unwrap();
+    assert_eq!(count.load(Ordering::Relaxed), first.len() - 5);
+    of(&parts[1], &second, ROWS).unwrap();
     let lines = |folder: &Path| {
         let text = fs::read_to_string(folder.join(JOURNAL)).unwrap();
         let mut lines: Vec<String> =

@@ -90,6 +90,7 @@ fn means(values: &[Vector3<f64>], mass: &[f64], of: &[u32], count: usize) -> Vec
 mod tests {
     use super::*;
     use crate::surface::mesh::shapes;
+    use crate::tests::{both, moved};
 
     fn depth(surface: &Surface) -> Vec<f64> {
         sulcal_depth(surface, 70.0, &Control::default()).unwrap()
@@ -142,15 +143,10 @@ mod tests {
 
     #[test]
     fn components_do_not_know_of_each_other() {
-        let (points, faces) = shapes::sphere(4);
-        let n = points.len() as i64;
-        let two: Vec<[f64; 3]> = points
-            .iter()
-            .map(|p| p.map(|x| 60.0 * x))
-            .chain(points.iter().map(|p| [40.0 * p[0] + 200.0, 40.0 * p[1], 40.0 * p[2]]))
-            .collect();
-        let both: Vec<[i64; 3]> = faces.iter().copied().chain(faces.iter().map(|f| f.map(|v| v + n))).collect();
-        let together = depth(&shapes::surface((two, both)));
+        let sphere = shapes::sphere(4);
+        let large = moved(&sphere, |p| p.map(|x| 60.0 * x));
+        let small = moved(&sphere, |[x, y, z]| [40.0 * x + 200.0, 40.0 * y, 40.0 * z]);
+        let together = depth(&shapes::surface(both(&large, &small)));
         assert!(together.iter().all(|d| d.abs() < 0.3)); // nearly round
     }
 }

@@ -4,7 +4,7 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use voxflat::sphere::locate::Locator;
-use voxflat::sphere::map::{spherical_map, turned_over};
+use voxflat::sphere::map::turned_over;
 use voxflat::sphere::pattern::{SCALES, pattern};
 use voxflat::sphere::register::{Template, register};
 use voxflat::surface::Surface as CoreSurface;
@@ -20,13 +20,6 @@ type Located<'py> = (Values<'py, u32>, Table<'py, f64>);
 
 #[pymethods]
 impl Surface {
-    /// The vertices' places (N, 3) on the unit sphere.
-    #[pyo3(signature = (progress=None))]
-    fn spherical_map<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Table<'py, f64>> {
-        let places = self.run(py, Some(1), &progress, move |inner, control| spherical_map(&inner.surface, control))?;
-        convert::array(py, &convert::plain(&places))
-    }
-
     /// The pattern of folds: depths (K, N) scale by scale, places (N, 3) on the smoothed surface, and areas (N,).
     #[pyo3(signature = (progress=None))]
     fn pattern<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Pattern<'py>> {

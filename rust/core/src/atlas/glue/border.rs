@@ -11,7 +11,6 @@ use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
 use crate::error::Result;
 
-/// A side of the boundary.
 struct Side {
     places: [u32; 2],
     ends: [Place; 2],

@@ -1,43 +1,23 @@
 //! Pieces are united along what they share of their boundaries: first those of which one shares the greatest part of its own
 //! with the other. (By the length alone large pieces grow on, with long boundaries that later do not fit.)
 
-use std::cmp::{Ordering, Reverse};
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::seams::Gluing;
 use super::sheet::Chain;
+use crate::adjacency::distinct;
 use crate::error::Result;
 use crate::surface::mesh::next;
 
 /// Sides that lie apart by less than this part of their length are closed together.
 const NEAR: f64 = 0.35;
 
-/// Two pieces whose common boundary may be closed: the greatest share first, then by the order of the sides.
-#[derive(PartialEq)]
-struct Candidate {
-    /// The longest chain between them, as a part of the shorter one of their boundaries.
-    share: f64,
-    /// The chain's first side.
-    first: Reverse<u32>,
-    pieces: [u32; 2],
-}
-
-impl Eq for Candidate {}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.share.total_cmp(&other.share).then(self.first.cmp(&other.first)).then(self.pieces.cmp(&other.pieces))
-    }
-}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
+/// Two pieces whose common boundary may be closed, behind the bits of the longest chain between them as a part of the shorter one of
+/// their boundaries (positive numbers sort as their bits), and the chain's first side: the greatest share comes first.
+type Candidate = (u64, Reverse<u32>, [u32; 2]);
 
 impl Gluing<'_> {
-    /// The chains between two pieces, the longest first.
     fn between(&self, [a, b]: [u32; 2]) -> Vec<Chain> {
         let (few, other) = if self.size(a) < self.size(b) { (a, b) } else { (b, a) };
         let mut chains = self.sheet.chains(&self.sheet.members[few as usize], other);
@@ -50,22 +30,17 @@ impl Gluing<'_> {
         let first = chains.first()?;
         let boundary = pieces.map(|piece| self.boundaries[piece as usize]);
         let share = self.sheet.length(first) / boundary[0].min(boundary[1]);
-        Some(Candidate { share, first: Reverse(first[0]), pieces })
+        Some((share.to_bits(), Reverse(first[0]), pieces))
     }
 
     /// The pieces beside one, each once, in their order.
     fn neighbours(&self, piece: u32) -> Vec<u32> {
         let sides = self.sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
         let cuts = sides.filter(|&side| self.sheet.is_cut(side));
-        let mut beside: Vec<u32> =
-            cuts.map(|side| self.sheet.piece[self.sheet.twins[side as usize] as usize / 3]).collect();
-        beside.sort_unstable();
-        beside.dedup();
-        beside.retain(|&other| other != piece);
-        beside
+        let beside = cuts.map(|side| self.sheet.piece[self.sheet.twins[side as usize] as usize / 3]);
+        distinct(beside.filter(|&other| other != piece))
     }
 
-    /// Unites pieces along their common boundaries.
     pub fn merge(&mut self) -> Result<()> {
         let count = self.sheet.members.len();
         self.control.begin("gluing patches", count as u64);
@@ -76,15 +51,15 @@ impl Gluing<'_> {
             queue.extend(larger.filter_map(|other| self.candidate([piece, other])));
         }
         while let Some(best) = queue.pop() {
-            if best.pieces.iter().any(|&piece| self.size(piece) == 0) {
+            let [a, b] = best.2;
+            if self.size(a) == 0 || self.size(b) == 0 {
                 continue;
             }
-            let Some(now) = self.candidate(best.pieces) else { continue };
+            let Some(now) = self.candidate(best.2) else { continue };
             if now != best {
                 queue.push(now);
                 continue;
             }
-            let [a, b] = best.pieces;
             let (larger, smaller) = if self.size(a) < self.size(b) { (b, a) } else { (a, b) };
             let beside = self.neighbours(smaller);
             if self.unite(larger, smaller)? {

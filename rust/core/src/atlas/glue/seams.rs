@@ -54,12 +54,10 @@ impl<'a> Gluing<'a> {
         Self { reasons: vec![None; sheet.twins.len()], sheet, boundaries, bound, relaxed, control }
     }
 
-    /// Number of facets of a piece.
     pub(super) fn size(&self, piece: u32) -> usize {
         self.sheet.members[piece as usize].len()
     }
 
-    /// Sorts chains by their lengths.
     pub(super) fn longest_first(&self, chains: &mut [Chain]) {
         chains.sort_by(|p, q| self.sheet.length(q).total_cmp(&self.sheet.length(p)).then(p[0].cmp(&q[0])));
     }

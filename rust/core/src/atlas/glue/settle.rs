@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::sheet::Sheet;
 use super::strain::{Place, Price, Region, Strain};
+use crate::adjacency::distinct;
 use crate::control::Control;
 use crate::distortion::faces::stretch_of;
 use crate::embed::stress::descent::{Until, descend};
@@ -61,9 +62,7 @@ impl Around {
                 free = order.len();
             }
         }
-        let mut facets: Vec<u32> = fans.iter().flatten().map(|corner| corner / 3).collect();
-        facets.sort_unstable();
-        facets.dedup();
+        let facets = distinct(fans.iter().flatten().map(|corner| corner / 3));
         let rest = |&facet: &u32| {
             let rest = sheet.rests[facet as usize];
             let local = |k: u32| number[&sheet.place[(3 * facet + k) as usize]];

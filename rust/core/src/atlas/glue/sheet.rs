@@ -8,6 +8,7 @@ use std::collections::{HashMap, HashSet};
 use nalgebra::{Rotation2, Vector2};
 
 use super::strain::Place;
+use crate::adjacency::distinct;
 use crate::atlas::facets::{Facets, NONE};
 use crate::embed::stress::triangles::Rest;
 use crate::surface::mesh::{BORDER, next, previous};
@@ -15,7 +16,6 @@ use crate::surface::mesh::{BORDER, next, previous};
 /// Sides of a piece, one after another along its boundary, beyond which lies another piece, or the same one.
 pub(super) type Chain = Vec<u32>;
 
-/// The flat pieces.
 #[derive(Clone)]
 pub(super) struct Sheet<'a> {
     pub facets: &'a Facets<'a>,
@@ -101,10 +101,7 @@ impl<'a> Sheet<'a> {
     /// A piece falls into the pieces of another sheet of the same surface.
     pub fn take_apart(&mut self, piece: u32, patches: &Sheet<'_>) {
         let facets = std::mem::take(&mut self.members[piece as usize]);
-        let mut numbers: Vec<u32> = facets.iter().map(|&facet| patches.piece[facet as usize]).collect();
-        numbers.sort_unstable();
-        numbers.dedup();
-        for number in numbers {
+        for number in distinct(facets.iter().map(|&facet| patches.piece[facet as usize])) {
             let members = patches.members[number as usize].clone();
             members.iter().for_each(|&facet| self.piece[facet as usize] = self.members.len() as u32);
             self.members.push(members);
@@ -126,17 +123,14 @@ impl<'a> Sheet<'a> {
         self.is_open(side) && self.twins[side as usize] != BORDER
     }
 
-    /// The places of the ends of a side.
     pub fn ends(&self, side: u32) -> [u32; 2] {
         [side, next(side)].map(|corner| self.place[corner as usize])
     }
 
-    /// Where a corner lies.
     pub fn at(&self, corner: u32) -> Place {
         self.uv[self.place[corner as usize] as usize]
     }
 
-    /// The corners of a facet, where they lie.
     pub fn flat(&self, facet: u32) -> [Place; 3] {
         [0, 1, 2].map(|k| self.at(3 * facet + k))
     }
@@ -223,7 +217,6 @@ impl<'a> Sheet<'a> {
         sides.filter(|&side| self.is_open(side)).map(|side| self.lengths[side as usize]).sum()
     }
 
-    /// Turns and moves a piece as a whole.
     pub fn place_rigidly(&mut self, piece: u32, turn: Rotation2<f64>, shift: Place) {
         for &facet in &self.members[piece as usize] {
             for corner in 3 * facet..3 * facet + 3 {
@@ -255,17 +248,13 @@ impl<'a> Sheet<'a> {
                 }
             }
         }
-        changed.at = changed.sides.iter().flat_map(|&side| self.ends(side)).collect();
-        changed.at.sort_unstable();
-        changed.at.dedup();
+        changed.at = distinct(changed.sides.iter().flat_map(|&side| self.ends(side)));
         changed
     }
 
     /// Makes corners around a vertex one place.
     fn unify(&mut self, fan: &[u32], changed: &mut Joined) {
-        let mut old: Vec<u32> = fan.iter().map(|&corner| self.place[corner as usize]).collect();
-        old.sort_unstable();
-        old.dedup();
+        let old = distinct(fan.iter().map(|&corner| self.place[corner as usize]));
         let [first, .., _] = old[..] else { return };
         let middle = old.iter().map(|&place| self.uv[place as usize]).sum::<Place>() / old.len() as f64;
         changed.moved.push((first, self.uv[first as usize]));
@@ -276,14 +265,12 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// Makes a join undone.
     pub fn part(&mut self, changed: Joined) {
         changed.sides.iter().for_each(|&side| self.joined[side as usize] = false);
         changed.places.iter().rev().for_each(|&(corner, place)| self.place[corner as usize] = place);
         changed.moved.iter().rev().for_each(|&(place, uv)| self.uv[place as usize] = uv);
     }
 
-    /// One piece becomes part of another.
     pub fn unite(&mut self, larger: u32, smaller: u32) {
         let moved = std::mem::take(&mut self.members[smaller as usize]);
         moved.iter().for_each(|&facet| self.piece[facet as usize] = larger);

@@ -128,7 +128,6 @@ impl Region {
     }
 }
 
-/// The energy of a region.
 pub(super) struct Strain<'a> {
     pub region: &'a Region,
     pub price: Price,

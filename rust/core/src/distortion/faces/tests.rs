@@ -1,18 +1,8 @@
 use super::*;
+use crate::distortion::tests::grid;
 use nalgebra::{Matrix2, Rotation3, Vector2};
 use proptest::prelude::*;
 use std::f64::consts::TAU;
-
-/// A rectangle of w × h squares, each cut in two.
-fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
-    let uv = (0..(w + 1) * (h + 1)).map(|n| [f64::from(n % (w + 1)), f64::from(n / (w + 1))]).collect();
-    let square = |n: u32| {
-        let corner = n / w * (w + 1) + n % w;
-        let [a, b, c, d] = [corner, corner + 1, corner + w + 1, corner + w + 2];
-        if n.is_multiple_of(3) { [[a, b, c], [b, d, c]] } else { [[a, b, d], [a, d, c]] }
-    };
-    (uv, (0..w * h).flat_map(square).collect())
-}
 
 fn in_space(uv: &[[f64; 2]], height: impl Fn(f64, f64) -> f64) -> Vec<Vector3<f64>> {
     uv.iter().map(|&[x, y]| Vector3::new(x, y, height(x, y))).collect()

@@ -179,7 +179,6 @@ pub struct Levels<'a> {
     pub(super) vertices: Vec<Vec<u32>>,
 }
 
-/// What descent on a level needs.
 pub(super) struct Level {
     pub(super) pairs: Pairs,
     pub(super) triangles: TriangleEnergy,
@@ -328,13 +327,13 @@ impl Level {
             return Ok(free);
         }
         *uv = start;
-        self.descend(uv, &self.inside(uv.len()), dials, Some((&self.outline, APART)), stage, control)
+        self.descend(uv, &self.outline.inside(uv.len()), dials, Some((&self.outline, APART)), stage, control)
     }
 
     /// The same from a coarser map, its outline kept from running into itself.
     fn settle(&self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control) -> Result<Convergence> {
         self.ease_tiny(uv, dials.shape, control)?;
-        ease(&self.triangles, dials.shape, &self.inside(uv.len()), uv, control)?;
+        ease(&self.triangles, dials.shape, &self.outline.inside(uv.len()), uv, control)?;
         let is_apart = self.outline.crossings(uv, control)? == 0;
         let apart = Some((&self.outline, APART)).filter(|_| is_apart);
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
@@ -364,13 +363,6 @@ impl Level {
         MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline }
     }
 
-    /// Of each vertex, is it inside?
-    pub(super) fn inside(&self, vertices: usize) -> Vec<bool> {
-        let mut inside = vec![true; vertices];
-        self.outline.vertices().for_each(|vertex| inside[vertex as usize] = false);
-        inside
-    }
-
     /// From the first map, in which triangles may be tiny, by way of one that keeps far distances.
     fn descend(
         &self,
@@ -387,7 +379,6 @@ impl Level {
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, outline, stage, control)
     }
 
-    /// Descent in rounds, until little is gained.
     #[expect(clippy::too_many_arguments)]
     pub(super) fn rounds(
         &self,

@@ -10,6 +10,7 @@ use nalgebra::Vector2;
 use super::descent::SAFE;
 use super::outline::Outline;
 use super::triangles::{TriangleEnergy, signed_area};
+use crate::adjacency::distinct;
 use crate::control::Control;
 use crate::error::Result;
 use crate::place::reinsertion::seeing;
@@ -17,7 +18,6 @@ use crate::place::reinsertion::seeing;
 /// Rounds in which vertices of folded triangles are put elsewhere.
 const ROUNDS: usize = 40;
 
-/// Why descent cannot begin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fault {
     /// So many triangles are turned over, or have no area.
@@ -51,17 +51,14 @@ pub(super) fn mend(
 
 /// Puts vertices of folded triangles, one after the other, where none of their own is; is none left?
 fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], control: &Control) -> Result<bool> {
-    let mut is_inside = vec![true; uv.len()];
-    outline.vertices().for_each(|vertex| is_inside[vertex as usize] = false);
+    let is_inside = outline.inside(uv.len());
     for _ in 0..ROUNDS {
         control.check()?;
         let is_folded = |corners: &[u32; 3]| signed_area(*corners, uv) <= 0.0;
-        let mut vertices: Vec<u32> = triangles.corners().filter(is_folded).flatten().collect();
+        let vertices = distinct(triangles.corners().filter(is_folded).flatten());
         if vertices.is_empty() {
             return Ok(true);
         }
-        vertices.sort_unstable();
-        vertices.dedup();
         for vertex in vertices {
             let n = vertex as usize;
             let opposite = triangles.around(n).map(|(rest, corner)| {

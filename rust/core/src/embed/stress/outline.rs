@@ -34,7 +34,6 @@ pub struct Outline {
     gaps: Vec<f64>,
 }
 
-/// A vertex that is near an edge.
 struct Contact {
     vertex: u32,
     edge: [u32; 2],
@@ -61,7 +60,13 @@ impl Outline {
         self.edges.iter().map(|edge| edge[0])
     }
 
-    /// That of a surface.
+    /// Of each of so many vertices, is it none of the boundary's?
+    pub fn inside(&self, vertices: usize) -> Vec<bool> {
+        let mut inside = vec![true; vertices];
+        self.vertices().for_each(|vertex| inside[vertex as usize] = false);
+        inside
+    }
+
     pub fn new(surface: &Surface) -> Self {
         let points = surface.points();
         let mut heights = vec![f64::INFINITY; surface.len()];
@@ -153,7 +158,6 @@ impl Outline {
         self.contacts(uv).iter().filter(|contact| !contact.push()[0].is_finite()).count()
     }
 
-    /// Number of times that the boundary crosses itself.
     pub fn crossings(&self, uv: &[Place], control: &Control) -> Result<usize> {
         let place = |end: Place| Coord { x: end.x, y: end.y };
         let segments: Vec<_> = (0..self.edges.len()).map(|edge| self.ends(edge, uv).map(place)).collect();

@@ -12,6 +12,7 @@ use nalgebra::{Matrix2, Vector2};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
+use crate::adjacency::marked;
 use crate::control::Control;
 use crate::error::Result;
 use crate::rows::DistanceRows;
@@ -90,7 +91,6 @@ impl Pairs {
         Self::of(self.landmarks.iter().filter_map(number).collect(), numbers, table, self.width)
     }
 
-    /// The pairs of the first few landmarks.
     pub fn of_first(&self, landmarks: usize) -> Self {
         let landmarks = self.landmarks[..landmarks.min(self.landmarks.len())].to_vec();
         let width = landmarks.len().next_multiple_of(LANES);
@@ -113,8 +113,7 @@ impl Pairs {
         let square = |distance: f32| f64::from(distance).powi(2);
         let mut means = vec![0.0; places.len()];
         let rows = || self.vertices.iter().zip(self.table.chunks_exact(self.width.max(1)));
-        let mut is_landmark = vec![false; vertices];
-        self.landmarks.iter().for_each(|&landmark| is_landmark[landmark as usize] = true);
+        let is_landmark = marked(vertices, &self.landmarks);
         for (_, row) in rows().filter(|&(&vertex, _)| is_landmark[vertex as usize]) {
             means.iter_mut().zip(row).for_each(|(mean, &distance)| *mean += square(distance) / count);
         }

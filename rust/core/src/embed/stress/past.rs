@@ -22,7 +22,6 @@ const BATCH: usize = 2048;
 /// Vectors whose products are found together.
 const TOGETHER: usize = 4;
 
-/// Past steps, the oldest first.
 #[derive(Debug, Default)]
 pub(super) struct Past {
     /// How the map moved.
@@ -120,7 +119,6 @@ impl WithSimd for Products<'_> {
     }
 }
 
-/// Adds some vectors, each so many times.
 fn add(to: &mut [Place], vectors: &VecDeque<Vec<Vector2<f32>>>, times: &[f64]) {
     to.par_chunks_mut(BATCH).enumerate().for_each(|(n, to)| {
         for (vector, times) in vectors.iter().zip(times) {

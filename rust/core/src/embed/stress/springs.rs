@@ -13,6 +13,7 @@ use faer::{Conj, Mat};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
+use crate::adjacency::starts_of;
 use crate::control::Control;
 use crate::error::{Error, Result};
 
@@ -31,7 +32,6 @@ pub struct Springs {
 /// No entry: one of an edge's ends is held.
 const HELD: u32 = u32::MAX;
 
-/// A factored matrix of springs.
 #[derive(Debug)]
 pub struct Factor(Llt<u32, f64>);
 
@@ -50,11 +50,7 @@ impl Springs {
         if entries.len() >= HELD as usize {
             return Err(Error::TooManySprings { vertices });
         }
-        let mut starts = vec![0u32; vertices + 1];
-        entries.iter().for_each(|&(column, _)| starts[column as usize + 1] += 1);
-        for column in 0..vertices {
-            starts[column + 1] += starts[column];
-        }
+        let starts = starts_of(vertices, entries.iter().map(|&(column, _)| column));
         let place = |(column, row): (u32, u32)| {
             if row as usize >= vertices {
                 return HELD;

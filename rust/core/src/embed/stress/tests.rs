@@ -10,20 +10,36 @@ use rand_chacha::ChaCha8Rng;
 
 fn sheet() -> (Surface, DistanceRows) {
     let surface = shapes::surface(shapes::sheet(20, 14));
-    let sources: Vec<u32> = (0..surface.len() as u32).step_by(7).collect();
-    let apart = |a: u32, b: usize| (surface.points()[a as usize] - surface.points()[b]).norm() as f32;
-    let data = sources.iter().flat_map(|&a| (0..surface.len()).map(move |b| apart(a, b))).collect();
-    let rows = DistanceRows::new(sources, surface.len(), data);
+    let rows = straight(&surface, (0..surface.len() as u32).step_by(7), 1.0);
     (surface, rows)
+}
+
+/// So many times the distances in the plane of the first two axes.
+fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -> DistanceRows {
+    let (sources, places): (Vec<u32>, _) = (sources.collect(), plan(surface));
+    let row = |&a: &u32| places.iter().map(move |b| (a, b)).collect::<Vec<_>>();
+    let data = sources.iter().flat_map(row).map(|(a, b)| (places[a as usize] - b).norm() as f32 * times).collect();
+    DistanceRows::new(sources, surface.len(), data)
+}
+
+/// The slope of an energy by one coordinate.
+fn slope(
+    uv: &[Vector2<f64>],
+    (vertex, axis): (usize, usize),
+    step: f64,
+    energy: impl Fn(&[Vector2<f64>]) -> f64,
+) -> f64 {
+    let moved = |by: f64| {
+        let mut uv = uv.to_vec();
+        uv[vertex][axis] += by;
+        energy(&uv)
+    };
+    (moved(step) - moved(-step)) / (2.0 * step)
 }
 
 fn shaken(surface: &Surface, by: f64) -> Vec<Vector2<f64>> {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    surface
-        .points()
-        .iter()
-        .map(|p| p.xy() + Vector2::new(rng.random_range(-by..by), rng.random_range(-by..by)))
-        .collect()
+    plan(surface).iter().map(|p| p + Vector2::from_fn(|_, _| rng.random_range(-by..by))).collect()
 }
 
 fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
@@ -35,18 +51,8 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &control).unwrap();
     let shape = Shape { barrier: 0.3, area: 2.0, outlier: 0.4 };
     let bands = Bands { weights: [1.0, 0.5, 2.0], outliers: [0.2, 0.05] };
-    check(
-        &mut MapEnergy {
-            pairs: &pairs,
-            bands,
-            triangles: &triangles,
-            shape,
-            stiffness: 0.2,
-            springs: &springs,
-            outline: None,
-        },
-        &surface,
-    );
+    let (pairs, triangles, springs) = (&pairs, &triangles, &springs);
+    check(&mut MapEnergy { pairs, bands, triangles, shape, stiffness: 0.2, springs, outline: None }, &surface);
 }
 
 #[test]
@@ -56,17 +62,9 @@ fn the_gradient_is_that_of_the_energy() {
         let control = Control::default();
         let (_, gradient) = energy.evaluate(&uv, &control).unwrap();
         for (vertex, axis) in [(0, 0), (11, 1), (100, 0), (211, 1), (surface.len() - 1, 0)] {
-            let moved = |step: f64| {
-                let mut uv = uv.clone();
-                uv[vertex][axis] += step;
-                energy.evaluate(&uv, &control).unwrap().0
-            };
-            let slope = (moved(1e-3) - moved(-1e-3)) / 2e-3;
-            assert!(
-                (slope - gradient[vertex][axis]).abs() < 1e-4 * gradient[vertex].norm() + 1e-6,
-                "{slope} {}",
-                gradient[vertex][axis]
-            );
+            let slope = slope(&uv, (vertex, axis), 1e-3, |uv| energy.evaluate(uv, &control).unwrap().0);
+            let found = gradient[vertex][axis];
+            assert!((slope - found).abs() < 1e-4 * gradient[vertex].norm() + 1e-6, "{slope} {found}");
         }
     });
 }
@@ -75,7 +73,7 @@ fn the_gradient_is_that_of_the_energy() {
 fn a_plane_has_no_energy_and_descent_finds_it() {
     with_energy(|energy, surface| {
         let control = Control::default();
-        let flat: Vec<_> = surface.points().iter().map(|p| p.xy()).collect();
+        let flat = plan(surface);
         assert!(energy.evaluate(&flat, &control).unwrap().0.abs() < 1e-9);
         let mut uv = tutte::spread(surface, &flat, energy.triangles, energy.springs, &control).unwrap();
         let until = descent::Until { steps: 200, gain: 1e-9, enough: f64::NEG_INFINITY };
@@ -142,12 +140,8 @@ fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 
 #[test]
 fn the_stress_is_what_its_definition_says() {
     let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
-    let apart = |a: usize, b: usize| (surface.points()[a] - surface.points()[b]).norm() as f32 * 1.1;
     for count in [5, 16, 33] {
-        let sources: Vec<u32> = (0..count).map(|n| n * surface.len() as u32 / count).collect();
-        let data =
-            sources.iter().flat_map(|&a| (0..surface.len()).map(move |b| apart(a as usize, b))).collect::<Vec<_>>();
-        let rows = DistanceRows::new(sources, surface.len(), data);
+        let rows = straight(&surface, (0..count).map(|n| n * surface.len() as u32 / count), 1.1);
         let all: Vec<u32> = (0..surface.len() as u32).collect();
         let control = Control::default();
         let pairs = Pairs::new(&rows, &all, &control).unwrap();
@@ -232,7 +226,7 @@ fn a_step_ends_where_the_first_triangle_has_no_area() {
     let triangles = TriangleEnergy::new(&surface);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for _ in 0..50 {
-        let uv: Vec<_> = surface.points().iter().map(|p| p.xy()).collect();
+        let uv = plan(&surface);
         let along: Vec<_> = uv.iter().map(|_| Vector2::from_fn(|_, _| rng.random_range(-1.0..1.0))).collect();
         let farthest = triangles.farthest_step(&uv, &along);
         let folded = |step: f64| {
@@ -270,12 +264,8 @@ fn the_outline_is_pushed_as_its_energy_says() {
     let mut pushed = 0;
     for vertex in 0..uv.len() {
         for axis in 0..2 {
-            let moved = |step: f64| {
-                let mut uv = uv.clone();
-                uv[vertex][axis] += step;
-                outline.add(&uv, 2.0, &mut vec![Vector2::zeros(); uv.len()])
-            };
-            let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            let energy = |uv: &[_]| outline.add(uv, 2.0, &mut vec![Vector2::zeros(); uv.len()]);
+            let slope = slope(&uv, (vertex, axis), 1e-6, energy);
             assert!((slope - gradient[vertex][axis]).abs() < 1e-5 * (1.0 + slope.abs()), "{slope} {gradient:?}");
         }
         pushed += usize::from(gradient[vertex].norm() > 0.0);
@@ -311,10 +301,7 @@ fn a_step_ends_where_the_outline_meets_itself() {
 fn parts_of_a_map_that_distances_draw_onto_each_other_stay_apart() {
     let surface = ramp(420.0);
     let sources: Vec<u32> = (0..surface.len() as u32).step_by(3).collect();
-    let apart = |a: u32, b: usize| (plan(&surface)[a as usize] - plan(&surface)[b]).norm() as f32;
-    let data: Vec<f32> =
-        sources.iter().flat_map(|&a| (0..surface.len()).map(move |b| (a, b))).map(|(a, b)| apart(a, b)).collect();
-    let rows = DistanceRows::new(sources.clone(), surface.len(), data);
+    let rows = straight(&surface, sources.iter().copied(), 1.0);
     let places: Vec<[f64; 2]> = sources.iter().map(|&v| plan(&surface)[v as usize].into()).collect();
     let control = Control::default();
     // as it is drawn it lies on itself for 60 degrees
@@ -341,12 +328,7 @@ fn a_bound_on_areas_has_the_gradient_of_its_price() {
     let mut gradient = vec![Vector2::zeros(); uv.len()];
     triangles.add(&uv, shape, 2.0, &mut gradient);
     for (vertex, axis) in [(0, 0), (8, 1), (17, 0), (30, 1)] {
-        let moved = |step: f64| {
-            let mut uv = uv.clone();
-            uv[vertex][axis] += step;
-            energy(&uv)
-        };
-        let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+        let slope = slope(&uv, (vertex, axis), 1e-6, energy);
         assert!((slope - gradient[vertex][axis]).abs() < 1e-6 * gradient[vertex].norm(), "{slope} {gradient:?}");
     }
 }
@@ -371,9 +353,7 @@ fn a_start_that_is_none_is_refused() {
 fn vertices_are_held_as_their_pairs_bend_upwards() {
     let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
     let (source, others) = (7, surface.len());
-    let data: Vec<f32> =
-        (0..others).map(|v| (surface.points()[source] - surface.points()[v]).norm() as f32 * 1.1).collect();
-    let rows = DistanceRows::new(vec![source as u32], others, data);
+    let rows = straight(&surface, [source as u32].into_iter(), 1.1);
     let all: Vec<u32> = (0..others as u32).collect();
     let pairs = Pairs::new(&rows, &all, &Control::default()).unwrap();
     let bands = Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] };

@@ -19,6 +19,7 @@ use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
 
+use crate::adjacency::Groups;
 use crate::surface::Surface;
 
 /// Thinner triangles count as so many times as high as their longest side: among others their shape is noise. Where a fifth of
@@ -73,7 +74,6 @@ impl Rest {
         2.0 * self.area * self.inverse.m11.powi(2)
     }
 
-    /// J.
     pub(super) fn jacobian(&self, uv: &[Place]) -> Matrix2<f64> {
         let [a, b, c] = self.corners.map(|vertex| uv[vertex as usize]);
         Matrix2::from_columns(&[b - a, c - a]) * self.inverse
@@ -85,7 +85,6 @@ impl Rest {
         [-b - c, b, c][corner]
     }
 
-    /// The area times ψ.
     pub(super) fn energy(&self, uv: &[Place], shape: Shape) -> f64 {
         self.area * shape.price(&self.jacobian(uv)).value
     }
@@ -187,7 +186,6 @@ impl AreaBound {
 }
 
 impl Shape {
-    /// What a map's Jacobian costs.
     pub(super) fn price(&self, jacobian: &Matrix2<f64>) -> Price {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
         self.price_of::<true>(half, area, area.ln())
@@ -236,55 +234,41 @@ fn by_sides(jacobian: &Matrix2<f64>, [by_half, by_area]: [f64; 2], inverse: &Mat
     by_jacobian * inverse.transpose() * area
 }
 
-/// The gradient of the determinant.
 #[inline(always)]
 pub(super) fn cofactors(jacobian: &Matrix2<f64>) -> Matrix2<f64> {
     Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11)
 }
 
-/// The triangles of a surface.
 #[derive(Debug)]
 pub struct TriangleEnergy {
     rests: Vec<Rest>,
     /// Of the surface, mm².
     pub(super) area: f64,
     /// For each vertex its corners: triangle × 3 + corner.
-    starts: Vec<u32>,
-    corners: Vec<u32>,
+    around: Groups,
     /// Beside what is asked for, for descent.
     pub(super) bound: Option<AreaBound>,
 }
 
 impl TriangleEnergy {
-    /// Those of a surface.
     pub fn new(surface: &Surface) -> Self {
         let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::new(surface.points(), face, thinnest));
         let mut heights: Vec<f64> = rests(0.0).map(|rest| rest.height()).collect();
         let fifth = (MANY * heights.len() as f64) as usize;
         let thin = *heights.select_nth_unstable_by(fifth, f64::total_cmp).1;
         let rests: Vec<Rest> = rests(if thin < THINNEST { THINNER_THAN_MANY * thin } else { THINNEST }).collect();
-        let mut starts = vec![0u32; surface.len() + 1];
-        rests.iter().flat_map(|rest| rest.corners).for_each(|vertex| starts[vertex as usize + 1] += 1);
-        for vertex in 0..surface.len() {
-            starts[vertex + 1] += starts[vertex];
-        }
-        let (mut free, mut corners) = (starts.clone(), vec![0; 3 * rests.len()]);
-        for (corner, vertex) in (0..).zip(rests.iter().flat_map(|rest| rest.corners)) {
-            corners[free[vertex as usize] as usize] = corner;
-            free[vertex as usize] += 1;
-        }
+        let around = Groups::new(surface.len(), rests.iter().flat_map(|rest| rest.corners));
         let area = rests.iter().map(|rest| rest.area).sum();
-        Self { rests, area, starts, corners, bound: None }
+        Self { rests, area, around, bound: None }
     }
 
-    /// The corners of each triangle.
     pub fn corners(&self) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
         self.rests.iter().map(|rest| rest.corners)
     }
 
     /// The triangles around a vertex, and which of their corners it is.
     pub(super) fn around(&self, vertex: usize) -> impl Iterator<Item = (&Rest, usize)> {
-        let corners = &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize];
+        let corners = self.around.of(vertex as u32);
         corners.iter().map(|&corner| (&self.rests[corner as usize / 3], corner as usize % 3))
     }
 
@@ -305,13 +289,11 @@ impl TriangleEnergy {
         });
         let pulls = pulls.as_flattened();
         gradient.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(vertex, gradient)| {
-            let corners = &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize];
-            corners.iter().for_each(|&corner| *gradient += pulls[corner as usize]);
+            self.around.of(vertex as u32).iter().for_each(|&corner| *gradient += pulls[corner as usize]);
         });
         scale * energies.iter().sum::<f64>()
     }
 
-    /// The mean energy.
     pub fn energy(&self, uv: &[Place], shape: Shape) -> f64 {
         let of_batch = |rests: &[Rest]| rests.iter().map(|rest| rest.energy(uv, shape)).sum();
         self.rests.par_chunks(BATCH).map(of_batch).collect::<Vec<f64>>().iter().sum::<f64>() / self.area

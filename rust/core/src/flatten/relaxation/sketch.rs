@@ -49,7 +49,6 @@ pub struct Sketch {
     pub energy: f64,
 }
 
-/// What is to be kept of a surface.
 #[derive(Debug)]
 struct Measured {
     rows: DistanceRows,
@@ -70,7 +69,6 @@ impl Measured {
 }
 
 impl Sketch {
-    /// A disk and its map.
     pub fn new(surface: Surface, control: &Control) -> Result<Self> {
         let quiet = control.part();
         let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
@@ -103,7 +101,6 @@ impl Sketch {
         Ok(sketch)
     }
 
-    /// Descends further.
     pub fn settle(&mut self, control: &Control) -> Result<()> {
         self.descend(SETTLED, control)
     }

@@ -111,22 +111,16 @@ fn what_is_too_small_or_no_disk_or_not_wanted() {
     let closed = relax(&shapes::surface(shapes::sphere(2)), Relaxation::default(), &control);
     assert!(matches!(closed, Err(Error::NotADisk { .. })));
     let usual = Relaxation::default();
-    for refused in [
-        Relaxation { length: f64::NAN, ..usual },
-        Relaxation { length: -1.0, ..usual },
-        Relaxation { least_gain: f64::NAN, ..usual },
-        Relaxation { least_gain: -1.0, ..usual },
-        Relaxation { least_relief: f64::NAN, ..usual },
-        Relaxation { least_relief: 1.1, ..usual },
-        Relaxation { bearable: f64::NAN, ..usual },
-        Relaxation { bearable: -1.0, ..usual },
-        Relaxation { within: f64::NAN, ..usual },
-        Relaxation { within: -1.0, ..usual },
-    ] {
+    let refuses = |refused: Relaxation| {
         assert!(matches!(relax(&cap, refused, &control), Err(Error::RelaxationOption { .. })), "{refused:?}");
+    };
+    for wrong in [f64::NAN, -1.0] {
+        refuses(Relaxation { length: wrong, ..usual });
+        refuses(Relaxation { least_gain: wrong, ..usual });
+        refuses(Relaxation { bearable: wrong, ..usual });
+        refuses(Relaxation { within: wrong, ..usual });
+        refuses(Relaxation { least_relief: if wrong < 0.0 { 1.1 } else { wrong }, ..usual });
     }
-    control.cancel();
-    assert_eq!(relax(&cap, Relaxation::default(), &control), Err(Error::Cancelled));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 use super::*;
 use crate::error::Error;
 use crate::surface::mesh::shapes;
+use crate::tests::flipped as turned_over;
 
 fn cylinder() -> Surface {
     shapes::curled(16, 24)
@@ -13,10 +14,6 @@ fn flattened(surface: &Surface, options: &Options<'_>) -> Result<Mapped> {
 
 fn evenly(surface: &Surface, step: usize) -> Vec<u32> {
     (0..surface.len() as u32).step_by(step).collect()
-}
-
-fn turned_over(surface: &Surface, uv: &[[f64; 2]]) -> usize {
-    surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
 }
 
 #[test]

@@ -42,8 +42,7 @@ fn a_cylinder_is_unrolled_whatever_the_sources() {
         let found = error(&map.uv);
         assert!(found < most, "{sampling:?}: {found}");
         assert!(map.planarity > 0.999);
-        let flipped = surface.faces().iter().filter(|&&face| map_area(&[face], &map.uv) <= 0.0).count();
-        assert_eq!(flipped, 0);
+        assert_eq!(crate::tests::flipped(&surface, &map.uv), 0);
     }
 }
 

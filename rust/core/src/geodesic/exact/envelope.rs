@@ -27,7 +27,6 @@ impl Envelopes {
         self.sweep(|_| true);
     }
 
-    /// How many windows there are.
     pub fn len(&self) -> usize {
         self.count
     }

@@ -41,7 +41,6 @@ pub(super) struct Fan {
 }
 
 impl Fan {
-    /// May a shortest path bend here?
     pub fn bends(&self) -> bool {
         let straight = if self.is_open { std::f64::consts::PI } else { std::f64::consts::TAU };
         self.angle > straight + LEAST_EXCESS
@@ -91,7 +90,6 @@ impl Frames {
         self.vertices[vertex as usize]
     }
 
-    /// The direction of a half-edge around its origin.
     pub fn direction(&self, half_edge: u32) -> f64 {
         self.directions[half_edge as usize]
     }
@@ -104,7 +102,6 @@ impl Frames {
 }
 
 impl Frame {
-    /// The angle of the face at the half-edge's origin.
     pub fn angle(&self) -> f64 {
         self.y.atan2(self.x)
     }

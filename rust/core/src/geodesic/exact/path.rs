@@ -68,7 +68,6 @@ impl Exact<'_> {
         PathPoint::at(self.surface, Site::Edge { half_edge, along })
     }
 
-    /// The last leg of the way to a vertex.
     fn leg(&self, wave: &Wave, vertex: u32) -> Option<Leg> {
         match wave.ways[vertex as usize] {
             Way::Source => None,
@@ -120,7 +119,6 @@ impl Exact<'_> {
         Some(Leg { vertex, crossings })
     }
 
-    /// Through the face beyond a crossing.
     fn enter(&self, line: Line, root: u32) -> Onward {
         let entered = self.surface.twins()[line.half_edge as usize];
         if entered == BORDER {
@@ -154,7 +152,6 @@ impl Exact<'_> {
     }
 }
 
-/// Where a line leads on.
 enum Onward {
     /// To its root, a corner of this face.
     Root,

@@ -212,17 +212,14 @@ fn a_finer_sphere_comes_four_times_nearer() {
 
 #[test]
 fn what_is_apart_is_infinitely_far() {
-    let (mut points, mut faces) = shapes::sheet(3, 3);
-    let count = points.len() as i64;
-    let (more, others) = shapes::sphere(1);
-    points.extend(more);
-    faces.extend(others.iter().map(|face| face.map(|v| v + count)));
-    let (surface, _) = Surface::from_triangles(&points, &faces).unwrap();
+    let sheet = shapes::sheet(3, 3);
+    let count = sheet.0.len();
+    let surface = shapes::surface(crate::tests::both(&sheet, &shapes::sphere(1)));
     let exact = Exact::new(&surface);
-    let (mut wave, mut row) = (exact.scratch(), vec![0.0; points.len()]);
+    let (mut wave, mut row) = (exact.scratch(), vec![0.0; surface.len()]);
     exact.row(2, &mut row, &mut wave, &Control::default()).unwrap();
-    assert!(row.iter().enumerate().all(|(v, d)| d.is_finite() == (v < count as usize)));
-    let expected = Error::Unreachable { source_vertex: 2, vertex: count as usize };
+    assert!(row.iter().enumerate().all(|(v, d)| d.is_finite() == (v < count)));
+    let expected = Error::Unreachable { source_vertex: 2, vertex: count };
     assert_eq!(exact.path(&wave, count as u32, &Control::default()), Err(expected));
 }
 
@@ -324,8 +321,7 @@ proptest! {
         let rows: Vec<_> = (0..surface.len() as u32).map(|source| row(&surface, source)).collect();
         let graph = GeodesicGraph::new(&surface, &Control::default()).unwrap();
         for (a, from_a) in rows.iter().enumerate() {
-            let mut links = vec![0.0; surface.len()];
-            graph.row(a as u32, &mut links, &mut graph.scratch(), &Control::default()).unwrap();
+            let links = crate::tests::row(&graph, a as u32);
             let edges = along_edges(&surface, a as u32);
             for (b, from_b) in rows.iter().enumerate() {
                 let distance = from_a[b];

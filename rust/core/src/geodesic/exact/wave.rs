@@ -109,7 +109,6 @@ fn bucket(frames: &Frames) -> f64 {
     (BUCKET * frames.mean).max(2.0 * frames.longest / MOST_BUCKETS)
 }
 
-/// A wave on its surface.
 struct Step<'a> {
     exact: &'a Exact<'a>,
     surface: &'a Surface,
@@ -173,7 +172,6 @@ impl Step<'_> {
         self.wave.buckets[bucket & (ring - 1)].push(entry);
     }
 
-    /// Notes a way to a vertex if it is shorter.
     #[inline]
     fn lower(&mut self, vertex: u32, through: f64, way: Way) {
         let known = self.wave.distance[vertex as usize];
@@ -273,7 +271,6 @@ impl Step<'_> {
         }
     }
 
-    /// The windows of an edge whose turn it is go on.
     fn advance(&mut self, edge: u32) {
         if self.wave.due[edge as usize] != self.wave.now {
             return; // it went earlier
@@ -295,7 +292,6 @@ impl Step<'_> {
         self.wave.taken = taken;
     }
 
-    /// An edge waits for its turn.
     #[inline]
     fn queue(&mut self, edge: u32, least: f64) {
         let wave = &mut *self.wave;

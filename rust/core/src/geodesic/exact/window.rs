@@ -13,7 +13,6 @@ pub(super) struct Window {
     pub y: f64,
     /// How far that place, a vertex, is from the source.
     pub sigma: f64,
-    /// That vertex.
     pub root: u32,
     /// Do the lines come from the face of that half-edge, and not go there?
     pub leaves: bool,
@@ -31,13 +30,11 @@ impl Window {
         Self { from, to, x, y, sigma, root, leaves: true, waits: true }
     }
 
-    /// The distance at `x` on the edge.
     #[inline]
     pub fn at(&self, x: f64) -> f64 {
         self.sigma + length(x - self.x, self.y)
     }
 
-    /// The least distance.
     #[inline]
     pub fn least(&self) -> f64 {
         if self.x < self.from {

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use super::view::{Seen, View};
-use crate::adjacency::Arc;
+use crate::adjacency::{Arc, starts_of};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
@@ -59,14 +59,8 @@ impl Layer {
     fn of(lines: &[Lines], vertices: usize, shortest: f32) -> Result<Self> {
         check_count(2 * lines.iter().map(|lines| lines.arcs.len()).sum::<usize>(), vertices)?;
         let all = || (0u32..).zip(lines.iter().flat_map(|lines| (0..lines.ends.len()).map(|number| lines.of(number))));
-        let mut starts = vec![0u32; vertices + 1];
-        for (from, arcs) in all() {
-            starts[from as usize + 1] += arcs.len() as u32;
-            arcs.iter().for_each(|arc| starts[arc.to as usize + 1] += 1);
-        }
-        for vertex in 0..vertices {
-            starts[vertex + 1] += starts[vertex];
-        }
+        let starts =
+            starts_of(vertices, all().flat_map(|(from, arcs)| arcs.iter().flat_map(move |arc| [from, arc.to])));
         // lines are sorted, so each vertex meets its lower neighbours first, then its higher ones, both in their order
         let mut both = vec![Arc { to: 0, length: 0.0 }; starts[vertices] as usize];
         let mut free = starts.clone();
@@ -95,7 +89,6 @@ impl Layer {
         self.shortest + other <= most
     }
 
-    /// Those that are marked.
     fn only(self, marked: &[bool]) -> Self {
         let Self { shortest, mut starts, mut arcs } = self;
         let mut kept = 0;
@@ -197,7 +190,6 @@ impl Needed {
         (0..vertices.div_ceil(BATCH)).map(move |batch| batch * BATCH..vertices.min((batch + 1) * BATCH))
     }
 
-    /// All straight lines.
     fn lines(&self, view: &View, control: &Control) -> Result<Vec<Lines>> {
         let of_batch = |(seen, arcs): &mut (Seen, Vec<Arc>), batch: Range<usize>| {
             let mut ends = Vec::with_capacity(batch.len());
@@ -345,7 +337,6 @@ impl Needed {
     }
 }
 
-/// What is known of the links at a pair of places.
 fn known_of(pair: &[u32; 2], known: &[AtomicU8]) -> [u8; 2] {
     pair.map(|place| if place == EARLIER { STAYS } else { known[place as usize].load(Relaxed) })
 }

@@ -3,39 +3,15 @@
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use crate::adjacency::Arc;
+use crate::adjacency::{Arc, Groups};
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
 /// Vertices whose lines tell how long lines are.
 const SAMPLE: usize = 500;
 
-/// The half-edges that leave each vertex, in compressed rows.
-#[derive(Debug)]
-pub(in crate::geodesic) struct Outgoing {
-    starts: Vec<u32>,
-    half_edges: Vec<u32>,
-}
-
-impl Outgoing {
-    pub fn of(&self, vertex: u32) -> &[u32] {
-        &self.half_edges[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
-    }
-}
-
-pub(in crate::geodesic) fn outgoing(surface: &Surface) -> Outgoing {
-    let all = 0..surface.twins().len() as u32;
-    let mut starts = vec![0; surface.len() + 1];
-    all.clone().for_each(|h| starts[surface.origin(h) as usize + 1] += 1);
-    for vertex in 0..surface.len() {
-        starts[vertex + 1] += starts[vertex];
-    }
-    let (mut free, mut half_edges) = (starts.clone(), vec![0; surface.twins().len()]);
-    for half_edge in all {
-        let at = &mut free[surface.origin(half_edge) as usize];
-        half_edges[*at as usize] = half_edge;
-        *at += 1;
-    }
-    Outgoing { starts, half_edges }
+/// The half-edges that leave each vertex.
+pub(in crate::geodesic) fn outgoing(surface: &Surface) -> Groups {
+    Groups::new(surface.len(), surface.faces().as_flattened().iter().copied())
 }
 
 /// What is seen from a vertex, and what is kept to see from the next one.
@@ -49,7 +25,7 @@ pub(super) struct Seen {
 /// What is seen from the vertices of a surface through up to so many edges.
 pub(super) struct View<'a> {
     surface: &'a Surface,
-    outgoing: Outgoing,
+    outgoing: Groups,
     beyond: Vec<Beyond>,
     crossed: u32,
 }

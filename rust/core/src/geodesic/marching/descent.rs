@@ -16,9 +16,10 @@ use nalgebra::Vector2;
 
 use super::sight::{First, Side, View};
 use super::{Marching, SEEN, Wave};
+use crate::adjacency::Groups;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geodesic::graph::{Outgoing, outgoing};
+use crate::geodesic::graph::outgoing;
 use crate::geodesic::path::{PathPoint, Site};
 use crate::geodesic::solver::Solver;
 use crate::surface::mesh::paths::shortest_path;
@@ -36,7 +37,7 @@ pub struct Marched<'a> {
     distance: Vec<f64>,
     /// The order in which distances became final; the source's is the first.
     order: Vec<u32>,
-    outgoing: Outgoing,
+    outgoing: Groups,
 }
 
 impl Marching<'_> {

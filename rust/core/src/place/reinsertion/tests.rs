@@ -3,6 +3,7 @@ use crate::orient::map_area;
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
 use crate::surface::mesh::shapes;
+use crate::tests::flipped;
 use proptest::prelude::*;
 
 fn decimated(surface: &Surface, vertices: usize) -> Decimation {
@@ -42,10 +43,6 @@ fn in_plane(surface: &Surface, v: usize) -> [f64; 2] {
 fn worst(uv: &[[f64; 2]], truth: impl Fn(usize) -> [f64; 2]) -> f64 {
     let apart = |(v, at): (usize, &[f64; 2])| (at[0] - truth(v)[0]).hypot(at[1] - truth(v)[1]);
     uv.iter().enumerate().map(apart).fold(0.0, f64::max)
-}
-
-fn flipped(surface: &Surface, uv: &[[f64; 2]]) -> usize {
-    surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
 }
 
 proptest! {

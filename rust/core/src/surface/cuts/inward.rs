@@ -20,19 +20,11 @@ impl<'a> Inward<'a> {
         Self::from(surface, borders.map(|h| surface.origin(h)), control)
     }
 
-    /// The same from other vertices.
     fn from(surface: &'a Surface, vertices: impl Iterator<Item = u32>, control: &Control) -> Result<Self> {
         let mut inward = Self { surface, network: Network::of(surface), search: EdgeSearch::new(surface.len()) };
         vertices.for_each(|v| inward.search.seed(v));
-        inward.settle(control)?;
+        inward.search.explore(&inward.network, control)?;
         Ok(inward)
-    }
-
-    fn settle(&mut self, control: &Control) -> Result<()> {
-        while self.search.settle(&self.network, |_| true).is_some() {
-            control.check()?;
-        }
-        Ok(())
     }
 
     /// The half-edges of the way from the boundary to the vertex with an id; none to one on the boundary.
@@ -77,7 +69,7 @@ pub(crate) fn spread(
         chosen.push(vertex as u32);
         from.search.clear();
         from.search.seed(vertex as u32);
-        from.settle(control)?;
+        from.search.explore(&from.network, control)?;
     }
     Ok(chosen)
 }

@@ -3,13 +3,14 @@
 pub mod holes;
 pub(crate) mod inward;
 
+use crate::adjacency::Sets;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::curvature::mean_curvature;
 use crate::surface::mesh::paths::{EdgeSearch, Network, Step, length};
 use crate::surface::topology::Topology;
-use crate::surface::topology::homology::{Sets, Shrunk};
+use crate::surface::topology::homology::Shrunk;
 use crate::surface::topology::loops::{TOLL, cut_handles};
 
 /// A surface that was cut open to a disk.
@@ -230,12 +231,7 @@ fn seam(surface: &Surface, control: &Control) -> Result<Vec<u32>> {
 fn explored(search: &mut EdgeSearch, shrunk: &Shrunk, from: u32, control: &Control) -> Result<u32> {
     search.clear();
     search.seed(from);
-    let mut last = from;
-    while let Some(node) = search.settle(&shrunk.network, |_| true) {
-        control.check()?;
-        last = node;
-    }
-    Ok(last)
+    Ok(search.explore(&shrunk.network, control)?.unwrap_or(from))
 }
 
 /// From 1 in the depth of folds to [`AVOIDS_CROWNS`] on crowns.

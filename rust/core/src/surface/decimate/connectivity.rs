@@ -45,12 +45,10 @@ impl Connectivity {
         Self { origins: surface.faces().as_flattened().to_vec(), twins: surface.twins().to_vec(), leaving, valence }
     }
 
-    /// Number of neighbours of a vertex.
     pub(super) fn valence(&self, vertex: u32) -> usize {
         self.valence[vertex as usize] as usize
     }
 
-    /// Is the vertex gone?
     pub(super) fn is_gone(&self, vertex: u32) -> bool {
         self.leaving[vertex as usize] == BORDER
     }

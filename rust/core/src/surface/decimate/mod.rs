@@ -19,8 +19,9 @@ use std::collections::BinaryHeap;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::adjacency::marked;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_points};
 use crate::surface::mesh::Surface;
 use connectivity::{Connectivity, Ring};
 use quadric::Quadric;
@@ -158,9 +159,7 @@ impl Removals {
 pub fn decimate(surface: &Surface, keep: &[u32], options: &Options, control: &Control) -> Result<Decimation> {
     options.validate()?;
     let points = surface.len();
-    if let Some(&vertex) = keep.iter().find(|&&vertex| vertex as usize >= points) {
-        return Err(Error::NoSuchPoint { vertex: vertex as usize, points });
-    }
+    check_points(keep.iter().copied(), points)?;
     let excess = points.saturating_sub(options.vertices);
     control.begin("decimating", excess as u64);
     let mut work = Work::new(surface, keep, options);
@@ -215,8 +214,7 @@ impl<'a> Work<'a> {
         let count = surface.len();
         let centre = surface.points().iter().sum::<Vector3<f64>>() / count.max(1) as f64; // far from 0 quadrics lose digits
         let points: Vec<Vector3<f64>> = surface.points().iter().map(|p| p - centre).collect();
-        let mut stays = vec![false; count];
-        keep.iter().for_each(|&vertex| stays[vertex as usize] = true);
+        let stays = marked(count, keep);
         Self {
             quadrics: quadric::of_vertices(surface, &points),
             left: Connectivity::of(surface),

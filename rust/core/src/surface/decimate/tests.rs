@@ -1,14 +1,12 @@
 use super::*;
+use crate::adjacency::marked;
 use crate::surface::mesh::shapes::{self, assert_sound};
+use crate::surface::topology::Topology;
 use proptest::prelude::*;
 
 fn decimated(surface: &Surface, vertices: usize) -> Decimation {
     let options = Options { vertices, ..Options::default() };
     decimate(surface, &[], &options, &Control::default()).unwrap()
-}
-
-fn euler(surface: &Surface) -> i64 {
-    (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64
 }
 
 /// A sheet with a random relief, of random diagonals.
@@ -23,17 +21,16 @@ fn assert_right(surface: &Surface, found: &Decimation) {
     let Decimation { survivors, surface: coarse, removals } = found;
     assert_sound(coarse);
     assert_eq!(survivors.len() + removals.len(), surface.len());
-    assert_eq!(euler(coarse), euler(surface));
-    assert_eq!(coarse.boundary().len(), surface.boundary().len());
-    assert_eq!(coarse.components().count(), surface.components().count());
+    let [before, after] = [surface, coarse].map(Topology::of);
+    assert_eq!((after.euler, after.loops.len()), (before.euler, before.loops.len()));
+    assert_eq!(after.components.len(), before.components.len());
     assert_eq!(coarse.len(), survivors.len());
     for (n, &v) in survivors.iter().enumerate() {
         assert_eq!((coarse.points()[n], coarse.ids()[n]), (surface.points()[v as usize], surface.ids()[v as usize]));
     }
     let mut on_boundary = vec![false; surface.len()];
     surface.boundary().iter().flatten().for_each(|&h| on_boundary[surface.origin(h) as usize] = true);
-    let mut is_known = vec![false; surface.len()];
-    survivors.iter().for_each(|&v| is_known[v as usize] = true);
+    let mut is_known = marked(surface.len(), survivors);
     for removal in removals.iter().rev() {
         assert!(removal.neighbours.iter().all(|&v| is_known[v as usize]), "neighbours come back before");
         assert!(!std::mem::replace(&mut is_known[removal.vertex as usize], true));

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::adjacency::starts_of;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
@@ -39,11 +40,7 @@ impl Stiffness {
             let beyond = if surface.is_inner(h) { half_cotangent(surface.twins()[h as usize]) } else { 0.0 };
             links.push((surface.origin(h), surface.target(h), (half_cotangent(h) + beyond).clamp(0.0, STIFFEST)));
         }
-        let mut first = vec![0; surface.len() + 1];
-        links.iter().for_each(|&(a, b, _)| [a, b].iter().for_each(|&v| first[v as usize + 1] += 1));
-        for v in 0..surface.len() {
-            first[v + 1] += first[v];
-        }
+        let first = starts_of(surface.len(), links.iter().flat_map(|&(a, b, _)| [a, b]));
         let mut next = first.clone();
         let mut neighbours = vec![(0, 0.0); 2 * links.len()];
         let mut total = vec![0.0; surface.len()];

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::mend::{Mending, at_one_place, duplicates, has_no_area, is_soup, mend};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
+use crate::adjacency::distinct;
 use crate::error::{Error, Result};
 
 /// What was mended when a mesh was read.
@@ -183,8 +184,7 @@ fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> V
             defects.pinched.push(vertex);
         }
     }
-    defects.pinched.sort_unstable();
-    defects.pinched.dedup();
+    defects.pinched = distinct(std::mem::take(&mut defects.pinched));
     twins
 }
 

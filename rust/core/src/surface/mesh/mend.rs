@@ -16,6 +16,7 @@ use std::collections::{HashMap, VecDeque};
 use nalgebra::Vector3;
 
 use super::next;
+use crate::adjacency::{Sets, distinct};
 
 /// What rounding leaves of zero.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
@@ -50,12 +51,12 @@ pub(super) struct Mending {
 
 /// Mends triangles; what has no one right answer is left.
 pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
-    let mut groups = Groups::new(points.len());
+    let mut groups = Sets::new(points.len());
     if is_soup(&faces, points.len()) {
         for group in at_one_place(points, faces.as_flattened().to_vec()) {
-            group[1..].iter().for_each(|&vertex| groups.join(group[0], vertex));
+            group[1..].iter().for_each(|&vertex| _ = groups.join(group[0], vertex));
         }
-        faces.iter_mut().for_each(|face| *face = face.map(|v| groups.of(v)));
+        faces.iter_mut().for_each(|face| *face = face.map(|v| groups.find(v)));
     }
     let mut mending = Mending::default();
     let mut is_kept = vec![true; faces.len()];
@@ -74,8 +75,9 @@ pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
         (faces, is_kept, groups) = (complex.faces, complex.is_kept, complex.groups);
     }
     let used = faces.iter().zip(&is_kept).zip(0..).filter(|&((_, &is_kept), _)| is_kept);
-    (mending.faces, mending.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.lowest(v)), n)).unzip();
-    mending.merged = groups.merged();
+    (mending.faces, mending.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.find(v)), n)).unzip();
+    let all = 0..points.len() as u32;
+    mending.merged = all.map(|v| [v, groups.find(v)]).filter(|[v, lowest]| v != lowest).collect();
     mending
 }
 
@@ -119,48 +121,6 @@ pub(super) fn is_soup(faces: &[[u32; 3]], vertices: usize) -> bool {
     faces.len() > 1 && faces.as_flattened().iter().all(is_new)
 }
 
-/// Vertices that became one.
-#[derive(Debug)]
-struct Groups {
-    parent: Vec<u32>,
-    lowest: Vec<u32>,
-}
-
-impl Groups {
-    fn new(vertices: usize) -> Self {
-        let own: Vec<u32> = (0..vertices as u32).collect();
-        Self { parent: own.clone(), lowest: own }
-    }
-
-    /// The vertex that stands for a group.
-    fn of(&mut self, mut v: u32) -> u32 {
-        while self.parent[v as usize] != v {
-            let above = self.parent[self.parent[v as usize] as usize];
-            self.parent[v as usize] = above;
-            v = above;
-        }
-        v
-    }
-
-    /// Adds a group to another, whose vertex stands for both.
-    fn join(&mut self, kept: u32, gone: u32) {
-        let [kept, gone] = [kept, gone].map(|v| self.of(v));
-        self.parent[gone as usize] = kept;
-        self.lowest[kept as usize] = self.lowest[kept as usize].min(self.lowest[gone as usize]);
-    }
-
-    fn lowest(&mut self, v: u32) -> u32 {
-        let of = self.of(v);
-        self.lowest[of as usize]
-    }
-
-    /// Each vertex that is not the lowest of its group, and which that is.
-    fn merged(mut self) -> Vec<[u32; 2]> {
-        let all = 0..self.parent.len() as u32;
-        all.map(|v| [v, self.lowest(v)]).filter(|[v, lowest]| v != lowest).collect()
-    }
-}
-
 /// Triangles that know their neighbours, whatever they are.
 struct Complex<'a> {
     points: &'a [[f64; 3]],
@@ -174,11 +134,11 @@ struct Complex<'a> {
     borders: Vec<u32>,
     /// Ends of edges that are no longer lie at one place, mm.
     rounding: f64,
-    groups: Groups,
+    groups: Sets,
 }
 
 impl<'a> Complex<'a> {
-    fn new(points: &'a [[f64; 3]], faces: Vec<[u32; 3]>, is_kept: Vec<bool>, groups: Groups) -> Self {
+    fn new(points: &'a [[f64; 3]], faces: Vec<[u32; 3]>, is_kept: Vec<bool>, groups: Sets) -> Self {
         let (around, borders) = (vec![Vec::new(); points.len()], vec![0; points.len()]);
         let rounding = rounding(points, &faces);
         let mut complex = Self { points, faces, is_kept, around, edges: HashMap::new(), borders, rounding, groups };
@@ -235,7 +195,7 @@ impl<'a> Complex<'a> {
 
     /// Drops components of which no triangle has an area, unless all are such.
     fn drop_specks(&mut self, flat: &[u32]) -> usize {
-        let mut pieces = Groups::new(self.points.len());
+        let mut pieces = Sets::new(self.points.len());
         let kept = |complex: &Self| (0..complex.faces.len()).filter(|&f| complex.is_kept[f]).collect::<Vec<_>>();
         let mut has_area = vec![false; self.points.len()];
         for &face in &kept(self) {
@@ -244,7 +204,7 @@ impl<'a> Complex<'a> {
             pieces.join(a, c);
         }
         for &face in &kept(self) {
-            let piece = pieces.of(self.faces[face][0]) as usize;
+            let piece = pieces.find(self.faces[face][0]) as usize;
             has_area[piece] |= !has_no_area(self.points, &self.faces[face]);
         }
         if !has_area.contains(&true) {
@@ -252,7 +212,7 @@ impl<'a> Complex<'a> {
         }
         let mut dropped = 0;
         for &face in flat {
-            if self.is_kept[face as usize] && !has_area[pieces.of(self.faces[face as usize][0]) as usize] {
+            if self.is_kept[face as usize] && !has_area[pieces.find(self.faces[face as usize][0]) as usize] {
                 self.remove(face);
                 dropped += 1;
             }
@@ -371,13 +331,9 @@ impl<'a> Complex<'a> {
     /// The triangles of a vertex, ascending.
     fn star(&self, v: u32) -> Vec<u32> {
         let is_there = |&face: &u32| self.is_kept[face as usize] && self.faces[face as usize].contains(&v);
-        let mut star: Vec<u32> = self.around[v as usize].iter().copied().filter(is_there).collect();
-        star.sort_unstable();
-        star.dedup();
-        star
+        distinct(self.around[v as usize].iter().copied().filter(is_there))
     }
 
-    /// How many triangles an edge has.
     fn count(&self, a: u32, b: u32) -> u32 {
         self.edges.get(&[a.min(b), a.max(b)]).copied().unwrap_or(0)
     }
@@ -433,7 +389,6 @@ enum Done {
     Collapsed(usize, Vec<u32>),
     /// An edge was flipped between these.
     Flipped([u32; 2]),
-    /// It was dropped.
     Dropped,
 }
 

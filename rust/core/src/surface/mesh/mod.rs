@@ -361,11 +361,8 @@ mod tests {
     use super::shapes::assert_sound;
     use super::*;
     use crate::error::Error;
+    use crate::surface::topology::Topology;
     use proptest::prelude::*;
-
-    fn euler(surface: &Surface) -> i64 {
-        (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64
-    }
 
     #[test]
     fn normals_point_outside() {
@@ -384,7 +381,7 @@ mod tests {
         assert_eq!([sphere.target(first), sphere.target(second)], [sphere.origin(second), sphere.origin(third)]);
         let open = sphere.cut_open([first, second, third]);
         assert_sound(&open);
-        assert_eq!((open.len(), euler(&open), open.boundary().len()), (sphere.len() + 2, 1, 1));
+        assert_eq!((open.len(), Topology::of(&open).euler, open.boundary().len()), (sphere.len() + 2, 1, 1));
         assert!(open.points().iter().zip(open.ids()).all(|(p, &id)| *p == sphere.points()[id as usize]));
     }
 

@@ -3,11 +3,11 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use crate::adjacency::starts_of;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_points};
 use crate::surface::mesh::{BORDER, Surface};
 
-/// No node.
 const NONE: u32 = u32::MAX;
 
 /// The longest edge, mm, with which sums stay finite.
@@ -39,11 +39,7 @@ pub(crate) struct Network {
 impl Network {
     /// The edges at each node come in the order in which they are given.
     pub fn new(nodes: usize, edges: &[Edge]) -> Self {
-        let mut starts = vec![0; nodes + 1];
-        edges.iter().flat_map(|edge| edge.ends).for_each(|v| starts[v as usize + 1] += 1);
-        for v in 0..nodes {
-            starts[v + 1] += starts[v];
-        }
+        let starts = starts_of(nodes, edges.iter().flat_map(|edge| edge.ends));
         let mut end: Vec<u32> = starts[..nodes].to_vec();
         let mut incident = vec![Incident { to: NONE, half_edge: 0, cost: 0.0 }; 2 * edges.len()];
         for &Edge { ends: [a, b], half_edge, cost } in edges {
@@ -71,7 +67,7 @@ impl Network {
 
     /// The half-edges along a path of vertices of the surface whose network this is.
     pub fn along(&self, surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
-        check_points(surface, vertices)?;
+        check_points(vertices.iter().copied(), surface.len())?;
         let half_edge = |pair: &[u32]| {
             let [a, b] = [pair[0], pair[1]];
             let arc = self.incident(a).iter().find(|arc| arc.to == b);
@@ -82,7 +78,6 @@ impl Network {
         vertices.windows(2).map(half_edge).collect()
     }
 
-    /// The edges at a node.
     pub fn incident(&self, node: u32) -> &[Incident] {
         &self.incident[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
     }
@@ -130,7 +125,6 @@ impl EdgeSearch {
         self.heap.clear();
     }
 
-    /// Lets the search begin at a node.
     pub fn seed(&mut self, node: u32) {
         self.reach(node, 0.0, Step { from: NONE, half_edge: NONE });
     }
@@ -164,6 +158,16 @@ impl EdgeSearch {
         }
     }
 
+    /// Goes on to all that can be reached; the node that is farthest away.
+    pub fn explore(&mut self, network: &Network, control: &Control) -> Result<Option<u32>> {
+        let mut last = None;
+        while let Some(node) = self.settle(network, |_| true) {
+            control.check()?;
+            last = Some(node);
+        }
+        Ok(last)
+    }
+
     /// The distance from the nearest seed: final where settled, else an upper bound.
     pub fn distance(&self, node: u32) -> f64 {
         self.distance[node as usize]
@@ -182,6 +186,13 @@ impl EdgeSearch {
     pub fn back(&self, node: u32) -> impl Iterator<Item = Step> + '_ {
         std::iter::successors(self.step(node), |step| self.step(step.from))
     }
+
+    /// The nodes from its seed to a node.
+    fn path(&self, node: u32) -> Vec<u32> {
+        let mut path: Vec<u32> = std::iter::once(node).chain(self.back(node).map(|step| step.from)).collect();
+        path.reverse();
+        path
+    }
 }
 
 /// The half-edges along a path of vertices; where an edge has only one half-edge, that one, which may lead back.
@@ -197,7 +208,7 @@ pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
 /// Takes O(n log n) for each stop.
 /// Panics if there is not one factor a vertex.
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
-    check_points(surface, stops)?;
+    check_points(stops.iter().copied(), surface.len())?;
     let network = match factors {
         None => Network::of(surface),
         Some(factors) => factored(surface, factors)?,
@@ -213,10 +224,7 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
             let unreachable = Error::Unreachable { source_vertex: from as usize, vertex: to as usize };
             search.settle(&network, |_| true).ok_or(unreachable)?;
         }
-        let start = path.len();
-        path.extend(std::iter::once(to).chain(search.back(to).map(|step| step.from)));
-        path.truncate(path.len() - 1); // `from` ends the leg before
-        path[start..].reverse();
+        path.extend(&search.path(to)[1..]); // `from` ends the leg before
     }
     Ok(path)
 }
@@ -232,7 +240,7 @@ pub fn path_to_any(
     factors: &[f64],
     control: &Control,
 ) -> Result<Vec<u32>> {
-    check_points(surface, &[from])?;
+    check_points([from], surface.len())?;
     assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one word on each vertex");
     let network = factored(surface, factors)?;
     let mut search = EdgeSearch::new(surface.len());
@@ -244,9 +252,7 @@ pub fn path_to_any(
         let may_enter = |v: u32| to[v as usize] || may_pass[v as usize];
         let node = search.settle(&network, may_enter).ok_or(unreachable.clone())?;
         if to[node as usize] {
-            let mut path: Vec<u32> = std::iter::once(node).chain(search.back(node).map(|step| step.from)).collect();
-            path.reverse();
-            return Ok(path);
+            return Ok(search.path(node));
         }
     }
 }
@@ -258,13 +264,6 @@ fn factored(surface: &Surface, factors: &[f64]) -> Result<Network> {
         return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
     }
     Ok(Network::weighted(surface, |v| factors[v as usize]))
-}
-
-fn check_points(surface: &Surface, vertices: &[u32]) -> Result<()> {
-    match vertices.iter().find(|&&v| v as usize >= surface.len()) {
-        Some(&v) => Err(Error::NoSuchPoint { vertex: v as usize, points: surface.len() }),
-        None => Ok(()),
-    }
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
     surface
 }
 
-fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
+pub(crate) fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
     let squares = (0..m).flat_map(|i| (0..n).map(move |j| (i, j)));
     squares
         .flat_map(|(i, j)| {

@@ -11,37 +11,12 @@
 //! numbers of all loops that run across it: a loop's mark is then the exclusive or of its edges' marks. A mark that is not zero
 //! proves an odd count; one that is zero is an even one but for a chance of 2⁻⁶⁴ (Erickson, Nayyeri 2011 keep bits).
 
+use crate::adjacency::Sets;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{Edge, EdgeSearch, Network, Step, length};
 use crate::surface::topology::shrunk;
-
-/// Disjoint sets (Tarjan 1975).
-#[derive(Debug)]
-pub(crate) struct Sets(Vec<u32>);
-
-impl Sets {
-    pub fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
-    }
-
-    pub fn find(&mut self, mut member: u32) -> u32 {
-        while self.0[member as usize] != member {
-            let above = self.0[self.0[member as usize] as usize];
-            self.0[member as usize] = above; // halves the path
-            member = above;
-        }
-        member
-    }
-
-    /// Makes two sets one; were they two?
-    pub fn join(&mut self, a: u32, b: u32) -> bool {
-        let (a, b) = (self.find(a), self.find(b));
-        self.0[a.max(b) as usize] = a.min(b);
-        a != b
-    }
-}
 
 /// A surface with every boundary loop shrunk to a point.
 #[derive(Debug)]
@@ -76,12 +51,10 @@ impl<'a> Shrunk<'a> {
         Self { surface, network: Network::new(surface.len(), &edges), node }
     }
 
-    /// All nodes.
     pub fn nodes(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.node.len() as u32).filter(|&v| self.node[v as usize] == v)
     }
 
-    /// The nodes that an edge joins.
     pub fn ends(&self, half_edge: u32) -> [u32; 2] {
         [self.surface.origin(half_edge), self.surface.target(half_edge)].map(|v| self.node[v as usize])
     }
@@ -154,9 +127,7 @@ fn spanning_tree(shrunk: &Shrunk, control: &Control) -> Result<EdgeSearch> {
             continue;
         }
         search.seed(root);
-        while search.settle(&shrunk.network, |_| true).is_some() {
-            control.check()?;
-        }
+        search.explore(&shrunk.network, control)?;
     }
     Ok(search)
 }

@@ -15,6 +15,7 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Vector3;
 
+use crate::adjacency::distinct;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::paths::{EdgeSearch, length};
@@ -91,7 +92,6 @@ fn mean_length(surface: &Surface) -> f64 {
     if mean > 0.0 { mean } else { 1.0 }
 }
 
-/// A loop that separates nothing.
 #[derive(Debug)]
 struct Found {
     half_edges: Vec<u32>,
@@ -167,9 +167,7 @@ impl<'a> Seeker<'a> {
                 since += length(self.shrunk.surface, h);
             }
         }
-        roots.sort_unstable();
-        roots.dedup();
-        roots
+        distinct(roots)
     }
 
     /// The shortest loop from a node back to it that separates nothing, touches none that was taken, and is shorter than

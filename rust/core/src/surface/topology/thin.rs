@@ -128,6 +128,7 @@ impl Cells {
 mod tests {
     use super::*;
     use crate::surface::mesh::shapes;
+    use crate::tests::{both, moved};
 
     fn thin(surface: &Surface, thickness: f64) -> ThinPlaces {
         thin_places(surface, thickness, &Control::default()).unwrap()
@@ -157,16 +158,14 @@ mod tests {
         assert_eq!(thin(&disc(3.0), 1.2), ThinPlaces::default());
         assert_eq!(thin(&shapes::surface(shapes::sheet(9, 9)), 2.0), ThinPlaces::default());
         // a narrow gap between two solids: the way between them leads outward
-        let (points, faces) = shapes::sheet(6, 6);
-        let mut both = points.clone();
-        both.extend(points.iter().map(|p| [p[0], p[1], 0.4]));
-        let turned = faces.iter().map(|face| [face[0] + 49, face[2] + 49, face[1] + 49]);
-        let gap: Vec<[i64; 3]> = faces.iter().copied().chain(turned).collect();
-        let gap = Surface::from_triangles(&both, &gap).unwrap().0;
-        assert_eq!(thin(&gap, 1.0), ThinPlaces::default());
+        let sheet = shapes::sheet(6, 6);
+        let mut above = moved(&sheet, |&[x, y, _]| [x, y, 0.4]);
+        above.1.iter_mut().for_each(|face| face.swap(1, 2));
+        let mut two = both(&sheet, &above);
+        assert_eq!(thin(&shapes::surface(two.clone()), 1.0), ThinPlaces::default());
         // turned inside out it is a blade
-        let turned: Vec<[i64; 3]> = gap.faces().iter().map(|face| [face[0], face[2], face[1]].map(i64::from)).collect();
-        let blade = Surface::from_triangles(&both, &turned).unwrap().0;
+        two.1.iter_mut().for_each(|face| face.swap(1, 2));
+        let blade = shapes::surface(two);
         assert_eq!(thin(&blade, 1.0).vertices.len(), 98);
         for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(thin(&blade, nothing), ThinPlaces::default());

@@ -129,12 +129,13 @@ fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::{masks, voxels};
     use crate::volume::Mask;
     use proptest::prelude::*;
     use std::collections::HashSet;
 
     fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
-        crate::tests::voxels(&Mask::from_fn(shape, rule).unwrap(), [1.0; 3])
+        voxels(&Mask::from_fn(shape, rule).unwrap(), [1.0; 3])
     }
 
     fn topology_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> CubeTopology {
@@ -186,9 +187,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn euler_equals_the_count_of_all_cells(bits in prop::collection::vec(any::<bool>(), 125)) {
-            prop_assume!(bits.contains(&true));
-            let surface = surface_of([5, 5, 5], |[i, j, k]| bits[(i * 5 + j) * 5 + k]);
+        fn euler_equals_the_count_of_all_cells(mask in masks([5; 3], 0.2..0.8)) {
+            let surface = voxels(&mask, [1.0; 3]);
             let topology = CubeTopology::of(&surface, &Control::default()).unwrap();
             prop_assert_eq!(topology.euler, euler_by_listing(&surface));
         }

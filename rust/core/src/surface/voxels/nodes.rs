@@ -223,7 +223,6 @@ fn triangles(polygons: &Polygons, points: &[Vector3<f64>]) -> (Vec<[u32; 3]>, Ve
     (faces, unlucky)
 }
 
-/// The half-edge that leads back along each half-edge.
 fn twins_of(faces: &[[u32; 3]]) -> Vec<u32> {
     let ends = |face: &[u32; 3]| [(face[0], face[1]), (face[1], face[2]), (face[2], face[0])];
     let mut keyed: Vec<((u32, u32), u32)> =

@@ -12,6 +12,7 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
+use crate::adjacency::starts_of;
 use crate::control::Control;
 use crate::error::Result;
 
@@ -29,15 +30,10 @@ impl Neighbours {
             pairs.into_iter().filter(|[a, b]| a != b).flat_map(|[a, b]| [[a, b], [b, a]]).collect();
         both.par_sort_unstable();
         both.dedup();
-        let mut starts = vec![0; nodes + 1];
-        both.iter().for_each(|&[a, _]| starts[a as usize + 1] += 1);
-        for node in 0..nodes {
-            starts[node + 1] += starts[node];
-        }
+        let starts = starts_of(nodes, both.iter().map(|&[a, _]| a));
         Self { starts, to: both.into_iter().map(|[_, b]| b).collect() }
     }
 
-    /// The neighbours of a node, ascending.
     pub fn of(&self, node: u32) -> &[u32] {
         &self.to[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
     }
@@ -48,7 +44,6 @@ impl Neighbours {
 struct Fit {
     /// Width of the Gaussian weight.
     sigma: f64,
-    /// How far the neighbourhood reaches.
     reach: f64,
     /// Nodes whose normals have a smaller product lie on another bank.
     same_side: f64,
@@ -225,24 +220,8 @@ impl Around {
     }
 }
 
-/// The powers of u and v in the products of two terms of a height; the first six are the terms themselves.
-const POWERS: [(u8, u8); 15] = [
-    (0, 0),
-    (1, 0),
-    (0, 1),
-    (2, 0),
-    (1, 1),
-    (0, 2),
-    (3, 0),
-    (2, 1),
-    (1, 2),
-    (0, 3),
-    (4, 0),
-    (3, 1),
-    (2, 2),
-    (1, 3),
-    (0, 4),
-];
+/// The powers of u and v in the terms of a height.
+const POWERS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];
 
 /// Steepest slope that is believed.
 const STEEPEST: f64 = 2.0;
@@ -260,7 +239,7 @@ impl Fit {
         let across = if normal.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
         let Some(first) = normal.cross(&across).try_normalize(1e-9) else { return (0.0, normal) };
         let second = normal.cross(&first);
-        let mut moments = [0.0; POWERS.len()]; // sums of weighted powers of u and v
+        let mut moments = [0.0; 15]; // sums of weighted powers of u and v, by their degree, then by that of v
         let mut right = Vector6::zeros();
         let mut count = 0;
         for &other in around {
@@ -279,9 +258,9 @@ impl Fit {
                 right[k] += weight * height * powers[k];
             }
         }
-        let moment = |a: (u8, u8), b: (u8, u8)| {
-            let power = (a.0 + b.0, a.1 + b.1);
-            POWERS.iter().position(|&p| p == power).map_or(0.0, |n| moments[n])
+        let moment = |[a, b]: [usize; 2], [c, d]: [usize; 2]| {
+            let degree = a + b + c + d;
+            moments[degree * (degree + 1) / 2 + b + d]
         };
         let mut matrix = Matrix6::from_fn(|i, j| moment(POWERS[i], POWERS[j]));
         for k in 0..6 {

@@ -186,13 +186,13 @@ pub(crate) fn depths(mask: &Mask, voxels: &VoxelSurface, surfels: &Surfels) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geodesic::Solver;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::patch::largest_piece;
     use crate::surface::Surface;
     use crate::surface::mesh::shapes::assert_sound;
     use crate::surface::topology::Topology;
     use crate::surface::voxels::voxelmesh::{Kind, VoxelMesh};
+    use crate::tests::{masks, row};
     use crate::volume::Affine;
     use nalgebra::Rotation3;
     use proptest::prelude::*;
@@ -228,8 +228,7 @@ mod tests {
         let (mut sum, mut count) = (0.0, 0.0);
         for part in 1..6 {
             let source = part * surface.len() / 6;
-            let mut row = vec![0.0; surface.len()];
-            graph.row(source as u32, &mut row, &mut graph.scratch(), &Control::default()).unwrap();
+            let row = row(&graph, source as u32);
             for (place, &distance) in flat.iter().zip(&row) {
                 let truth = (place[0] - flat[source][0]).hypot(place[1] - flat[source][1]);
                 if truth > 5.0 {
@@ -373,11 +372,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_is_called_a_sheet_is_a_surface_or_refused(share in 0.05..0.95f64, size in 2..7usize, bits in prop::collection::vec(0.0..1.0f64, 216)) {
-            let mask = Mask::from_fn([size; 3], |[i, j, k]| bits[(i * 6 + j) * 6 + k] < share);
-            prop_assume!(mask.is_ok());
+        fn whatever_is_called_a_sheet_is_a_surface_or_refused(mask in (2..7usize).prop_flat_map(|size| masks([size; 3], 0.05..0.95))) {
             let affine = Affine::from_spacing([1.0, 0.8, 3.0]).unwrap();
-            if let Ok(mesh) = VoxelMesh::of_sheet(&mask.unwrap(), &affine, &Control::default()) {
+            if let Ok(mesh) = VoxelMesh::of_sheet(&mask, &affine, &Control::default()) {
                 assert_sound(&mesh.surface);
                 prop_assert_eq!(mesh.voxels.len(), mesh.surface.len());
             }

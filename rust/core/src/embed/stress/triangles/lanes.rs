@@ -6,10 +6,8 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::{Price, Rest, Shape, by_sides, roots};
 
-/// How many.
 const LANES: usize = 8;
 
-/// Numbers of as many triangles.
 type Lanes = [f64; LANES];
 
 /// Sets the energies of triangles in a map, and `scale` times the gradients by the places of their corners.

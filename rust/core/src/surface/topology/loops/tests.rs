@@ -3,12 +3,11 @@ use proptest::prelude::*;
 use super::*;
 use crate::surface::mesh::shapes;
 use crate::surface::topology::Topology;
-use crate::surface::voxels::voxelmesh::VoxelMesh;
-use crate::volume::{Affine, Mask};
+use crate::tests;
+use crate::volume::Mask;
 
 fn solid(shape: [usize; 3], is_inside: impl Fn([usize; 3]) -> bool) -> Surface {
-    let mask = Mask::from_fn(shape, is_inside).unwrap();
-    VoxelMesh::of_solid(&mask, &Affine::from_spacing([1.0; 3]).unwrap(), None, &Control::default()).unwrap().surface
+    tests::solid(&Mask::from_fn(shape, is_inside).unwrap(), [1.0; 3])
 }
 
 /// Every handle goes, one with each loop; nothing falls apart.
@@ -135,10 +134,8 @@ fn a_plate_has_a_handle_for_each_hole() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
-    fn the_shortest_loop_is_found(share in 0.4..0.9f64, bits in prop::collection::vec(0.0..1.0f64, 64)) {
-        let mask = Mask::from_fn([4; 3], |[i, j, k]| bits[(i * 4 + j) * 4 + k] < share).unwrap();
-        let affine = Affine::from_spacing([1.0, 1.3, 0.8]).unwrap();
-        let surface = VoxelMesh::of_solid(&mask, &affine, None, &Control::default()).unwrap().surface;
+    fn the_shortest_loop_is_found(mask in tests::masks([4; 3], 0.4..0.9)) {
+        let surface = tests::solid(&mask, [1.0, 1.3, 0.8]);
         let found = handles(&surface, &Control::default()).unwrap();
         if let Some(shortest) = found.iter().map(|handle| handle.length).reduce(f64::min) {
             let best = shortest_of_all(&surface);
@@ -154,10 +151,7 @@ proptest! {
     }
 
     #[test]
-    fn any_volume_is_cut(share in 0.2..0.9f64, size in 3..7usize, bits in prop::collection::vec(0.0..1.0f64, 216)) {
-        let mask = Mask::from_fn([size; 3], |[i, j, k]| bits[(i * 6 + j) * 6 + k] < share);
-        prop_assume!(mask.is_ok());
-        let affine = Affine::from_spacing([1.0; 3]).unwrap();
-        assert_cut(&VoxelMesh::of_solid(&mask.unwrap(), &affine, None, &Control::default()).unwrap().surface);
+    fn any_volume_is_cut(mask in (3..7usize).prop_flat_map(|size| tests::masks([size; 3], 0.2..0.9))) {
+        assert_cut(&tests::solid(&mask, [1.0; 3]));
     }
 }

@@ -1,9 +1,9 @@
 //! What hangs together, by runs of cells: there are a hundred times fewer of them than cells.
 
 use super::grid::{Grid, look};
+use crate::adjacency::Sets;
 use crate::control::Control;
 use crate::error::Result;
-use crate::surface::topology::homology::Sets;
 
 /// Rows before a row, and by how many cells two runs may miss each other there and still touch.
 pub(super) type Touch = &'static [([i64; 2], u32)];
