@@ -34,10 +34,7 @@ pytestmark = pytest.mark.slow  # workers are processes, which take seconds to st
 
 @pytest.fixture(scope="module")
 def workers():
-    """A cluster of two workers of one thread, which are started again when they die.
-
-    They are forked from a process that has imported what they need, which takes seconds otherwise, each time.
-    """
+    """A cluster of two workers of one thread, started again when they die, by a process that has imported all."""
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
         distributed.utils.get_mp_context().set_forkserver_preload(preload)

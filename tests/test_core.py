@@ -81,11 +81,7 @@ def test_what_keeps_the_interpreter_is_found_out():
     assert not lets_others_run(lambda: sorted(range(100)), seconds=0.2)
 
 
-@pytest.mark.parametrize("name", SURFACE)
-def test_surfaces_let_other_threads_run(surface, name):
-    assert lets_others_run(lambda: SURFACE[name](surface))
-
-
-@pytest.mark.parametrize("name", VOXELS)
-def test_voxel_surfaces_let_other_threads_run(voxels, name):
-    assert lets_others_run(lambda: VOXELS[name](voxels))
+@pytest.mark.parametrize(("made", "name"), [("surface", name) for name in SURFACE] + [("voxels", n) for n in VOXELS])
+def test_long_work_lets_other_threads_run(request, made, name):
+    call, of = (SURFACE if made == "surface" else VOXELS)[name], request.getfixturevalue(made)
+    assert lets_others_run(lambda: call(of))

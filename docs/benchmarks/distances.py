@@ -162,10 +162,7 @@ def known(options):
 
 
 def sphere(count, radius=50.0):
-    """Make an irregular mesh of a sphere: a spiral of points, shaken.
-
-    Returns: `truth`, distances on the sphere from a vertex to all.
-    """
+    """Make an irregular mesh of a sphere, a spiral of points, shaken; return true distances from a vertex as well."""
     rng = np.random.default_rng(3)
     height = 1 - (2 * np.arange(count) + 1) / count
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)

@@ -118,11 +118,7 @@ def true_rows(mesh, places, sources):
 
 
 def with_places(points, faces, face, places):
-    """Divide faces so that places in them are vertices.
-
-    `points`, `faces`: a mesh. `face` int (m,): the face of each place. `places`: (m, 3). Returns: `points, faces`, the
-    same surface with more vertices; `numbers`, int (m,), the vertex that each place is.
-    """
+    """Divide faces so that places in them are vertices; return the mesh, and which vertex each place is."""
     a, b, c = points[faces[face]].swapaxes(0, 1)
     # barycentric coordinates by least squares; kept off the edges
     sides = np.stack([b - a, c - a], axis=2)

@@ -70,16 +70,13 @@ def look(page: Path, folder: Path) -> None:
 
 
 def chromium(page: Path, *options: str) -> subprocess.CompletedProcess[str] | None:
-    """Open a page in Chromium, or return None where there is none.
-
-    Without a graphics card it stops for good now and then on a busy machine, and is started again.
-    """
+    """Open a page in Chromium, or return None where there is none."""
     program = shutil.which("chromium") or shutil.which("chromium-browser")
     if program is None:
         return None
     command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     command += ["--enable-logging=stderr", *options, page.resolve().as_uri()]
-    for _ in range(3):
+    for _ in range(3):  # without a graphics card it stops for good now and then on a busy machine
         with suppress(subprocess.TimeoutExpired):
             return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     sys.exit(f"it does not end: {' '.join(command)}")

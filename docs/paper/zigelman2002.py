@@ -37,11 +37,8 @@ def cylinder_image(side=100, arc=150):
 
 
 def bust():
-    """Return a bust, 1 mm a pixel (figure 3: a face), as one sheet, which the paper takes a range image to be.
-
-    Its grey levels are smoothed, for whole numbers make a staircase.
-    """
-    depth = shapes.head_depth().astype(float)
+    """Return a bust, 1 mm a pixel (figure 3: a face), as one sheet, which the paper takes a range image to be."""
+    depth = shapes.head_depth().astype(float)  # which is smoothed, for whole numbers make a staircase
     pieces, _ = ndimage.label(ndimage.binary_opening(depth > 0, iterations=2))
     there = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
     share = ndimage.gaussian_filter(there.astype(float), 1.5)

@@ -12,7 +12,6 @@ from triangle_meshes import torus
 
 import voxflat
 from voxflat import figures
-from voxflat.io import meshes
 
 pv = pytest.importorskip("pyvista")
 
@@ -30,15 +29,6 @@ class TestCommand:
         mesh.point_data["rgb"] = np.full((len(points), 3), [200, 100, 50], dtype=np.uint8)
         mesh.save(tmp_path / "coloured.vtp")
         return tmp_path / "coloured.vtp"
-
-    @pytest.mark.parametrize("name", ["atlas.obj", "atlas.vtp", "atlas.glb", "atlas.ply"])
-    def test_textured_surfaces(self, mesh, tmp_path, name):
-        result = run("patches", mesh, "--max-angle", 30, "-o", tmp_path / name, "--pixel-size", 1)
-        assert result.exit_code == 0, result.output
-        assert (tmp_path / name).stat().st_size > 1000
-        if name != "atlas.glb":
-            read = meshes.read_mesh(tmp_path / name)
-            assert len(read.faces) >= len(torus(20)[1])
 
     def test_what_the_texture_shows(self, mesh, overlay, tmp_path):
         pictures = []

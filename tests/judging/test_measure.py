@@ -75,15 +75,6 @@ class TestAnalyticMaps:
         assert found.topology == {"components": 1, "euler": 1, "loops": 1, "handles": 0}
         assert found.standard_error.raw.relative_error < 1e-6
 
-    def test_a_fold_is_seen(self):
-        points, faces = plane()
-        uv = points[:, :2].copy()
-        uv[:, 0] = np.abs(uv[:, 0] - 12)
-        of = voxflat.measure((points, faces), uv).triangles
-        assert (of.flipped, of.flipped_share) == (96, pytest.approx(1 / 3))
-        assert of.covering >= 2 * 96
-        assert of.areal_p95 == pytest.approx(0)
-
     def test_what_is_undefined_is_null(self):
         points, faces = plane(4, 40.0)
         found = voxflat.measure((points, faces), np.zeros((len(points), 2)), sources=1)
@@ -170,15 +161,6 @@ class TestFormats:
 
 
 class TestComparison:
-    def test_maps_of_the_same_triangles_are_as_if_alone(self):
-        mesh, uv = bump()
-        maps = {"one": uv, "two": 2 * uv, "three": (uv_mesh(3 * uv), mesh[1][::-1, [1, 2, 0]])}
-        compared = voxflat.compare(mesh, maps, sources=40)
-        for name, flat in maps.items():
-            alone = voxflat.measure(mesh, flat, sources=40)
-            assert compared[name].figures() == alone.figures()
-            np.testing.assert_array_equal(compared[name].per_point, alone.per_point)
-
     def test_vertices_in_another_order(self):
         mesh, uv = bump()
         flat = voxflat.flatten(mesh, method=Voxflat(sources=50))

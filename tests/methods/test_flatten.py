@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapes
 from lab_runs import run
+from mesh_files import fsaverage5
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 from triangle_meshes import cylinder
@@ -206,3 +207,21 @@ def test_the_command_line_hands_on_what_methods_are_given(options, tmp_path):
     assert result.exit_code == 0, result.output
     expected = composed.flatten(tmp_path / "mesh.ply", **options)
     np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").uv, expected.uv)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "radius"), [("zigelman2002", 45.0), ("schwartz1989", 26.0)])
+def test_a_patch_of_the_cortex_is_flattened_by_other_papers_too(method, radius):
+    white, pial = (str(fsaverage5(name)) for name in ("white_left", "pial_left"))
+    patch = voxflat.surface(white, pial=pial).disk(4000, radius)
+    flat, usual = (voxflat.flatten(patch, name) for name in (method, "voxflat"))
+    assert np.isfinite(flat.uv).all()
+    assert len(flat) == len(usual)
+    assert flat.distortion.best_scale.relative_error < 1.5 * usual.distortion.best_scale.relative_error
+
+
+@pytest.mark.parametrize("method", ["zigelman2002", "schwartz1989"])
+def test_volumes_are_flattened_by_other_papers_too(method):
+    flat = composed.flatten(shapes.curled_sheet(20, 15, 0.5), method=method, sources=50)
+    assert flat.is_voxels
+    assert flat.distortion.raw.relative_error < 0.03

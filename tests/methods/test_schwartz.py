@@ -1,10 +1,8 @@
 """Flattening after Schwartz, Shaw and Wolfson (1989)."""
 
 import composed
-import mesh_files
 import numpy as np
 import pytest
-import shapes
 from lab_runs import run
 from scipy.linalg import orthogonal_procrustes
 from triangle_meshes import cylinder
@@ -60,21 +58,6 @@ class TestFlatten:
         assert len(flat.sources) == len(flat.eigenvalues) == 0
         with pytest.raises(InputError, match="without sources"):
             figures.spectrum(flat)
-
-    @pytest.mark.slow
-    def test_a_patch_of_the_cortex(self):
-        white, pial = (str(mesh_files.fsaverage5(name)) for name in ("white_left", "pial_left"))
-        patch = {"seed_point": 4000, "radius": 26.0}
-        surface = voxflat.surface(white, pial=pial)
-        flat = composed.flatten(surface, method="schwartz1989", **patch)
-        usual = composed.flatten(surface, **patch)
-        assert len(flat) == len(usual)
-        assert flat.distortion.raw.sammon_stress < 1.2 * usual.distortion.raw.sammon_stress
-
-    def test_volumes_are_flattened_too(self):
-        flat = composed.flatten(shapes.curled_sheet(20, 15, 0.5), **schwartz1989)
-        assert flat.is_voxels
-        assert flat.distortion.raw.relative_error < 0.03
 
     def test_a_map_is_kept_in_a_file(self, tmp_path):
         for sources in (0, 20):

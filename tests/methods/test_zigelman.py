@@ -1,10 +1,8 @@
 """Flattening after Zigelman, Kimmel and Kiryati (2002), and range images."""
 
 import composed
-import mesh_files
 import numpy as np
 import pytest
-import shapes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
@@ -40,22 +38,6 @@ class TestFlatten:
         assert flat.distortion.triangles.flipped == 0
         assert flat.metadata["sampling"] == (sampling or "decimation")
         assert flat.metadata["placed_by"] == "re-insertion"
-
-    @pytest.mark.slow
-    def test_a_patch_of_the_cortex(self):
-        white, pial = (str(mesh_files.fsaverage5(name)) for name in ("white_left", "pial_left"))
-        surface = voxflat.surface(white, pial=pial)
-        patch = {"seed_point": 4000, "radius": 45.0}
-        flat = composed.flatten(surface, method="zigelman2002", **patch)
-        usual = composed.flatten(surface, **patch)
-        assert len(flat) == len(usual)
-        assert flat.distortion.best_scale.relative_error < 1.5 * usual.distortion.best_scale.relative_error
-        assert np.isfinite(flat.uv).all()
-
-    def test_volumes_are_flattened_too(self):
-        flat = composed.flatten(shapes.curled_sheet(40, 30, 0.5), **zigelman2002)
-        assert flat.is_voxels
-        assert flat.distortion.raw.relative_error < 0.02
 
     @pytest.mark.parametrize(
         ("options", "message"),

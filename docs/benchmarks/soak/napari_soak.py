@@ -43,10 +43,9 @@ class _MallInfo(ctypes.Structure):
 
 
 def megabytes() -> tuple[float, float]:
-    """Return the memory that is resident once what is free was given back to the system, and what of it is allocated.
+    """Return the memory that is resident once what is free was given back, and what of it is allocated, if glibc tells.
 
-    glibc keeps free blocks in a heap of each thread, which it does not give back; what is allocated tells of leaks. It
-    is NaN where there is no glibc.
+    glibc keeps free blocks in a heap of each thread, which it does not give back; what is allocated tells of leaks.
     """
     for _ in range(3):
         gc.collect()
