@@ -1,7 +1,5 @@
 """Checks of what users hand over that are the same everywhere: kinds, numbers, places, memory, progress."""
 
-from __future__ import annotations
-
 import ctypes
 import logging
 import math

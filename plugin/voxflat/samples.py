@@ -1,7 +1,5 @@
 """Small surfaces and volumes for examples and first tries."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@
 lock meanwhile: a second in which a window stands still, for the triangles of a hemisphere.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

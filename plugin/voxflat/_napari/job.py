@@ -1,7 +1,5 @@
 """One flattening: what is asked for, and the way from volumes and meshes to layers."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

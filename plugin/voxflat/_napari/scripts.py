@@ -1,7 +1,5 @@
 """What a run did, as a Python script that does it again without a window."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterator

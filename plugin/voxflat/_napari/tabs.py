@@ -1,7 +1,5 @@
 """Docks of ours: they open as tabs of one place, for two above each other have no room on a small screen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Time for the window to live: how long between two steps, and timers that are started again and again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

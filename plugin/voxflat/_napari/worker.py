@@ -1,7 +1,5 @@
 """Threads that work while napari stays alive, and may outlive its window; progress in napari's activity dock."""
 
-from __future__ import annotations
-
 import atexit
 from collections.abc import Callable
 from functools import cache

@@ -10,8 +10,6 @@ keeps LPS coordinates, as ITK's do, has to be turned first (origin and the first
 makes meshes of maps; `accessor` has the verbs, `blocks` those of a MultiBlock; `options` and `bars` are what they take.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyvista as pv

@@ -1,7 +1,5 @@
 """Progress bars, as PyVista's own filters have them: ``progress_bar=True``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

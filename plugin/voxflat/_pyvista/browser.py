@@ -1,7 +1,5 @@
 """Maps of PyVista in a browser."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

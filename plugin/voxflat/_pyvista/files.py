@@ -1,7 +1,5 @@
 """Files of surfaces and maps for ``pyvista.read``, and flat maps for ``mesh.save`` (PyVista 0.48 and later)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Flat maps and pages as meshes of PyVista."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the verbs of ``mesh.voxflat`` take: a dataset, arrays of it, places on it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Flat maps that PyVista's users hand over, as the judge takes them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Unfolding: what lies between a surface and its map."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, overload

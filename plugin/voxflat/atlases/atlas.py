@@ -1,7 +1,5 @@
 """What every atlas can do, whoever made its pieces: a page, a sequence of pieces, figures, a file."""
 
-from __future__ import annotations
-
 import importlib
 import os
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """Flat pieces side by side on a page, without overlap: in rows of boxes, or packed by their shapes with xatlas."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray

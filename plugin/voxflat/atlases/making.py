@@ -1,7 +1,5 @@
 """From a surface of any topology to an atlas: `patches`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of an atlas: its pieces side by side, as images, as a texture, and the way back to the surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

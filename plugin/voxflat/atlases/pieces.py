@@ -1,7 +1,5 @@
 """A surface in flat pieces: what all atlases hold, whoever made the pieces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar

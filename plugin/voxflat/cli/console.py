@@ -1,7 +1,5 @@
 """The terminal: how errors, progress and notes are shown."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import logging

@@ -1,7 +1,5 @@
 """From INPUT and its options to what a command works on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the commands for labs share: options that take several values, what is to be made, and how it is told."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

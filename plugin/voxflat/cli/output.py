@@ -1,7 +1,5 @@
 """What a command writes: whether it can, and as JSON."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

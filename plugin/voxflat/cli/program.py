@@ -4,8 +4,6 @@ Exit status: 0 success; 1 the input cannot be used, the work failed, or `check` 
 143 terminated.
 """
 
-from __future__ import annotations
-
 import click
 import cloup
 

@@ -1,7 +1,5 @@
 """What the command line says of an option: the first sentences of the Python parameter's own text."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable

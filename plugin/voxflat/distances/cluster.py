@@ -1,7 +1,5 @@
 """Work on many machines: the workers of a Dask cluster take one item after another, and may die on the way."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import logging

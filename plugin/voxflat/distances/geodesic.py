@@ -1,7 +1,5 @@
 """Distances from many sources, in memory or in a store."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

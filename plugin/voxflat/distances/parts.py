@@ -4,8 +4,6 @@ The caller takes what that journal says over into the store's. Parts lie in the 
 worker, or caller, leaves behind. A row has the same bits whoever computes it: two who write it at once do no harm.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Shortest paths over a surface: to see, to measure along, and to cut along."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Sources: the points from which distances are measured, chosen or given."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

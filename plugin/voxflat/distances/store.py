@@ -3,8 +3,6 @@
 The compiled core writes that, too: a header, then a JSON object a line.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

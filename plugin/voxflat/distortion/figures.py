@@ -1,7 +1,5 @@
 """Figures of distortion, of distances and of triangles, with their errors, and as JSON has them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

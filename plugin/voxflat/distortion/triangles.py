@@ -10,8 +10,6 @@
 | `flipped` | triangles | whether it is turned over |
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures of atlases in the plane: the page of their patches, and what happened to their triangles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

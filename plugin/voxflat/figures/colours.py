@@ -1,7 +1,5 @@
 """Colours that several figures share: of errors, of areas, of all measures, of patches."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

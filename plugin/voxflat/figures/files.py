@@ -1,7 +1,5 @@
 """Figures and pictures as files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

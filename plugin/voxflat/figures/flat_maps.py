@@ -1,7 +1,5 @@
 """The figure of a flat map that one reads: folds, data over them, parcels, names and marks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

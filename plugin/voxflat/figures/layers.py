@@ -1,7 +1,5 @@
 """Layers of a figure in SVG files: those that Inkscape shows by name."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of what flattening did: `scatter`, `heat_map`, `heat_maps`, `spectrum`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Marks of a map: where anterior and superior are, which side it is, names of its cuts, a round length."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Movies of a series on the flat map: folds, data over them, one scale of colours, and the time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names inside their regions: where they have room, and in which size."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Figures of the worst places of a map: `worst_places` in the plane, `worst_places_3d` on the surface."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

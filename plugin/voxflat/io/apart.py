@@ -8,8 +8,6 @@ JSON and the bytes of arrays, checked here: whatever it does, the caller has an 
 no such limits (Windows), a file may take long, and memory.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import importlib

@@ -4,8 +4,6 @@ Nothing is read until it is known which voxels are wanted; then each chunk that 
 Whatever has a shape, a dtype, chunks and slices is such an array.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """What all readers and writers share: files whole or not at all, optional packages, errors that name the file."""
 
-from __future__ import annotations
-
 import errno
 import gzip
 import importlib

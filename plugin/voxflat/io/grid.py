@@ -1,7 +1,5 @@
 """What makes a grid of voxels: its shape, and an affine to RAS+ mm that is not sheared."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """Names and colours of labels: of files that hold their own, and from lookup tables beside them."""
 
-from __future__ import annotations
-
 import csv
 import io
 import os

@@ -3,8 +3,6 @@
 GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PLY, OBJ and STL here.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -309,9 +307,4 @@ def _write_obj(path: Path, mesh: Mesh, _: Record | None) -> None:
     obj.write_obj(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
-_WRITERS: dict[str, _Write] = {
-    ".surf.gii": _write_gifti,
-    ".vtp": _write_vtp,
-    ".ply": _write_ply,
-    ".obj": _write_obj,
-}
+_WRITERS: dict[str, _Write] = {".surf.gii": _write_gifti, ".vtp": _write_vtp, ".ply": _write_ply, ".obj": _write_obj}

@@ -1,7 +1,5 @@
 """What Jupyter shows of a result."""
 
-from __future__ import annotations
-
 import base64
 import html
 import io

@@ -3,8 +3,6 @@
 Objects are recognised by the attributes that are read, so that none of these packages has to be imported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """Values at the points of a surface, and regions of it, from files."""
 
-from __future__ import annotations
-
 import io
 import os
 import textwrap

@@ -7,8 +7,6 @@ number of points, then for each an int32, v + 1 for point v inside and −(v + 1
 float32.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ SHA-256. A parameter that is itself a result, as a surface of `flatten`, is told
 it and no name of a machine: the same call with the same files gives the same bytes.
 """
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import inspect

@@ -6,8 +6,6 @@ pixdim) whichever package is installed. Neither package notices every damaged fi
 made here, too.
 """
 
-from __future__ import annotations
-
 import gzip
 import os
 import re

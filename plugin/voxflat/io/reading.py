@@ -1,7 +1,5 @@
 """What is read within a call: how much memory that may take, and which files they were."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Two tables list the kinds: what tells one, and what makes a mesh or a volume of it. The first that fits counts.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,11 +22,7 @@ from voxflat.io.volumes import Volume, volume_of_file
 
 
 def taken(
-    source: object,
-    *,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    unit: str | None = None,
+    source: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None, unit: str | None = None
 ) -> Mesh | Volume:
     """Take a mesh as a `Mesh`, and all else as a `Volume`, of which spacing or affine may be told (`as_volume`)."""
     mesh = as_mesh(source)

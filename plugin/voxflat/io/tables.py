@@ -1,7 +1,5 @@
 """Tables of points: CSV and TSV files, as of electrodes or peaks, read with all their columns and written with more."""
 
-from __future__ import annotations
-
 import csv
 import io
 import os

@@ -1,7 +1,5 @@
 """Triangles as the formats of surfaces share them: checks, and how polygons and strips become triangles."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The judge: what flat maps, ours or other tools', do to a surface."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field

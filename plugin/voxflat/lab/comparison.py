@@ -1,7 +1,5 @@
 """Hemispheres beside each other: which stand out, and means over maps that lie alike."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

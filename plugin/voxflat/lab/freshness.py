@@ -1,7 +1,5 @@
 """Whether results are up to date, by what they are made of; and files that are written where they change alone."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """A study as a whole: every measure in a table, what stands out, and means over maps that lie alike."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A map and its surface in one page of HTML, for a browser or a notebook: no other file, no network."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What pages are made of: values as layers with colours, pictures, a scene to be turned, and templates filled in."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """The report on a subject: one page of HTML that needs no other file and no network."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

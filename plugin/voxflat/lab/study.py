@@ -1,7 +1,5 @@
 """Participants, one after the other: what is missing or stale is made, and one that fails never stops the others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The page of a study: its table, what stands out, all maps at one scale, and means."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

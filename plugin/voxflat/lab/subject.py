@@ -1,7 +1,5 @@
 """One hemisphere, from its files to a flat map, measures, and a record of how they came to be."""
 
-from __future__ import annotations
-
 import logging
 import os
 import platform

@@ -1,7 +1,5 @@
 """Colours of scalars and labels: the same in files, on pages, in textures and in space."""
 
-from __future__ import annotations
-
 import colorsys
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """What is drawn on a map, as outlines or as pixels, becomes regions."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Flat images as files: PNG for people, TIFF and NIfTI for programs that measure, NumPy for the rest."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import textwrap

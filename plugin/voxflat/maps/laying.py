@@ -1,7 +1,5 @@
 """Where a map lies in space when it is laid near its surface."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Lines on a map: its outline, and the smooth borders between regions of labels."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

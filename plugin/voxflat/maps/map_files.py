@@ -1,7 +1,5 @@
 """The archive that holds all of a flat map, and a map as a mesh with the numbers of the surface's vertices."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

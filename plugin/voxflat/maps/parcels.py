@@ -1,7 +1,5 @@
 """Parcels on a map: labels of its points, with names and colours as their file has them."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from functools import cached_property

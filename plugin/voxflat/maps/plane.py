@@ -1,7 +1,5 @@
 """What a map and the page of an atlas share: pixels, what they show, and the way back to the surface."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Regions of interest drawn on a map: what vertices and what voxels of the cortex lie in them."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

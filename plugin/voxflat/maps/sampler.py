@@ -1,7 +1,5 @@
 """What the pixels of a flat image show: a volume, an overlay or a texture, looked up where they lie on the surface."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """The worst places of a map, as they are told and saved, and the cuts that relieve them."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Where a map changes areas most, and which cut relieves each place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 An object of one is given wherever a method's name is: ``surface.flatten(Zigelman2002(sources=400))``.
 """
 
-from __future__ import annotations
-
 from voxflat.arguments import shown
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -17,16 +15,7 @@ from voxflat.methods.zigelman2002 import Zigelman2002
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 
-__all__ = [
-    "METHODS",
-    "Grossmann2002",
-    "Method",
-    "Saucan2006",
-    "Schwartz1989",
-    "Voxflat",
-    "Zigelman2002",
-    "method_of",
-]
+__all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "Voxflat", "Zigelman2002", "method_of"]
 
 METHODS: dict[str, type[Method]] = {
     method.name: method for method in (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)

@@ -1,7 +1,5 @@
 """From a method's result to a `FlatMap`: judged, turned, with remarks on everything the user should know."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Sequence
 from dataclasses import replace
@@ -173,9 +171,5 @@ def told(
         **of_sources,
         "warnings": warnings,
         "memory_need_bytes": need,
-        "versions": {
-            "voxflat": _core.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
+        "versions": {"voxflat": _core.__version__, "numpy": np.__version__, "python": platform.python_version()},
     }

@@ -1,7 +1,5 @@
 """The method "grossmann2002": chain codes, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

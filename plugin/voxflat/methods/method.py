@@ -1,7 +1,5 @@
 """What the methods share: a method is an object with options, which makes a map of a surface."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """The method "saucan2006": a map that is glued of certified patches (Appleboim, Saucan, Zeevi 2006)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The method "schwartz1989": exact distances, and Newton steps from random starts to the least of Sammon's stress."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """A flat map to start from: what it covers, as it is cut, and the place of each vertex that is flattened."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 
 import numpy as np

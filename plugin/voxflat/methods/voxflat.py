@@ -1,7 +1,5 @@
 """The method "voxflat": the map of least stress whose triangles keep their shape, from coarse to fine."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 

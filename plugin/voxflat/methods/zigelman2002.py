@@ -1,7 +1,5 @@
 """The method "zigelman2002": fast marching, classical scaling, re-insertion (Zigelman, Kimmel, Kiryati 2002)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """What an input holds, and whether its surface can be flattened."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The shorthand: from anything to a flat map, with defaults."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from voxflat.arguments import Progress

@@ -1,7 +1,5 @@
 """Range images: depths on a grid, as scanners give them, and the surface that they are."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Cuts: those that are given, as paths or in a file, those that make a disk, and those that relieve the map."""
 
-from __future__ import annotations
-
 import math
 import os
 from itertools import pairwise

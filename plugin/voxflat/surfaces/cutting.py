@@ -1,7 +1,5 @@
 """From a surface, or a part of one, to the disk that is flattened: cuts, holes, and remarks on each of them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

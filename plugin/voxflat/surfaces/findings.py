@@ -1,7 +1,5 @@
 """Whether a surface can be flattened, and what each remedy would change."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

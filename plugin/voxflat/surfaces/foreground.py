@@ -1,7 +1,5 @@
 """Which voxels of a volume are foreground: a label, or what lies above a threshold."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from typing import Any

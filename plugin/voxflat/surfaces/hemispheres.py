@@ -42,10 +42,7 @@ _BINS = 256
 _WHITE_SHARE = 0.05  # of the labelled voxels that are white matter of each side in a segmentation: 0.16 is usual
 
 # FreeSurfer's aseg and SynthSeg: white matter, lateral ventricle, deep nuclei and what lies between them
-_ASEG = {
-    "left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78),
-    "right": (41, 43, 49, 50, 51, 52, 58, 60, 62, 63, 79),
-}
+_ASEG = {"left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78), "right": (41, 43, 49, 50, 51, 52, 58, 60, 62, 63, 79)}
 _ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum: of the side where they lie
 
 

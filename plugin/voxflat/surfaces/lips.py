@@ -6,8 +6,6 @@ reads it takes those of the mesh whose corners are all listed (`in_patch`), and 
 bridge the cut. So vertices at the lips are left out, until none is.
 """
 
-from __future__ import annotations
-
 import heapq
 from collections import defaultdict
 from typing import Any

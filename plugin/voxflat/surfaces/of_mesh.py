@@ -1,7 +1,5 @@
 """A surface of a mesh: checked, turned to face outside, and midway to the pial surface where that is given."""
 
-from __future__ import annotations
-
 import hashlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A surface of a volume: repaired where that is asked for, placed finer than the grid."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

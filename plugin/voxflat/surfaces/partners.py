@@ -4,8 +4,6 @@ Both sides of fsaverage and of fs_LR have as many vertices, so that a file of th
 geometry is sure of is refused, what it doubts is told.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Parts of a surface: regions, geodesic disks and polygons. A part is a surface again, and knows how it was chosen."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import replace

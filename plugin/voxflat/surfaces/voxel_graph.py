@@ -1,7 +1,5 @@
 """The surface voxels of a volume with their 26-neighbour graph: what `grossmann2002` and chain codes work on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """Cuts while they are drawn: what there is, and what can be undone."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What takes long while cuts are drawn, and is done in another thread: the surface, cuts to begin with, their gain."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Flat maps and atlases that were saved, as layers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from voxflat._napari.results.flat_layers import LayerData, hidden

@@ -1,7 +1,5 @@
 """Values, labels and patches of surfaces in files, as layers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Volumes of scanners, as layers where they lie."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

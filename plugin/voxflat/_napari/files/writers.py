@@ -1,7 +1,5 @@
 """What napari asks when layers are saved: flat maps whole, and flat images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any

@@ -1,7 +1,5 @@
 """Fields of forms, as all forms have them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The options of the methods, folded away: each is the library's own, by its name, and says what is usual."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

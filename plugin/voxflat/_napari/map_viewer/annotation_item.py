@@ -1,7 +1,5 @@
 """How points and shapes of the volume look on the map: of one size at every zoom."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

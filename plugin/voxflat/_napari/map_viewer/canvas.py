@@ -1,7 +1,5 @@
 """The canvas on which a map is drawn, moved and zoomed: of Qt alone, so that it opens and follows the mouse at once."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

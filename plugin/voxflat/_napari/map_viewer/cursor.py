@@ -1,7 +1,5 @@
 """The ring that marks one place, on the map and in the viewer."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qtpy.QtCore import QEvent, QPointF, QRectF, Qt

@@ -1,7 +1,5 @@
 """What flattening did, as pictures: distances, areas, angles; of an atlas its patches, C, K and areas."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

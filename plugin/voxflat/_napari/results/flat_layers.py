@@ -1,7 +1,5 @@
 """Layers of what is flat: what those of maps and of pages have in common."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias

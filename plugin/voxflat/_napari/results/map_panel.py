@@ -1,7 +1,5 @@
 """What came out: the flat map's figures, what the user should know, and saving."""
 
-from __future__ import annotations
-
 from html import escape
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """From flat maps and atlases to napari's layers: a map, or the page of all patches and the surface in their colours."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """What tells how good a flat map is, in words."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command `voxflat check`."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

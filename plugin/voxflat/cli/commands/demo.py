@@ -1,7 +1,5 @@
 """The command `voxflat demo`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cloup

@@ -1,7 +1,5 @@
 """The command `voxflat freesurfer`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which format a file of a surface, of a part of one, or of values on one has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from voxflat.io.formats import freesurfer, gifti

@@ -3,8 +3,6 @@
 nibabel reads them, but trusts their headers; here the counts are compared to the length of the file first.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import os

@@ -4,8 +4,6 @@ nibabel parses them. It takes any XML on trust (entities that multiply, data in 
 end) and fills no gap that it could name, so each file is walked through once before, and refused with a reason.
 """
 
-from __future__ import annotations
-
 import base64
 import zlib
 from collections.abc import Mapping, Sequence

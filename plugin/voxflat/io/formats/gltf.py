@@ -1,7 +1,5 @@
 """glTF, written here after its specification (2.0): VTK's exporter writes what a window shows, and so needs one."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """OBJ files, parsed here: VTK numbers the points of files with texture coordinates anew."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """PLY files, parsed here: on damaged ones VTK 9.7 ends the process."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any, TypeAlias

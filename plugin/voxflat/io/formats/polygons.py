@@ -3,8 +3,6 @@
 STL is parsed here: of files that are cut short VTK may return what there is.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path

@@ -4,8 +4,6 @@ The root says where the axes lie: ``data-voxflat-extent``, left, right, bottom a
 x, y, width and height of the same area in the SVG's user units (those of its viewBox, y downwards).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass

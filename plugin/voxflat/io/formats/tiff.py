@@ -1,7 +1,5 @@
 """TIFF stacks: plain ones, ImageJ's and OME-TIFF, read by tifffile."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

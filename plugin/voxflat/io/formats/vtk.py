@@ -3,8 +3,6 @@
 VTK reads them, in the child process. Of files cut short it returns what it has, so counts are taken here, from headers.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 from collections.abc import Mapping

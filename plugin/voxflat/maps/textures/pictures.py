@@ -4,8 +4,6 @@ A texture coordinate (s, t) is a place in a picture: (0, 0) is its lower left co
 picture's pixels, texels, are squares on the map, so that nothing is stretched that flattening did not stretch.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Iterator

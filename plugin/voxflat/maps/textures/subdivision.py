@@ -5,8 +5,6 @@ vertices from the same subdivision in the texture's plane. Here a triangle is bi
 those that share the side (Rivara 1984), so that the surface stays without cracks and triangles without needles.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ Each pixel of the map lies in a triangle of the surface; its place there, in bar
 coordinates, and these its colour. Colours at the vertices go the same way without a picture in between.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which cuts a surface gets: standard ones, those of a template, or what `voxflat.flatten` finds by itself."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

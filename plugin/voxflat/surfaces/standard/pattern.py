@@ -3,8 +3,6 @@
 The file is made by ``docs/templates/pattern.py``, which says of what.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from importlib.resources import files
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Registration: a surface on fsaverage's sphere, found by the pattern of its folds."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """The registered sphere of a surface: read, found beside it, and checked."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Templates of cuts: named lines on the unit sphere, which any brain with a registered sphere can be cut along."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, field
 from functools import cache

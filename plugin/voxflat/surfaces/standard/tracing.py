@@ -6,8 +6,6 @@ the first one that it may be rooted at. So it is a simple path that touches noth
 a surface with one boundary keeps one, and its Euler characteristic.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 
