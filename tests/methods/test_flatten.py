@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapes
 from lab_runs import run
+from refusals import refused
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 from triangle_meshes import cylinder
@@ -104,8 +105,7 @@ class TestInputs:
 
     @pytest.mark.parametrize("label", [3.5, "1", np.nan])
     def test_a_label_is_a_whole_number(self, bent, label):
-        with pytest.raises(voxflat.InputError, match=r"the label is .*; give a whole number"):
-            grossmann2002(bent, label=label)
+        refused(r"the label is .*; give a whole number", grossmann2002, bent, label=label)
 
     def test_the_input_is_left_alone(self, bent):
         frozen = bent.copy()
