@@ -11,6 +11,7 @@ import composed
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from refusals import refused
 
 import voxflat
 from voxflat import cli
@@ -192,8 +193,7 @@ def snapshot(folder):
 @pytest.mark.parametrize("name", API)
 def test_python(name):
     volume, options, message = API[name]
-    with pytest.raises(voxflat.InputError, match=message):
-        composed.flatten(volume, **{"method": "grossmann2002", **options})
+    refused(message, composed.flatten, volume, **{"method": "grossmann2002", **options})
 
 
 @pytest.mark.parametrize("name", filter(on_the_command_line, API))
@@ -307,8 +307,7 @@ def test_compressed_and_plain_file_of_one_name(tmp_path):
 
 def test_a_damaged_affine_is_one_line(tmp_path, capfd):
     raw_header(tmp_path / "in.nii", srow=(280, NAN), qoffset=(268, NAN))
-    with pytest.raises(voxflat.InputError, match="is not finite"):
-        voxflat.check(tmp_path / "in.nii")
+    refused("is not finite", voxflat.check, tmp_path / "in.nii")
     assert capfd.readouterr().err == ""
 
 
@@ -316,8 +315,7 @@ def test_a_mask_that_lies_elsewhere(tmp_path):
     surface = nifti(tmp_path / "in.nii.gz")
     keep = nifti(tmp_path / "keep.nii.gz", kept(np.s_[:20]), affine(a03=2.0))
     message = r"mask to keep lies elsewhere than the volume \(their affines differ\); resample it first"
-    with pytest.raises(voxflat.InputError, match=message):
-        voxflat.surface(surface).keep(keep)
+    refused(message, voxflat.surface(surface).keep, keep)
     line = fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
     assert "lies elsewhere" in line
 
@@ -434,8 +432,7 @@ def test_damaged_maps(name, flat_map, tmp_path):
     path = tmp_path / "map.npz"
     flat_map.save(path)
     BAD_MAPS[name](path)
-    with pytest.raises(voxflat.InputError, match=r"map\.npz is not a flat map of voxflat or is damaged"):
-        voxflat.load(path)
+    refused(r"map\.npz is not a flat map of voxflat or is damaged", voxflat.load, path)
     line = fails(tmp_path, "image", path, "--heat-map", "-o", tmp_path / "heat.png")
     assert "is not a flat map of voxflat or is damaged" in line
 

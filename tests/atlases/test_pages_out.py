@@ -8,6 +8,7 @@ import shapes
 from lab_runs import run
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from refusals import refused
 from triangle_meshes import torus
 
 import voxflat
@@ -127,5 +128,4 @@ class TestPyVista:
         page = image.voxflat.patches(bound=1.3, label=1)
         assert page.point_data["voxel_ids"].shape == (page.n_points, 3)
         assert page.cell_data["isometric"].max() <= 1.3
-        with pytest.raises(voxflat.InputError, match="leave it out"):
-            page.voxflat.patches(scalars="labels")
+        refused("leave it out", page.voxflat.patches, scalars="labels")

@@ -15,6 +15,7 @@ import pytest
 from lab_runs import run
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from refusals import refused
 
 import voxflat
 from voxflat import cli, demo
@@ -270,8 +271,7 @@ def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
 def test_labels_never_change_silently(tmp_path):
     image = FlatImage(np.array([[1.0, 614454277.0], [np.nan, 2.0]]), 0.5, (0.0, 0.0), "Allen atlas")
     for ending in (".tif", ".nii.gz"):
-        with pytest.raises(voxflat.InputError, match=r"614454277 are too large for float32.*use \.npy"):
-            image.save(tmp_path / f"atlas{ending}")
+        refused(r"614454277 are too large for float32.*use \.npy", image.save, tmp_path / f"atlas{ending}")
     assert list(tmp_path.iterdir()) == []
     image.save(tmp_path / "atlas.npy")
     assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import shapes
 from lab_runs import run
+from refusals import refused
 
 import voxflat
 from voxflat import InputError
@@ -136,8 +137,7 @@ class TestFlatten:
     def test_of_no_disk_is_refused_before_rows_are_measured(self, tmp_path):
         ring = SHEET.copy()
         ring[5:25, 5:15] = 0
-        with pytest.raises(InputError, match="no disk"):
-            voxflat.flatten(ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
+        refused("no disk", voxflat.flatten, ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
         assert not (tmp_path / "store" / "rows.npy").exists()
 
 
@@ -161,8 +161,7 @@ voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.arg
     assert re.search(
         rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'", done.stderr
     )
-    with pytest.raises(InputError, match="measure again with the same store"):
-        voxflat.open_rows(store)
+    refused("measure again with the same store", voxflat.open_rows, store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=store), expected)
 
 
@@ -178,8 +177,7 @@ def spoil(path, at, value=b"\xff"):
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
     again = voxflat.open_rows(stored.store)
-    with pytest.raises(InputError, match=r"the rows 39 of .*store do not agree .* measure again"):
-        again.verify()
+    refused(r"the rows 39 of .*store do not agree .* measure again", again.verify)
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
@@ -210,8 +208,7 @@ DAMAGES = {
 def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, damage):
     name, spoiled = DAMAGES[damage]
     spoiled(stored.store / name)
-    with pytest.raises(InputError, match="measure again with the same store"):
-        voxflat.open_rows(stored.store)
+    refused("measure again with the same store", voxflat.open_rows, stored.store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     rows = voxflat.open_rows(stored.store)
     rows.verify()
@@ -226,8 +223,7 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
     assert len(marks) == 4
     for at in marks:
         spoil(stored.store / name, at, bytes([whole[at] ^ 1]))  # of which NumPy raises TokenError, or SyntaxError
-        with pytest.raises(InputError, match=rf"{name} is damaged .*; measure again with the same store"):
-            voxflat.open_rows(stored.store)
+        refused(rf"{name} is damaged .*; measure again with the same store", voxflat.open_rows, stored.store)
         np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
         assert (stored.store / name).read_bytes() == whole
 
@@ -244,8 +240,7 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
 def test_a_journal_of_other_rows_or_without_a_checksum_is_refused_by_readers(stored, before, after, message):
     journal = stored.store / "journal.jsonl"
     journal.write_text(re.sub(before, after, journal.read_text()))
-    with pytest.raises(InputError, match=message):
-        voxflat.open_rows(stored.store)
+    refused(message, voxflat.open_rows, stored.store)
 
 
 def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
@@ -261,8 +256,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
     with pytest.raises(InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
         SURFACE.geodesic(SOURCES, store=stored.store)
     assert (stored.store / "rows.npy").read_bytes() == before
-    with pytest.raises(InputError, match=r"journal.jsonl is damaged .* or delete this one"):
-        voxflat.open_rows(stored.store)
+    refused(r"journal.jsonl is damaged .* or delete this one", voxflat.open_rows, stored.store)
 
 
 @pytest.mark.parametrize(
@@ -277,8 +271,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
 def test_a_bad_description_is_refused(stored, text, message):
     (stored.store / "store.json").write_text(text)
     for use in (voxflat.open_rows, lambda path: SURFACE.geodesic(SOURCES, store=path)):
-        with pytest.raises(InputError, match=message + r".*; choose another directory, or delete this one"):
-            use(stored.store)
+        refused(message + r".*; choose another directory, or delete this one", use, stored.store)
 
 
 # -------------------------------------------------------------------------------------------- what is refused
@@ -317,18 +310,15 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
         ("thesis", "is no store and holds other files (chapter.tex); give a new or empty one"),
         ("file", "is a file; give a directory"),
     ]:
-        with pytest.raises(InputError, match=re.escape(message)):
-            SURFACE.geodesic(SOURCES, store=tmp_path / name)
-        with pytest.raises(InputError, match="no store"):
-            voxflat.open_rows(tmp_path / name)
+        refused(re.escape(message), SURFACE.geodesic, SOURCES, store=tmp_path / name)
+        refused("no store", voxflat.open_rows, tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):
             SURFACE.geodesic(SOURCES, store=tmp_path / name)
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
-        with pytest.raises(InputError, match="give the name of a file or directory"):
-            SURFACE.geodesic(SOURCES, store=store)
+        refused("give the name of a file or directory", SURFACE.geodesic, SOURCES, store=store)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
@@ -389,9 +379,9 @@ def test_the_command_measures_and_goes_on(tmp_path):
     assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
     assert "40 rows were in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
-    refused = run(*command, "--radius", 9, "--seed-point", "9,9,1")
-    assert refused.exit_code == 1
-    assert "is a store of other rows" in refused.stderr
+    other = run(*command, "--radius", 9, "--seed-point", "9,9,1")
+    assert other.exit_code == 1
+    assert "is a store of other rows" in other.stderr
 
 
 def test_flatten_keeps_its_rows(tmp_path):

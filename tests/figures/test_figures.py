@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_array_equal
 from PIL import Image
+from refusals import refused
 from textures import grid
 
 import voxflat
@@ -205,21 +206,18 @@ def test_patch_3d_refuses_another_mesh(mesh_map, scene):
     (points, faces), flat_map = mesh_map
     with pytest.raises(InputError, match=r"the mesh has 870 vertices, the flattened one 900"):
         figures.patch_3d(flat_map, (points[:870], faces[(faces < 870).all(axis=1)]))
-    with pytest.raises(InputError, match=r"lies up to 2 mm apart from the map"):
-        figures.patch_3d(flat_map, (points + np.array([0, 0, 2]), faces))
+    refused(r"lies up to 2 mm apart from the map", figures.patch_3d, flat_map, (points + np.array([0, 0, 2]), faces))
 
 
 def test_patch_3d_refuses_another_volume(flat_map, scene):
-    with pytest.raises(InputError, match="shape"):
-        figures.patch_3d(flat_map, solid()[:-1])
+    refused("shape", figures.patch_3d, flat_map, solid()[:-1])
     with pytest.raises(InputError, match="no foreground of this volume"):
         figures.patch_3d(flat_map, solid()[:, :, ::-1].copy() * (np.indices(SHAPE)[1] > 12))
 
 
 def test_patch_3d_without_pyvista_names_the_remedy(flat_map, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(InputError, match=r"pip install 'voxflat\[pyvista\]'"):
-        figures.patch_3d(flat_map)
+    refused(r"pip install 'voxflat\[pyvista\]'", figures.patch_3d, flat_map)
 
 
 @pytest.mark.slow
@@ -233,10 +231,8 @@ def test_save_writes_what_the_ending_says(tmp_path, ending, flat_map):
 
 def test_save_refuses_other_endings(tmp_path):
     for name in ("figure", "figure.xyz"):
-        with pytest.raises(InputError, match=r"\.png, \.pdf or \.svg"):
-            figures.save(Figure(), tmp_path / name)
-        with pytest.raises(InputError, match=r"\.png or \.tif"):
-            figures.save_picture(np.zeros((2, 2, 3), dtype=np.uint8), tmp_path / name)
+        refused(r"\.png, \.pdf or \.svg", figures.save, Figure(), tmp_path / name)
+        refused(r"\.png or \.tif", figures.save_picture, np.zeros((2, 2, 3), dtype=np.uint8), tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 

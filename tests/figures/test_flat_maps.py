@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from refusals import refused
 
 import voxflat
-from voxflat import InputError, cli, figures
+from voxflat import cli, figures
 from voxflat.figures.flat_maps import folds
 from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names, text_size
@@ -164,16 +165,14 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
     ],
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):
-    with pytest.raises(InputError, match=said):
-        composed.flat_map(flat_map, **{"overlay": np.arange(float(COUNT)), **wrong})
+    refused(said, composed.flat_map, flat_map, **{"overlay": np.arange(float(COUNT)), **wrong})
 
 
 def test_colours_and_labels_are_shown_as_they_are(flat_map):
     colours = np.tile(np.array([[10, 200, 30]], dtype=np.uint8), (COUNT, 1))
     (shown,) = layer(figures.flat_map(flat_map, colours), "data")
     assert (shown[..., 3] > 0).sum() > 1000
-    with pytest.raises(InputError, match="for values"):
-        figures.flat_map(flat_map, figures.Overlay(colours, threshold=3))
+    refused("for values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
     figure = figures.flat_map(flat_map, np.repeat([3, 9], COUNT // 2))
     assert len(figure.axes) == 2  # no colour bar
     (shown,) = layer(figure, "data")
@@ -210,8 +209,7 @@ def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
     assert letters["L"] < 20 < 170 - 20 < letters["R"]
     means = [axes.images[1].get_array()[..., :3].mean() for axes in (first, second)]
     assert means[0] < means[1]  # dark and light of viridis
-    with pytest.raises(InputError, match="one map, or those of both hemispheres"):
-        figures.flat_map([flat_map] * 3)
+    refused("one map, or those of both hemispheres", figures.flat_map, [flat_map] * 3)
 
 
 def test_a_figure_fills_the_axes_that_it_is_given(flat_map):
@@ -466,14 +464,12 @@ def test_depth_is_of_volumes_alone(flat_map):
     """Values at vertices have none: with a volume of parcels beside them it is the parcels'."""
     values = np.arange(COUNT, dtype=float)
     for depth in ({"depth": 2.0}, {"fraction": 0.5}):
-        with pytest.raises(voxflat.InputError, match="are for volumes"):
-            composed.flat_map(flat_map, values, **depth)
+        refused("are for volumes", composed.flat_map, flat_map, values, **depth)
     beside = np.full((4, 4, 4), 7, np.uint8)  # from 10 mm outside the sheet on
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
     of = {"overlay": values, "parcels": Volume(beside, affine)}
-    with pytest.raises(voxflat.InputError, match="nothing on the map"):
-        composed.flat_map(flat_map, **of)
+    refused("nothing on the map", composed.flat_map, flat_map, **of)
     assert "7" in {text.get_text() for text in texts(composed.flat_map(flat_map, **of, depth=20))}
 
 

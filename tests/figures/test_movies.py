@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from matplotlib import colormaps
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from refusals import refused
 from textures import grid
 
 import voxflat
@@ -140,8 +141,7 @@ def test_nothing_is_written_half(film, tmp_path, name):
 
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(InputError, match=r"needs imageio_ffmpeg: pip install 'voxflat\[movie\]'"):
-        figures.save_movie(film, tmp_path / "a.mp4")
+    refused(r"needs imageio_ffmpeg: pip install 'voxflat\[movie\]'", figures.save_movie, film, tmp_path / "a.mp4")
     with pytest.raises(InputError, match=r"cannot write a movie as a.avi; give a name that ends in .mp4 or .gif"):
         figures.save_movie(film, tmp_path / "a.avi")
 

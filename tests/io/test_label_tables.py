@@ -4,8 +4,8 @@ import nibabel as nib
 import numpy as np
 import pytest
 from mesh_files import gifti
+from refusals import refused
 
-from voxflat import InputError
 from voxflat.io.label_tables import LabelTable, own_table, read_table
 
 NAMES = ["unknown", "bankssts", "Größe"]
@@ -80,8 +80,7 @@ def test_the_tsv_of_bids(tmp_path):
 )
 def test_what_is_no_table_is_refused(tmp_path, name, text, said):
     (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=said):
-        read_table(tmp_path / name)
+    refused(said, read_table, tmp_path / name)
 
 
 def test_labels_without_names():

@@ -10,6 +10,7 @@ import shapes
 from hard_shapes import sheet
 from lab_runs import run
 from mesh_files import write_obj
+from refusals import refused
 
 import voxflat
 from voxflat import InputError, figures
@@ -202,8 +203,7 @@ class TestComparison:
     )
     def test_bad_arguments(self, options, message):
         mesh, uv = bump()
-        with pytest.raises(InputError, match=message):
-            voxflat.compare(mesh, **{"maps": {"one": uv}, **options})
+        refused(message, voxflat.compare, mesh, **{"maps": {"one": uv}, **options})
 
     def test_heat_maps_leave_out_what_is_undefined(self):
         mesh, uv = bump()

@@ -12,6 +12,7 @@ import studies
 from lab_runs import FEW, everything, run
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from numpy.testing import assert_allclose, assert_array_equal
+from refusals import refused
 
 import voxflat
 from voxflat.lab.comparison import Sums, outliers
@@ -199,11 +200,9 @@ def test_participants_are_found_where_programs_leave_them(tmp_path):
     assert named("raw", ["sub-1"]) == [("sub-1_ses-b", "anat")]
     for name in ("sub-1", "1"):
         file(f"clash/{name}/surf/lh.white")
-    with pytest.raises(voxflat.InputError, match="are both sub-1: rename one"):
-        participants(tmp_path / "clash")
+    refused("are both sub-1: rename one", participants, tmp_path / "clash")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(voxflat.InputError, match="no participant has"):
-        participants(tmp_path / "empty")
+    refused("no participant has", participants, tmp_path / "empty")
 
 
 def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
@@ -236,8 +235,7 @@ def test_white_matter_is_found_by_its_name(tmp_path):
     found = found_in(tmp_path, "rh", Parameters(volume=True))
     assert found.files == {"volume": tmp_path / "sub-1_hemi-R_label-WM_probseg.nii.gz"}
     (tmp_path / "sub-1_run-2_hemi-R_label-WM_probseg.nii.gz").write_bytes(b"")
-    with pytest.raises(voxflat.InputError, match="has 2 files for volume of hemisphere R"):
-        found_in(tmp_path, "rh", Parameters(volume=True))
+    refused("has 2 files for volume of hemisphere R", found_in, tmp_path, "rh", Parameters(volume=True))
 
 
 def test_the_table_has_everybody_and_every_figure(root, compared):

@@ -296,9 +296,9 @@ class TestStackFiles:
         command = ["image", tmp_path / "map.npz", "--volume", tmp_path / "z.func.gii", "-o"]
         succeed(*command, tmp_path / "all.nii.gz")
         assert nib.load(tmp_path / "all.nii.gz").shape[3] == 3
-        refused = run(*command, tmp_path / "all.png")
-        assert refused.exit_code == 1
-        assert "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number (channel)" in refused.output
+        done = run(*command, tmp_path / "all.png")
+        assert done.exit_code == 1
+        assert "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number (channel)" in done.output
         expected = flat.image(tmp_path / "z.func.gii", channel=1).data
         for channel in ("2BK-0BK", "1"):
             succeed(*command, tmp_path / "one.npy", "--channel", channel)

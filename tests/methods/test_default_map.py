@@ -5,6 +5,7 @@ import hard_shapes
 import numpy as np
 import pytest
 from hard_shapes import sheet
+from refusals import refused
 
 import voxflat
 from voxflat.methods import Voxflat
@@ -43,8 +44,7 @@ def test_options_are_refused_before_anything_is_done():
         {"relax": np.nan},
         {"scale": "lengths"},
     ):
-        with pytest.raises(voxflat.InputError, match=f"{next(iter(options))} is"):
-            composed.flatten(HILL, progress=progress, **options)
+        refused(f"{next(iter(options))} is", composed.flatten, HILL, progress=progress, **options)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import pytest
 import shapes
 from lab_runs import run
 from mesh_files import fsaverage5
+from refusals import refused
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 from triangle_meshes import cylinder
@@ -105,8 +106,7 @@ class TestInputs:
 
     @pytest.mark.parametrize("label", [3.5, "1", np.nan])
     def test_a_label_is_a_whole_number(self, bent, label):
-        with pytest.raises(voxflat.InputError, match=r"the label is .*; give a whole number"):
-            grossmann2002(bent, label=label)
+        refused(r"the label is .*; give a whole number", grossmann2002, bent, label=label)
 
     def test_the_input_is_left_alone(self, bent):
         frozen = bent.copy()

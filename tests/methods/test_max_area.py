@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from hard_shapes import turned
+from refusals import refused
 
 import voxflat
 from voxflat import InputError
@@ -70,5 +71,4 @@ def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
 
 @pytest.mark.parametrize("bound", [1, 0.5, np.nan, np.inf, "2", True, [2.0]])
 def test_a_bound_that_is_none_is_refused(bound):
-    with pytest.raises(InputError, match="max_area is"):
-        voxflat.flatten(cap(40), method=Voxflat(max_area=bound))
+    refused("max_area is", Voxflat, max_area=bound)

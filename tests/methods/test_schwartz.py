@@ -4,6 +4,7 @@ import composed
 import numpy as np
 import pytest
 from lab_runs import run
+from refusals import refused
 from scipy.linalg import orthogonal_procrustes
 from triangle_meshes import cylinder
 
@@ -56,8 +57,7 @@ class TestFlatten:
         assert any("by one of them only" in warning for warning in flat.metadata["warnings"])
         assert flat.metadata["planarity"] is None
         assert len(flat.sources) == len(flat.eigenvalues) == 0
-        with pytest.raises(InputError, match="without sources"):
-            figures.spectrum(flat)
+        refused("without sources", figures.spectrum, flat)
 
     def test_a_map_is_kept_in_a_file(self, tmp_path):
         for sources in (0, 20):
@@ -84,8 +84,7 @@ class TestBadInput:
         ],
     )
     def test_wrong_options_are_named(self, options, message):
-        with pytest.raises(InputError, match=message):
-            composed.flatten(cylinder(SMALL)[0], **{"method": "schwartz1989", **options})
+        refused(message, composed.flatten, cylinder(SMALL)[0], **{"method": "schwartz1989", **options})
 
     def test_what_does_not_fit_into_memory_is_refused_with_numbers(self):
         mesh, _ = cylinder((201, 161))

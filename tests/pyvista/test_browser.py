@@ -9,9 +9,9 @@ import pytest
 import pyvista as pv
 from lab_runs import console_of, drawn_with, scene_of
 from numpy.testing import assert_allclose, assert_array_equal
+from refusals import refused
 
 import voxflat
-from voxflat import InputError
 from voxflat._pyvista.browser import browser_page
 from voxflat.maps.laying import laid
 from voxflat.methods import Voxflat
@@ -174,14 +174,11 @@ def test_large_maps_make_no_large_pages():
 
 
 def test_what_cannot_be_a_page_is_refused(flat, tmp_path):
-    with pytest.raises(InputError, match=r"cannot save a page as map\.txt"):
-        flat.voxflat.export_html(tmp_path / "map.txt")
-    with pytest.raises(InputError, match="radius: the mesh is a flat map already"):
-        flat.voxflat.show(radius=2.0)
+    refused(r"cannot save a page as map\.txt", flat.voxflat.export_html, tmp_path / "map.txt")
+    refused("radius: the mesh is a flat map already", flat.voxflat.show, radius=2.0)
     bare = flat.copy()
     for data in (bare.point_data, bare.cell_data):
         for name in set(data) - {"surface_points", "vertex_ids"}:
             del data[name]
-    with pytest.raises(InputError, match="there is nothing to show"):
-        bare.voxflat.show()
+    refused("there is nothing to show", bare.voxflat.show)
     assert not list(tmp_path.iterdir())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
+from refusals import refused
 from textures import needs_window
 
 import voxflat
@@ -106,8 +107,7 @@ def test_voxel_at_finds_every_centre(in_cells):
     centres = image.cell_centers().points if in_cells else image.points
     for number in (0, 17, 1234, len(centres) - 1):
         assert image.voxflat.voxel_at(centres[number]) == np.unravel_index(number, SHAPE, order="F")
-    with pytest.raises(InputError, match="outside the image"):
-        image.voxflat.voxel_at((1e3, 0, 0))
+    refused("outside the image", image.voxflat.voxel_at, (1e3, 0, 0))
 
 
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
@@ -169,8 +169,7 @@ def test_colours_are_sampled_onto_the_map(flat_map):
     colours["rgb"] = np.tile(np.array([10, 20, 30], dtype=np.uint8), (colours.n_points, 1))
     pixels = flat_map.image(colours.voxflat.volume("rgb")).data
     assert {tuple(pixel) for pixel in pixels[pixels[..., 3] > 0].tolist()} == {(10, 20, 30, 255)}
-    with pytest.raises(InputError, match="one value a voxel"):
-        colours.voxflat("rgb")
+    refused("one value a voxel", colours.voxflat, "rgb")
 
 
 def test_a_mesh_is_flattened_with_all_its_arrays():
@@ -222,10 +221,8 @@ def test_keep_is_an_array_of_the_mesh():
     mask = mesh.voxflat(method=Voxflat(sources=40), keep=np.asarray(mesh["right"]))
     assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
     assert not mesh.voxflat(method=Voxflat(sources=40), drop="right").point_data["right"].any()
-    with pytest.raises(InputError, match="the patch holds no triangle"):
-        mesh.voxflat(keep=np.zeros(mesh.n_points, dtype=bool))
-    with pytest.raises(InputError, match=r"'misspelt' is neither an array of the points .*right.* nor a file"):
-        mesh.voxflat(drop="misspelt")
+    refused("the patch holds no triangle", mesh.voxflat, keep=np.zeros(mesh.n_points, dtype=bool))
+    refused(r"'misspelt' is neither an array of the points .*right.* nor a file", mesh.voxflat, drop="misspelt")
 
 
 def test_arrays_of_both_sides_of_a_cut():
@@ -253,13 +250,10 @@ def test_lines_beside_triangles_are_left_out():
 
 def test_what_means_nothing_for_a_mesh_is_refused():
     mesh = bumpy()
-    with pytest.raises(InputError, match="scalars is 'height', but a mesh is flattened as it is"):
-        mesh.voxflat("height")
-    with pytest.raises(InputError, match="label is given, but the input is a mesh"):
-        mesh.voxflat(label=1)
+    refused("scalars is 'height', but a mesh is flattened as it is", mesh.voxflat, "height")
+    refused("label is given, but the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
-        with pytest.raises(InputError, match="PolyData: a mesh is flattened as it is, and has no volume"):
-            call()
+        refused("PolyData: a mesh is flattened as it is, and has no volume", call)
 
 
 def open_cylinder():
@@ -282,10 +276,8 @@ def test_numbers_are_those_of_the_datasets_points():
     inside = int(solid.find_closest_point((2.5, 2.5, 2.5)))
     with pytest.raises(InputError, match=f"seed_point: point {inside} is not on the surface of the RectilinearGrid"):
         solid.voxflat(seed_point=inside, radius=2.0)
-    with pytest.raises(InputError, match="ImageData: make a surface of it first"):
-        pv.ImageData(dimensions=(3, 3, 3)).voxflat.geodesic(0)
-    with pytest.raises(InputError, match="UnstructuredGrid of 0 cells: it has no faces to flatten"):
-        pv.UnstructuredGrid().voxflat()
+    refused("ImageData: make a surface of it first", pv.ImageData(dimensions=(3, 3, 3)).voxflat.geodesic, 0)
+    refused("UnstructuredGrid of 0 cells: it has no faces to flatten", pv.UnstructuredGrid().voxflat)
 
 
 def test_distances_and_paths_along_a_grid():
@@ -326,16 +318,15 @@ def test_results_of_blocks_within_blocks_are_named_by_their_path():
     assert list(flat_maps) == list(blocks.voxflat.check()) == ["tube", "more/bumps"]
     with pytest.raises(InputError, match="the maps are 1 blocks; give a MultiBlock with one for each of 2 blocks"):
         blocks.voxflat.measure(pv.MultiBlock([flat["tube"]]))
-    with pytest.raises(InputError, match="the maps are PolyData; give a MultiBlock"):
-        blocks.voxflat.measure(flat["tube"])
+    refused("the maps are PolyData; give a MultiBlock", blocks.voxflat.measure, flat["tube"])
 
 
 def test_verbs_of_one_surface_are_refused_for_blocks():
     blocks = pv.MultiBlock({"tube": open_cylinder()})
     verbs = {name for name in dir(VoxflatAccessor) if not name.startswith(("_", "to_"))}
-    refused = verbs - set(dir(BlocksAccessor))
-    assert refused == {"geodesic", "path", "texture", "plot", "morph", "show", "export_html", "volume", "voxel_at"}
-    for name in refused:
+    unknown = verbs - set(dir(BlocksAccessor))
+    assert unknown == {"geodesic", "path", "texture", "plot", "morph", "show", "export_html", "volume", "voxel_at"}
+    for name in unknown:
         with pytest.raises(AttributeError, match=rf"take a block, blocks\['tube'\]\.voxflat\.{name}\("):
             getattr(blocks.voxflat, name)
     with pytest.raises(AttributeError, match="'BlocksAccessor' object has no attribute 'flaten'"):
@@ -343,8 +334,7 @@ def test_verbs_of_one_surface_are_refused_for_blocks():
     twice = pv.MultiBlock()
     for _ in range(2):
         twice.append(pv.Plane(), "plane")
-    with pytest.raises(InputError, match="two blocks are called 'plane'"):
-        twice.voxflat.check()
+    refused("two blocks are called 'plane'", twice.voxflat.check)
     with pytest.raises(InputError, match="block 'table' is a Table, which has no surface"):
         pv.MultiBlock({"table": pv.Table({"a": np.arange(2)})}).voxflat()
 
@@ -363,27 +353,21 @@ def test_options_are_those_of_the_functions():
 def test_a_wrong_name_lists_the_arrays():
     image = image_of(sheet(), name="left")
     image["right"] = image["left"]
-    with pytest.raises(InputError, match="no array 'middle'; the image has the arrays left, right"):
-        image.voxflat("middle")
-    with pytest.raises(InputError, match="the image has no array"):
-        pv.ImageData(dimensions=(3, 3, 3)).voxflat()
+    refused("no array 'middle'; the image has the arrays left, right", image.voxflat, "middle")
+    refused("the image has no array", pv.ImageData(dimensions=(3, 3, 3)).voxflat)
     image.set_active_scalars(None)
-    with pytest.raises(InputError, match=r"scalars are not given; the image has the arrays left, right"):
-        image.voxflat()
+    refused(r"scalars are not given; the image has the arrays left, right", image.voxflat)
 
 
 def test_what_of_an_image_is_no_volume_to_be_flattened_is_refused(image):
     image = image.copy()
-    with pytest.raises(InputError, match="no voxel has label 7"):
-        image.voxflat(label=7)
+    refused("no voxel has label 7", image.voxflat, label=7)
     with pytest.raises(TypeError, match="unexpected keyword argument 'lable'"):
         image.voxflat(lable=1)
     image["vectors"] = np.zeros((image.n_points, 3))
-    with pytest.raises(InputError, match="'vectors' has 3 components"):
-        image.voxflat("vectors")
+    refused("'vectors' has 3 components", image.voxflat, "vectors")
     image.cell_data["labels"] = np.zeros(image.n_cells)
-    with pytest.raises(InputError, match="both have an array 'labels'"):
-        image.voxflat("labels")
+    refused("both have an array 'labels'", image.voxflat, "labels")
 
 
 def test_polydata_holds_the_map_in_the_plane_and_in_space(flat_map):

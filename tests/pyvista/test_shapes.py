@@ -8,9 +8,9 @@ import pyvista as pv
 from click.testing import CliRunner
 from numpy.testing import assert_array_equal
 from pyvista import examples
+from refusals import refused
 
 import voxflat
-from voxflat import InputError
 from voxflat.cli import main
 
 QUICK = {"method": voxflat.methods.Voxflat(sources=8), "relax": False}
@@ -92,8 +92,7 @@ def test_every_verb_on_every_dataset(dataset, verb):
         mesh.set_active_scalars("mask", preference="point")
     before = mesh.copy()
     if dataset == "ImageData" and verb in NO_MESH:
-        with pytest.raises(InputError, match=r"make a surface of it first, image\.voxflat\.surface\(\)"):
-            called(verb, mesh)
+        refused(r"make a surface of it first, image\.voxflat\.surface\(\)", called, verb, mesh)
         return
     result, kind = called(verb, mesh)
     assert isinstance(result, kind)
@@ -140,8 +139,7 @@ def check_blocks(blocks, verb):
 def test_what_is_no_surface_is_refused_by_every_verb():
     for nothing in (pv.PointSet(np.eye(3)), pv.Line(), pv.Spline(np.eye(3), 9), pv.UnstructuredGrid()):
         for verb in VERBS:
-            with pytest.raises(InputError, match="has no faces to flatten"):
-                called(verb, nothing)
+            refused("has no faces to flatten", called, verb, nothing)
 
 
 def coarse(name):
@@ -210,8 +208,7 @@ def test_shapes_are_flattened(name, caplog):
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
-    with pytest.raises(InputError, match=REFUSED[name]):
-        coarse(name).voxflat()
+    refused(REFUSED[name], coarse(name).voxflat)
 
 
 @pytest.mark.slow
@@ -255,7 +252,5 @@ def test_all_components_become_blocks_by_area(caplog):
     assert [round(np.ptp(block.points[:, 0])) for block in blocks] == [9, 4]
     for block in blocks:
         assert_array_equal(block["height"], both["height"][block["vertex_ids"]])
-    with pytest.raises(InputError, match="components is 'each'"):
-        both.voxflat(components="each")
-    with pytest.raises(InputError, match="cannot be combined"):
-        both.voxflat(components="all", keep=np.ones(both.n_points, bool))
+    refused("components is 'each'", both.voxflat, components="each")
+    refused("cannot be combined", both.voxflat, components="all", keep=np.ones(both.n_points, bool))

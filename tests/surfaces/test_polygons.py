@@ -10,6 +10,7 @@ import pyvista as pv
 import shapes
 from command_line import run, succeed
 from mesh_files import grid, sphere
+from refusals import refused
 
 import voxflat
 from voxflat.io.meshes import write_mesh
@@ -65,8 +66,7 @@ def test_a_polygon_of_voxels():
     ],
 )
 def test_bad_polygons(sheet, options, message):
-    with pytest.raises(voxflat.InputError, match=message):
-        composed.flatten(sheet, **options)
+    refused(message, composed.flatten, sheet, **options)
 
 
 @pytest.mark.parametrize("text", ["", "1 2\nx", "1.5\n2\n3"])
