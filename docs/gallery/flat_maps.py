@@ -1,4 +1,4 @@
-"""Pictures of `docs/gallery.md`: folds, a statistic, depths, thickness of both hemispheres, an atlas with names.
+"""Pictures of `docs/gallery.md`: folds, a statistic, what is no white matter, depths, thickness of both hemispheres, an atlas with names.
 
     python docs/gallery/flat_maps.py .tools/t1prep docs/pictures
 
@@ -35,6 +35,13 @@ def main(packages, output):
     label = "left against right button presses (z)"
     statistic = figures.Overlay(data / "image_10426.nii.gz", threshold=3, limits=(-8, 8), label=label)
     draw(figures.flat_map(both, statistic, depth=2), output / "gallery_statistic.png")
+    contrast = data / "image_10426.nii.gz"
+    shaded = figures.Overlay(contrast, limits=(-8, 8), label=label)
+    draw(figures.flat_map(both, shaded, opacity=contrast, depth=2), output / "gallery_alpha.png")
+    try:
+        voxflat.hemisphere(t1, "left", threshold=0.3)
+    except voxflat.HemisphereError as error:
+        draw(error.figure(), output / "gallery_no_hemisphere.png")
     for number, depth in enumerate(DEPTHS):
         look = figures.Overlay(t1, colour_map="gray", limits=(0.2, 0.9), label=f"T1, {depth:+g} mm")
         draw(figures.flat_map(flat, look, depth=depth, width=60), output / f"gallery_depth_{number}.png")
