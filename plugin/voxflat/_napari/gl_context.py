@@ -6,14 +6,11 @@ software, which shares no compiled shaders between contexts, then draws one of t
 which ends the process.
 """
 
-from __future__ import annotations
-
 import weakref
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from napari import Viewer
+from napari import Viewer
 
 
 def keep_canvas_current(viewer: Viewer) -> None:

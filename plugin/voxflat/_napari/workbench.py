@@ -5,10 +5,11 @@ from __future__ import annotations
 import weakref
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from napari.layers import Surface
+from napari import Viewer
+from napari.layers import Layer, Surface
 from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
@@ -17,10 +18,6 @@ from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.listed import ListedLayers
 from voxflat.maps.flat_map import FlatMap
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +29,7 @@ class DrawnCuts:
 
 
 class Workbench:
-    """The runs of one viewer; `of` returns a viewer's.
-
-    Docks come and go; they read the runs here, and `changed` tells them to read again.
-    """
+    """The runs of one viewer, whatever docks are open; `changed` tells these to read again."""
 
     changed = Signal()
     """Runs came or went, or another one is the current one."""

@@ -80,10 +80,7 @@ class Panel:
 
 
 class Page:
-    """A sheet of paper in mm: maps side by side on one scale, a strip of marks below.
-
-    It is a figure of its own, or fills the axes that it is given.
-    """
+    """A sheet of paper in mm, a figure or given axes: maps side by side on one scale, a strip of marks below."""
 
     def __init__(self, width: float, height: float, scale: float, pixels: int | None, axes: Axes | None = None) -> None:
         dpi = max(_LEAST_DPI, int(np.ceil(_MOST_PIXELS * _INCH / width))) if pixels is None else pixels * _INCH / width

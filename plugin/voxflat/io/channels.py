@@ -113,10 +113,7 @@ class Channels:
 
 
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
-    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, as channels, with the affine to RAS+ mm.
-
-    None if it is no series: a single volume, colours, or nothing that nibabel reads.
-    """
+    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, with its affine to RAS+ mm; None for all else."""
     image, path = opened(obj)
     if image is None or is_cifti(image):
         return None

@@ -47,11 +47,7 @@ _Made = TypeVar("_Made", bound=_Told)
 
 
 def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
-    """Let the result of a function say what made it, by its ``_with_provenance``.
-
-    A parameter may be told as something else than the value that was given. A function's ``memory_limit``, if it has
-    one, holds for reading files, too.
-    """
+    """Let a function's result say what made it, parameters as told; its ``memory_limit`` holds for files, too."""
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         signature = inspect.signature(function)
@@ -147,10 +143,7 @@ KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # the variable of the environment that, set t
 
 
 def portable(content: Any) -> Any:
-    """Return what is written into a file: file names instead of paths, which would tell names of people and projects.
-
-    Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
-    """
+    """Return what goes into a file: names, numbered where they clash, not paths, which tell of people and projects."""
     if os.environ.get(KEEP_PATHS) == "1":
         return content
     names: dict[str, str] = {}

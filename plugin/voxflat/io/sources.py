@@ -37,10 +37,7 @@ def taken(
 
 
 def as_mesh(source: object) -> Mesh | None:
-    """Take a path, (points, faces), a `Mesh` or a mesh object of another package as a `Mesh`; None for all else.
-
-    A damaged mesh is an `InputError`.
-    """
+    """Take a path, (points, faces), a `Mesh` or another package's as a `Mesh`, or InputError; None for all else."""
     for is_one, of in _MESHES:
         if is_one(source):
             return of(source)

@@ -77,10 +77,7 @@ class Participant:
 
 
 def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
-    """Find the files of a hemisphere in FreeSurfer's directory of a subject, or in derivatives such as ``sub-01/anat``.
-
-    Raises InputError if something is missing, or there are several; the message names it and says what to do.
-    """
+    """Find a hemisphere's files in FreeSurfer's directory, or derivatives such as ``sub-01/anat``, or InputError."""
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory; name one that recon-all or sMRIPrep has written")
     find = _FreeSurfer(folder, hemi) if (folder / "surf").is_dir() or (folder / "mri").is_dir() else _Bids(folder, hemi)

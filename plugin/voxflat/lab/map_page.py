@@ -160,10 +160,7 @@ def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return values of triangles at the points: whole numbers as most triangles around have them, of others the mean.
-
-    What is true of one triangle is true of its corners.
-    """
+    """Return values of triangles at points: whole numbers by majority, truths of any triangle, others as the mean."""
     corners, held = faces.ravel(), np.repeat(values, 3)
     if values.dtype.kind == "f":
         known = np.isfinite(held)

@@ -307,10 +307,7 @@ def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _smoothed(
     points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64], is_rim: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return places of a surface without its folds, each moved to the middle of those around.
-
-    Cuts stay closed: points of one vertex move together. The rim stays where it is.
-    """
+    """Return places of a surface without its folds, each amid those around; cuts stay closed, the rim where it is."""
     _, first, one = np.unique(ids, return_index=True, return_inverse=True)
     moved, corners = points[first], one.ravel()[faces]
     edges, _ = _edges(corners)

@@ -414,10 +414,7 @@ def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDA
 def series_showing(
     raster: Raster, ids: NDArray[np.int64], interpolation: str | None
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Return how overlays that follow each other come to the pixels: what `show` does, with weights found once.
-
-    `ids` are of each of the raster's points the vertex, whose value it has. The same, within the rounding of sums.
-    """
+    """Return `show` for overlays that follow each other, with weights found once; `ids` are the points' vertices."""
     held: dict[str, Mixing] = {}
 
     def shown(values: NDArray[Any]) -> NDArray[np.float64]:

@@ -349,10 +349,7 @@ def _turned(axis: int, angle: float, template: _Template) -> Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A brain and the template, smoothed alike, to be compared at points of the template.
-
-    `values`, `to_index`: of the brain, and from RAS+ mm to its voxels. `points` (N, 3), `wanted` (N,): of the template.
-    """
+    """A brain's values, with RAS+ mm to its voxels, and what the template, smoothed alike, wants at `points` (N, 3)."""
 
     values: NDArray[np.float32]
     to_index: Affine

@@ -90,10 +90,7 @@ def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
 
 
 def _check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare the points that a label lists to the vertices that it names.
-
-    They are those of the surface that it was drawn on, often the white one; all of them 0 mean nothing.
-    """
+    """Compare a label's points, unless all are 0, to its vertices: on the surface it was drawn on, often the white."""
     vertices, points = read_label_points(path)
     place = np.full((whole.count, 3), np.nan)
     place[whole.vertices] = whole.points

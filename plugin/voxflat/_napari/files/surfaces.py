@@ -55,10 +55,7 @@ def surface_layers(path: Path) -> list[LayerData]:
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Seek the surfaces that values in a file may lie on; those of the other side are left out.
-
-    First come surfaces that are open and lie beside the file, then others that lie there, then all that are open.
-    """
+    """Seek surfaces that values in a file may lie on: open ones beside the file, then others there, then all open."""
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
     yield from (one for one in opened if one.path in files)

@@ -1,20 +1,16 @@
 """A box to choose one of the labels that a Labels layer holds."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Labels
 from qtpy.QtWidgets import QComboBox, QWidget
 
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.timers import once
 from voxflat._napari.worker import Errand
 from voxflat.surfaces.foreground import labels_in
-
-if TYPE_CHECKING:
-    from napari.layers import Labels
 
 _SCANNED = 2**29  # voxels; larger layers, perhaps on a disk far away, are not read only to list their labels
 _PAUSE = 400  # ms without painting before the labels are listed anew

@@ -1,11 +1,10 @@
 """Where a patch has its centre: a point of a Points layer, set by a click into the viewer if one likes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from napari.layers import Points, Surface
+from napari import Viewer
+from napari.layers import Layer, Points, Surface
 from napari.utils.notifications import show_warning
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
@@ -15,10 +14,6 @@ from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, seed_along, seed_at, seed_of
 from voxflat._napari.layers.world import data_to_world, in_units_of
 from voxflat._napari.map_viewer.viewer_parts import is_click
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 class SeedChoice(QWidget):

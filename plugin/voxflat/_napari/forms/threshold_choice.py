@@ -1,18 +1,12 @@
 """A threshold, chosen by a slider while the viewer shows what lies above it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from napari import Viewer
 from napari.layers import Image
 from napari.utils.colormaps import Colormap
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
 from superqt.utils import signals_blocked
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _STEPS = 1000  # of the slider
 _EDGE = 1e-4  # share of the range between what is not above the threshold and what is seen to be

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Surface
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace, moved
@@ -15,18 +16,12 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, named_structure
 from voxflat.io.spaces import UNKNOWN, Space
 
-if TYPE_CHECKING:
-    from napari.layers import Surface
-
 _ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
 
 
 @dataclass(frozen=True, eq=False)
 class LayerMesh:
-    """A Surface layer's triangles and the values at its vertices, and where they lie.
-
-    It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
-    """
+    """A Surface layer's triangles, values and place, read in the GUI's thread, for any other: the layer may change."""
 
     vertices: NDArray[Any] = field(repr=False)  # (V, 3), in data coordinates
     faces: NDArray[Any] = field(repr=False)

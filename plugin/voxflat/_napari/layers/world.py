@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.grid import check_affine
-
-if TYPE_CHECKING:
-    from napari.layers import Layer
 
 WORLDS = {
     "RAS": "RAS: x, y, z (nibabel)",

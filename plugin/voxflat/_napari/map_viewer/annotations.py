@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from napari.layers import Points, Shapes
+from napari import Viewer
+from napari.layers import Layer, Points, Shapes
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
@@ -16,10 +17,6 @@ from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat._napari.map_viewer.sheet import FAR, Sheet
 from voxflat._napari.timers import once
 from voxflat.maps.lines import ellipse
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 _CLOSED = ("polygon", "rectangle", "ellipse")
 _LOOKS = ("data", "set_data", "visible", "face_color", "current_face_color", "border_color", "current_border_color")
@@ -76,10 +73,7 @@ class OnMap:
 
 
 def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
-    """Carry annotations to the nearest places of a map's surface, none farther than `FAR`; called by a thread.
-
-    Lines follow the surface between their corners, and are broken where the map is cut.
-    """
+    """Carry annotations to the nearest places of a map's surface within `FAR`; lines follow it, but not over cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
     dots = sheet.places(points)

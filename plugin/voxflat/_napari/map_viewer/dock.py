@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from app_model.types import KeyCode, KeyMod
-from napari.layers import Image, Labels, Points
+from napari import Viewer
+from napari.layers import Image, Labels, Layer, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
@@ -34,10 +35,6 @@ from voxflat._napari.timers import once
 from voxflat._napari.workbench import Workbench
 from voxflat._napari.worker import Latest
 from voxflat.errors import VoxflatError
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _MM, _CORTEX = "mm outside", "of cortex"

@@ -51,10 +51,7 @@ def subdivide(
 
 
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
-    """Return how far the texture differs in each triangle from what is linear between its corners, at most.
-
-    It is compared at places no further apart than a texel; triangles no longer than one differ by 0.
-    """
+    """Return how far the texture differs in each triangle from a linear one at most, at places a texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)

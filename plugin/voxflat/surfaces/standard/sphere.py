@@ -155,11 +155,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
 def in_triangles(
     places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find the spherical triangles that hold places on the unit sphere, all given as unit vectors.
-
-    Return the corners of the one that holds each, or comes nearest to it, its weights there, which sum to 1, and
-    whether one holds it.
-    """
+    """Find corners of the spherical triangles that hold unit vectors, or come nearest, weights, and if they hold."""
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(
         len(wanted), -1
