@@ -1,7 +1,5 @@
 """What of a viewer lasts: its runs, which every dock of it shows, and which no dock takes along when it is closed."""
 
-from __future__ import annotations
-
 import weakref
 from dataclasses import dataclass
 from functools import partial
@@ -40,7 +38,7 @@ class Workbench:
     asked_again = Signal(object, object)
     """Someone wants a layer, and what of it is foreground, flattened again along the cuts that were drawn."""
 
-    _of: ClassVar[dict[int, Workbench]] = {}
+    _of: ClassVar["dict[int, Workbench]"] = {}
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = weakref.ref(viewer)
@@ -52,7 +50,7 @@ class Workbench:
         """Whether earlier runs stay when a new one comes, unless it says otherwise."""
 
     @classmethod
-    def of(cls, viewer: Viewer) -> Workbench:
+    def of(cls, viewer: Viewer) -> "Workbench":
         """Return the workbench of a viewer, for as long as the viewer lives."""
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash

@@ -1,7 +1,4 @@
-"""The directory of a store of distance rows: what is measured, room for it, what is there already, and its journal.
-
-The compiled core writes that, too: a header, then a JSON object a line.
-"""
+"""The directory of a store of distance rows: what is measured, room for it, and its journal, an object a line."""
 
 import errno
 import hashlib

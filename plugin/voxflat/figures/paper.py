@@ -1,7 +1,5 @@
 """The sheet of paper of a map's figure: the map above, marks and the colour bar in a strip below."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -118,12 +116,8 @@ class Page:
         head: bool = False,
         pixels: int | None = None,
         axes: Axes | None = None,
-    ) -> Page:
-        """Lay maps on a page, side by side; widths and the height of the strip below in mm.
-
-        Axes that are given have their own width. `head` leaves room above the maps without a title; `pixels` is the
-        width of the page, by default as many as print needs.
-        """
+    ) -> "Page":
+        """Lay maps on a page, side by side, all in mm; `head` is room above them, `pixels` the page's width."""
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:
             checked_kind(axes, "ax", "get_window_extent", "axes of matplotlib")

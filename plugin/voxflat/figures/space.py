@@ -144,11 +144,7 @@ def drawn_from_both_sides(
     names: Sequence[tuple[NDArray[np.float64], str]],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Draw meshes, with options of `Plotter.add_mesh`, from outside a map's surface and, beside that, the other side.
-
-    Names are written at their points where they are seen; in brackets, on the side where they lie, if the first mesh
-    hides them from both.
-    """
+    """Draw meshes from both sides, with names where they are seen, in brackets where the first hides them."""
     pyvista = load_pyvista()
     width, height = size
     extent = float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))

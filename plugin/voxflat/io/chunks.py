@@ -1,8 +1,4 @@
-"""Volumes in chunks, larger than memory: dask and zarr arrays, and OME-Zarr by its path.
-
-Nothing is read until it is known which voxels are wanted; then each chunk that holds one of them is read once.
-Whatever has a shape, a dtype, chunks and slices is such an array.
-"""
+"""Volumes in chunks, larger than memory (dask, zarr, OME-Zarr): chunks that hold wanted voxels are read once."""
 
 import json
 import math

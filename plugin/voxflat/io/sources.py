@@ -1,7 +1,4 @@
-"""What is handed over, a file or an object of some package, as a `Mesh` or a `Volume`.
-
-Two tables list the kinds: what tells one, and what makes a mesh or a volume of it. The first that fits counts.
-"""
+"""What is handed over, a file or some package's object, as a `Mesh` or a `Volume`: the first kind that fits counts."""
 
 import os
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What a hemisphere is made of: found in a FreeSurfer directory, in derivatives of sMRIPrep, or as a segmentation."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -104,7 +102,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
 
 
-def _given(find: _FreeSurfer | _Bids, text: str, what: str) -> Path:
+def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
     """Return a file that the user named, for this hemisphere and subject."""
     named = find.filled(text)
     for path in (find.folder / named, Path(named)):

@@ -117,11 +117,7 @@ def page_of(
     first: str | None = None,
     unit: str = "",
 ) -> MapPage:
-    """Return a page with a surface and its map, linked, and a slider from one to the other.
-
-    `of_points`, `of_triangles`: what can be shown, by its name: measures (`voxflat.distortion.triangles`) and any
-    other. `first`: what is shown at first. `unit`: of the places. Raises InputError if there is nothing to show.
-    """
+    """Return a page of a surface and its map, linked, with named values of points and triangles; or InputError."""
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}
     values = {**of_points, **{name: array for name, array in here.items() if name not in of_points}}

@@ -103,11 +103,7 @@ def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str,
 def pictures(
     flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
 ) -> list[dict[str, Any]]:
-    """Draw layers, or nothing, over the folds of a map; without a pixel size, mm, pictures are 620 pixels wide.
-
-    Returns of each ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels,
-    ``mm``, the width in mm.
-    """
+    """Draw layers over a map's folds: of each a PNG as data URI, width and height in pixels (620 by default) and mm."""
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / _WIDTH if pixel_size is None else pixel_size)
     under = folds(flat_map, raster)

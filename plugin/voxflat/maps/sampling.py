@@ -1,7 +1,5 @@
 """The values of a volume at places in space: in memory, or in chunks of which each is read once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -190,7 +188,7 @@ class Mixing:
         total: int,
         count: int,
         block: Callable[[slice], tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]]]],
-    ) -> Mixing:
+    ) -> "Mixing":
         """Take numbers and weights, `block` of a slice (p, count), of each of the places inside, block by block."""
         places = int(np.count_nonzero(inside))
         check_room(36 * places * count + 9 * total)

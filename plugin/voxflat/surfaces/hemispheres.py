@@ -5,8 +5,6 @@ transform. Each voxel of white matter belongs to the part that lies nearest in t
 hemisphere, ventricles and deep nuclei, is filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -208,7 +206,7 @@ def _template() -> _Template:
     )
 
 
-def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: _Steps) -> NDArray[np.bool_]:
+def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps") -> NDArray[np.bool_]:
     """Return a hemisphere of a mask of white matter."""
     template, number = _template(), _SIDES.index(side)
     fitted, overlap = _fitted(*_coarse(white, volume.affine), steps)
@@ -357,7 +355,7 @@ class _Pair:
     wanted: NDArray[np.float64]
 
     @classmethod
-    def of(cls, coarse: NDArray[np.float32], grid: Affine, template: _Template, width: float) -> _Pair:
+    def of(cls, coarse: NDArray[np.float32], grid: Affine, template: _Template, width: float) -> "_Pair":
         sizes = np.linalg.norm(grid[:3, :3], axis=0)
         values = scipy.ndimage.gaussian_filter(coarse, width / sizes, mode="constant")
         wanted = scipy.ndimage.gaussian_filter(template.white.astype(np.float32), width / _STEP)

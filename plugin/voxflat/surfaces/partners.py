@@ -1,8 +1,4 @@
-"""Whether files belong to a surface, which equal numbers of vertices do not say: its pial surface, regions of it.
-
-Both sides of fsaverage and of fs_LR have as many vertices, so that a file of the wrong side fits without a word. What
-geometry is sure of is refused, what it doubts is told.
-"""
+"""Whether a pial surface or regions belong to a surface: both sides of fsaverage have as many vertices."""
 
 import os
 from pathlib import Path

@@ -24,11 +24,7 @@ _SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in wh
 
 
 def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, if it is a flat map or an atlas of voxflat.
-
-    Without a path, as napari's command palette calls it, the user is asked for the file, and it is opened. Several
-    files would be stacked, which flat maps are not.
-    """
+    """Offer to read a file, if it is a flat map or an atlas; without a path (napari's palette) ask for one."""
     if path is None:
         _ask("Read a flat map", _MAPS)
     if not isinstance(path, str):

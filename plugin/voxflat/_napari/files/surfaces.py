@@ -1,7 +1,5 @@
 """Surfaces in files, as layers; and which surface a file of values belongs to."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class Geometry:
     space: Space = UNKNOWN  # of the file's coordinates
 
     @classmethod
-    def read(cls, path: Path) -> Geometry:
+    def read(cls, path: Path) -> "Geometry":
         """Read it."""
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)

@@ -17,11 +17,7 @@ _PAUSE = 400  # ms without painting before the labels are listed anew
 
 
 class LabelChoice(QComboBox):
-    """Chooses a label; by default the one that is selected in the layer's controls.
-
-    Listing the labels of a volume takes up to a second, so another thread does it; until then, and for layers of very
-    many labels or voxels, the selected label alone is offered.
-    """
+    """Chooses a label, listed by another thread; by default, and among very many, that of the layer's controls."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

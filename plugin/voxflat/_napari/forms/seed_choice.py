@@ -17,11 +17,7 @@ from voxflat._napari.map_viewer.viewer_parts import is_click
 
 
 class SeedChoice(QWidget):
-    """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click.
-
-    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it. In 3D a click means
-    the first voxel whose values are `inside`.
-    """
+    """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click."""
 
     picking = Signal()
     """A click on the surface is awaited."""

@@ -14,11 +14,7 @@ _COLOURS = Colormap([[0.0, 0.0, 0.0, 0.0], [1.0, 0.45, 0.1, 1.0]], name="above")
 
 
 class ThresholdChoice(QWidget):
-    """Chooses a threshold; *Preview*, or moving the slider, shows what lies above it.
-
-    The preview is an Image layer of the same array whose contrast limits lie at the threshold, so that the graphics
-    card does the work and no voxel is read again.
-    """
+    """Chooses a threshold; a preview, by contrast limits on the graphics card, shows what lies above it."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -1,7 +1,5 @@
 """From napari's Surface layers to meshes in RAS+ mm."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +28,7 @@ class LayerMesh:
     structure: str | None = None
 
     @classmethod
-    def of(cls, layer: Surface, world: str = "RAS") -> LayerMesh:
+    def of(cls, layer: Surface, world: str = "RAS") -> "LayerMesh":
         """Take a Surface layer; raises InputError unless it has triangles in space, in lengths, a value a vertex."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
@@ -55,11 +53,7 @@ class LayerMesh:
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Carry the vertices to RAS+ mm; raises InputError if they are not finite, or triangles name others.
-
-        A layer that is mirrored on its way has its triangles turned over, so that outside stays outside. Of one in
-        pixels nobody knows the space.
-        """
+        """Carry the vertices to RAS+ mm, or InputError; triangles that are mirrored on the way are turned over."""
         affine = self.place.affine
         is_mirrored = np.linalg.det(affine[:3, :3]) < 0
         faces = self.faces[:, ::-1] if is_mirrored else self.faces

@@ -76,11 +76,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Take a layer's values, and how they look; raises InputError if it does not suit.
-
-    A volume is sampled at a `depth`, mm outside the surface, or a `fraction`, as in `Sampled`; `step` is the index
-    along each of its axes before the three of space.
-    """
+    """Take a layer's values and looks, at `depth`, mm, or `fraction`, and `step` of its first axes; or InputError."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)

@@ -1,7 +1,5 @@
 """From napari's Image and Labels layers to volumes in RAS+ mm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,7 +23,7 @@ class LayerVolume:
     step: tuple[int, ...] = ()  # index along each axis before the three of space: time, channels
 
     @classmethod
-    def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> LayerVolume:
+    def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> "LayerVolume":
         """Take an Image or Labels layer; raises InputError unless it has three dimensions beside `step`, in lengths."""
         if layer.ndim - len(step) > 3:
             raise InputError(

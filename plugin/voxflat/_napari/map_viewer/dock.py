@@ -1,7 +1,5 @@
 """The dock *Flat map*: the current run's map, linked with the volume or surface that it is of."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -55,7 +53,7 @@ NOTHING = "Flatten a surface: its map is shown here."
 _HINT = "Point at the map or in the volume to see the place in both; click to go there."
 
 
-def open_flat_map(viewer: Viewer) -> FlatMapDock:
+def open_flat_map(viewer: Viewer) -> "FlatMapDock":
     """Open the dock *Flat map*, unless it is open, beside those that are there."""
     dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
     window = dock.window()

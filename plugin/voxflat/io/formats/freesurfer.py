@@ -1,7 +1,4 @@
-"""FreeSurfer's files: surfaces, values at points, and labels.
-
-nibabel reads them, but trusts their headers; here the counts are compared to the length of the file first.
-"""
+"""FreeSurfer's surfaces, values at points and labels, by nibabel once counts are compared to the length of the file."""
 
 import io
 import math

@@ -1,7 +1,4 @@
-"""VTK's own formats: ``.vtk`` and ``.vtp``.
-
-VTK reads them, in the child process. Of files cut short it returns what it has, so counts are taken here, from headers.
-"""
+"""``.vtk`` and ``.vtp``, read by VTK in the child process; of files cut short it returns what it has: counted here."""
 
 import importlib
 import re

@@ -77,11 +77,7 @@ def _lattice(steps: int) -> NDArray[np.float64]:
 def _bisect(
     faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
 ) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
-    """Bisect triangles, and others as far as is needed to stay without cracks.
-
-    Return the sides whose midpoints become the points N, N + 1, ..., the triangles that stay and then the new ones, and
-    which are new.
-    """
+    """Bisect triangles without cracks; return sides, whose middles are points N, ..., triangles, and which are new."""
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)
     keys, side_of = np.unique(low * len(places) + high, return_inverse=True)

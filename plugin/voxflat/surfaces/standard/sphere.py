@@ -28,10 +28,7 @@ _NEAREST = 12  # vertices whose triangles may hold a place
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """Where each vertex of a surface lies on the sphere of fsaverage or fs_LR.
-
-    The distance from the template's brain, rigidly laid on it and scaled, says roughly how well it is registered.
-    """
+    """Where vertices lie on the sphere of fsaverage or fs_LR, and how far the brain is from its template."""
 
     places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
     space: str  # fsaverage or fs_LR
