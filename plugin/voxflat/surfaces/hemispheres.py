@@ -397,9 +397,8 @@ class _Pair:
         ends = np.array(self.values.shape)[:, None] - 1
         is_inside = ((places >= 0) & (places <= ends)).all(axis=0)
         values = np.asarray(_at(self.values, places), dtype=np.float64)
-        along = np.stack(
-            [_at(self.values, places + 0.5 * e) - _at(self.values, places - 0.5 * e) for e in _AXES], axis=1
-        )
+        halves = [0.5 * axis for axis in _AXES]
+        along = np.stack([_at(self.values, places + e) - _at(self.values, places - e) for e in halves], axis=1)
         slope = np.where(is_inside[:, None], along @ self.to_index[:3, :3], 0.0)
         residual = np.where(is_inside, values - self.wanted, 0.0)
         share = is_inside.mean()

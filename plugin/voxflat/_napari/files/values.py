@@ -49,9 +49,7 @@ def value_layers(path: Path) -> list[LayerData]:
 def patch_layers(path: Path) -> list[LayerData]:
     """Read a FreeSurfer patch, or InputError; a flat one lies in the plane, with v upwards, as flat maps are shown."""
     patch = read_patch(path)
-    geometry, faces = _on_surface(
-        path, lambda geometry: patch_faces(geometry.faces, patch.vertex_ids, len(geometry.vertices))
-    )
+    geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
     features = {"vertex": patch.vertex_ids, "border": patch.border}
     if patch.points[:, 2].any():
         part = Geometry(geometry.space.to_scanner(patch.points), faces, geometry.structure, geometry.path)

@@ -201,9 +201,8 @@ class SurfaceForm(LayerForm):
         volume = self.surface.layer
         if "voxflat" in layer.metadata or not isinstance(layer, Labels) or layer is volume or volume is None:
             return None
-        return (
-            1 if not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist() else None
-        )
+        is_alike = not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist()
+        return 1 if is_alike else None
 
     # ------------------------------------------------------------------------------------------ asking
 

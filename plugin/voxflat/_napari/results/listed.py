@@ -164,9 +164,8 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
 def _is_like(layer: Layer, data: LayerData) -> bool:
     """Whether a layer can take over data: it is of the same type and kind of colours, and nothing was added to it."""
     _, keywords, kind = data
-    return type(layer).__name__.lower() == kind and bool(getattr(layer, "rgb", False)) == bool(
-        keywords.get("rgb", False)
-    )
+    is_rgb = bool(getattr(layer, "rgb", False))
+    return type(layer).__name__.lower() == kind and is_rgb == bool(keywords.get("rgb", False))
 
 
 def _fill(layer: Layer, data: LayerData) -> None:

@@ -310,9 +310,7 @@ def surface_bytes(
     system = gifti.GiftiCoordSystem(_SCANNER, _SCANNER) if is_scanner and not is_flat else None
     for data, intent, meta in arrays:
         of_points = {"coordsys": system} if intent == _POINTS else {}
-        array = gifti.GiftiDataArray(
-            data, intent=intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points
-        )
+        array = gifti.GiftiDataArray(data, intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points)
         image.add_gifti_data_array(array)
     return bytes(image.to_bytes())
 
