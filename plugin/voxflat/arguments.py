@@ -205,11 +205,7 @@ def _free_addresses() -> float:
 
 @lru_cache(maxsize=1)
 def give_back_memory() -> None:
-    """Let what large arrays took go back to the system at once.
-
-    glibc keeps what arrays up to 32 MiB took for the next ones, which are of other sizes: a third of all, in a map of
-    100,000 vertices.
-    """
+    """Let memory go back to the system: glibc keeps arrays up to 32 MiB, a third of all for 100,000 vertices."""
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE_ARRAY)
 

@@ -1,8 +1,4 @@
-"""Rows of arrays as if they were values: edges, triangles, voxels.
-
-`numpy.unique` with an axis and `numpy.isin` of structured items do the same 3 to 6 times as slowly, and keep Python's
-lock meanwhile: a second in which a window stands still, for the triangles of a hemisphere.
-"""
+"""Rows of arrays as values, 3 to 6 times as fast as by `numpy.unique`, which also keeps Python's lock meanwhile."""
 
 from typing import Any, NamedTuple
 

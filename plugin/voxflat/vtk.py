@@ -113,10 +113,7 @@ class _Filter(VTKPythonAlgorithmBase):
         """Return the output."""
 
     def _progress(self) -> Callable[[str, int, int], bool]:
-        """Return what hands progress to VTK, and asks it whether to go on.
-
-        How many stages there are is not known beforehand: each takes half of what is left of the bar.
-        """
+        """Return what hands progress to VTK, each stage half of the rest of the bar, and asks it whether to go on."""
         last, stages, reached = "", 0, 0.0
 
         def told(stage: str, done: int, total: int) -> bool:

@@ -1,13 +1,12 @@
 """The widgets of *Layers → Measure*: what keeps a surface from being flattened, and how good maps are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari import Viewer
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
@@ -24,9 +23,6 @@ from voxflat.errors import VoxflatError
 from voxflat.judging.measure import measure
 from voxflat.pipeline.check import check
 from voxflat.surfaces.findings import Check
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _PLACES = {
     "size": 5,

@@ -4,8 +4,6 @@ One takes 0.1 to 0.3 s with napari's modules in memory, and comes in whatever th
 for so long the window stands still. They come when nothing goes on any more, or soon after.
 """
 
-from __future__ import annotations
-
 import gc
 from typing import ClassVar
 
@@ -34,7 +32,7 @@ def put_off_collections() -> None:
 class _PutOff(QObject):
     """Waits until the mouse rests and Python makes nothing, and collects what Python would have collected."""
 
-    one: ClassVar[_PutOff | None] = None
+    one: ClassVar["_PutOff | None"] = None
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)

@@ -6,21 +6,15 @@ software, which shares no compiled shaders between contexts, then draws one of t
 which ends the process.
 """
 
-from __future__ import annotations
-
 import weakref
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from napari import Viewer
+from napari import Viewer
 
 
 def keep_canvas_current(viewer: Viewer) -> None:
-    """Make the canvas's context current before each layer that goes, for as long as both live.
-
-    `viewer`: itself, not what napari gives to widgets; without a window, or with another canvas, it is left alone.
-    """
+    """Make the canvas's context current before each layer of a viewer, not its proxy, goes, while both live."""
     qt_viewer = getattr(getattr(viewer, "window", None), "_qt_viewer", None)
     canvas = getattr(getattr(qt_viewer, "canvas", None), "native", None)
     if not hasattr(canvas, "makeCurrent"):

@@ -1,18 +1,13 @@
 """Keys of a dock: they work in the viewer and in the dock itself, for as long as it is open."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 from app_model.backends.qt import QKeyBindingSequence
 from app_model.types import KeyBinding
+from napari import Viewer
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QKeySequence, QShortcut  # type: ignore[attr-defined]  # in Qt 5 it is elsewhere
 from qtpy.QtWidgets import QWidget
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 
 def key_text(key: int) -> str:
@@ -21,10 +16,7 @@ def key_text(key: int) -> str:
 
 
 class Keys:
-    """Binds keys of app-model, whose Ctrl is Cmd on a Mac; what someone else has bound in the viewer stays theirs.
-
-    napari knows only keys that are pressed over its canvas, Qt those in the dock.
-    """
+    """Binds keys in the dock and over napari's canvas; what someone else has bound in the viewer stays theirs."""
 
     def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:
         self._viewer = viewer

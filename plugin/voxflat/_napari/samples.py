@@ -1,7 +1,5 @@
 """Sample data: the human cortex, to be flattened."""
 
-from __future__ import annotations
-
 import importlib
 import threading
 import weakref
@@ -9,17 +7,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari import Viewer
 
 from voxflat._napari.layers.seed import MARKER
 from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 PARTS = ("", "left hemisphere", "right hemisphere", "cerebellum and brain stem")
 """What the labels of the sample's white matter are called."""
@@ -31,10 +27,7 @@ _SAMPLE = ("voxflat", "demo_cortex")
 
 
 def demo_cortex() -> list[LayerData]:
-    """Open the MNI152 template: T1 and white matter as they are read, and a seed point on the left central cortex.
-
-    Returns the seed point, hidden, to which another thread adds the rest before it is shown; without a viewer all.
-    """
+    """Open the MNI152 template: a seed point, to which a thread adds T1 and white matter; without a viewer all."""
     from napari import current_viewer
 
     viewer = current_viewer()

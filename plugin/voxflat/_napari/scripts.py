@@ -52,10 +52,7 @@ class Recipe:
         return bool(_Script(self._job, None).unsaved)
 
     def script(self, folder: Path | None = None) -> str:
-        """Write the script, which gives the same bits as the run; data that lie in no file are saved in a folder.
-
-        Raises InputError if layers were changed since; OSError if data cannot be saved.
-        """
+        """Write a script with the run's bits; data in no file go to a folder. InputError if layers changed."""
         if _prints(self._job) != self._prints:
             raise InputError("layers of this run were changed since: flatten again, then copy")
         return _Script(self._job, folder).text()

@@ -1,11 +1,11 @@
 """The widgets of *Layers → Transform* that flatten: a form, start and cancel, progress, and results."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from napari import Viewer
+from napari.layers import Layer
 from napari.utils.notifications import notification_manager, show_warning
 from qtpy.QtCore import QEvent, QSize, Qt, QTimer
 from qtpy.QtWidgets import (
@@ -34,10 +34,6 @@ from voxflat._napari.workbench import Workbench
 from voxflat._napari.worker import GLANCE
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 class FlattenWidget(WorkingDock):

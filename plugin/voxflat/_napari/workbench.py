@@ -1,14 +1,13 @@
 """What of a viewer lasts: its runs, which every dock of it shows, and which no dock takes along when it is closed."""
 
-from __future__ import annotations
-
 import weakref
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from napari.layers import Surface
+from napari import Viewer
+from napari.layers import Layer, Surface
 from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
@@ -17,10 +16,6 @@ from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.listed import ListedLayers
 from voxflat.maps.flat_map import FlatMap
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +27,7 @@ class DrawnCuts:
 
 
 class Workbench:
-    """The runs of one viewer; `of` returns a viewer's.
-
-    Docks come and go; they read the runs here, and `changed` tells them to read again.
-    """
+    """The runs of one viewer, whatever docks are open; `changed` tells these to read again."""
 
     changed = Signal()
     """Runs came or went, or another one is the current one."""
@@ -46,7 +38,7 @@ class Workbench:
     asked_again = Signal(object, object)
     """Someone wants a layer, and what of it is foreground, flattened again along the cuts that were drawn."""
 
-    _of: ClassVar[dict[int, Workbench]] = {}
+    _of: ClassVar["dict[int, Workbench]"] = {}
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = weakref.ref(viewer)
@@ -58,7 +50,7 @@ class Workbench:
         """Whether earlier runs stay when a new one comes, unless it says otherwise."""
 
     @classmethod
-    def of(cls, viewer: Viewer) -> Workbench:
+    def of(cls, viewer: Viewer) -> "Workbench":
         """Return the workbench of a viewer, for as long as the viewer lives."""
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash

@@ -117,11 +117,7 @@ class Latest(QObject):
 
 
 class JobWorker(Errand):
-    """Does work that tells how far it is outside the GUI's thread; `quit` cancels it, which napari does when it closes.
-
-    Its progress is shown in napari's activity dock. Whatever goes wrong is emitted by `errored`, and nothing shows it
-    unasked, as napari's other workers do.
-    """
+    """Does work outside the GUI's thread, told in napari's activity dock; errors are emitted; `quit` cancels it."""
 
     def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
         super().__init__(lambda: work(self._progress))

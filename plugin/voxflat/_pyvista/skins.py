@@ -1,7 +1,5 @@
 """The surface of any dataset of PyVista, whose data find their way onto the map."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +27,7 @@ class Skin:
     cell_ids: NDArray[np.int64]  # of which cell each triangle is part
 
     @classmethod
-    def of(cls, dataset: pv.DataSet) -> Skin:
+    def of(cls, dataset: pv.DataSet) -> "Skin":
         """Take the surface of a dataset: of volume cells their outside; polygons and strips become triangles."""
         if (
             isinstance(dataset, pv.PolyData)
@@ -129,11 +127,7 @@ class Skin:
         return np.unique(np.asarray(self.mesh.regular_faces, dtype=np.int64))
 
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
-        """Carry the data of the dataset over to a flat mesh.
-
-        If the flat mesh has an array of the same name, ``mesh_`` is put before the dataset's name, with a warning. The
-        dataset's texture coordinates always get ``mesh_``, as the flat mesh has its own.
-        """
+        """Carry the dataset's data to a flat mesh, ``mesh_`` before names that it has, with a warning."""
         of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:

@@ -1,7 +1,5 @@
 """A surface and its map side by side, in one scale of colours, linked by clicks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +40,7 @@ class Shown:
     clim: tuple[float, float] | None  # None of colours
 
     @classmethod
-    def of(cls, flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None) -> Shown:
+    def of(cls, flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None) -> "Shown":
         """Take an array of a map."""
         name = scalars or flat.active_scalars_name
         of_points = name is not None and name in flat.point_data

@@ -1,7 +1,5 @@
 """Quasi-isometric patches with a certificate: a `FlatAtlas`, of `FlatPatch`es."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -275,7 +273,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         return {"certificate": asdict(self.certificate)}
 
     @classmethod
-    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> FlatAtlas:
+    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> "FlatAtlas":
         certificate = Certificate(**figures_of(text.pop("certificate")))
         return cls(**arrays, patch_ids=arrays["piece_ids"], certificate=certificate, **text)
 

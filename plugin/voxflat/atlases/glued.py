@@ -1,7 +1,5 @@
 """Glued patches: `FlatAtlas.glue` closes the seams between certified patches, into a `GluedAtlas`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -223,7 +221,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         return {**{name: getattr(self, name) for name in names}, "seams": asdict(self.seams)}
 
     @classmethod
-    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> GluedAtlas:
+    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> "GluedAtlas":
         seams, metadata = Seams(**figures_of(text.pop("seams"))), text.pop("metadata")
         figures: dict[str, Any] = {**figures_of(text)}
         return cls(**arrays, **figures, seams=seams, metadata=metadata)

@@ -1,8 +1,4 @@
-"""The program `voxflat`, of all its commands.
-
-Exit status: 0 success; 1 the input cannot be used, the work failed, or `check` says no; 2 wrong usage; 130 cancelled,
-143 terminated.
-"""
+"""The program `voxflat`. Status: 0 success; 1 failed, or `check` says no; 2 usage; 130 cancelled, 143 terminated."""
 
 import click
 import cloup

@@ -46,11 +46,7 @@ def default_of(of: Callable[..., Any], name: str) -> Any:
 def option_of(
     of: Callable[..., Any], name: str, *, sentences: int = 1, default: str | None = None, **more: Any
 ) -> Callable[[_Command], _Command]:
-    """Return the option for a parameter of a function, or class of options, with its name, help and default.
-
-    `sentences`: how much of the parameter's text is its help. `default`: the default in words, where Python has None.
-    `**more`: as of `click.option`.
-    """
+    """Return the option for a parameter, with its name, default (in words for None), and `sentences` of its text."""
     usual = default_of(of, name)
     told = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)
     if usual is not None and not is_dataclass(of):  # an option of one method is given or not

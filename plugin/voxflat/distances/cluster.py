@@ -57,11 +57,7 @@ class Cluster:
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Iterator[tuple[_Item, Any, Exception | None]]:
-        """Have work done on every item, by whichever worker is free, and tell of each that is finished.
-
-        A worker works on one item at a time, in the caller's directory. An item whose worker dies is taken up by
-        another, four times at most; what it has left on disk is up to the work.
-        """
+        """Have work done on each item by a free worker; that of one that dies is taken up 4 times at most."""
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
         futures = self._client.map(run, items, pure=False, retries=0)

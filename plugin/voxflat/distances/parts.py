@@ -65,11 +65,7 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks, on the workers of a cluster, and open it; what is finished is kept.
-
-    Neighbours are joined by workers alone: what takes memory and time is theirs, and threads and memory limit are of
-    each.
-    """
+    """Compute the rows that a store lacks, on the workers of a cluster, and open it; what is finished is kept."""
     path = store_path(store)
     beside = temporary_beside(path)  # until there is a store
     sources = choice.count if choice.given is None else choice.given

@@ -40,10 +40,7 @@ def source_choice(
     fewest: int,
     at_most_all: bool = False,
 ) -> SourceChoice:
-    """Return how many sources there will be, `fewest` or more, and what chooses them.
-
-    More than there are points are refused, or are all points (`at_most_all`).
-    """
+    """Return how many sources there will be, and what chooses them; no more than points, or all (`at_most_all`)."""
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):
         if sources < fewest:

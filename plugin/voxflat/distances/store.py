@@ -1,7 +1,4 @@
-"""The directory of a store of distance rows: what is measured, room for it, what is there already, and its journal.
-
-The compiled core writes that, too: a header, then a JSON object a line.
-"""
+"""The directory of a store of distance rows: what is measured, room for it, and its journal, an object a line."""
 
 import errno
 import hashlib
@@ -61,10 +58,7 @@ def prepare_store(
     link_lengths: str | None = None,
     progress: Progress | None = None,
 ) -> Store:
-    """Make a store of a new or empty directory, or find that an old one is of the same rows.
-
-    `ids` are what its points are in the input, `chosen` (m,) the sources, as numbers into the points.
-    """
+    """Make a store of a directory, or find the same rows there; `chosen` (m,) are sources, numbers into the points."""
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}

@@ -1,10 +1,4 @@
-"""An array on disk that is read where it is looked at.
-
-A map of memory would be quicker to write, but where the file is cut short while it is mapped the system ends the
-process of whoever looks there (SIGBUS). Here it is an error that names the file.
-"""
-
-from __future__ import annotations
+"""An array on disk, read where it is looked at: mapped, a file cut short would end the process (SIGBUS)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +26,7 @@ class Table:
     start: int  # where its values begin, bytes
 
     @classmethod
-    def open(cls, path: Path) -> Table:
+    def open(cls, path: Path) -> "Table":
         """Open a file without reading its values; one shorter than its header says is refused."""
         try:
             with path.open("rb") as file:

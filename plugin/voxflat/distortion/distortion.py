@@ -1,7 +1,5 @@
 """What flattening did to a surface: all figures of a map, and tables of one map or several."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -82,7 +80,7 @@ class Distortion:
     @classmethod
     def _of(
         cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any
-    ) -> Distortion:
+    ) -> "Distortion":
         """Take what the compiled core has measured."""
         errors = dict(distances["standard_error"])
         for scales in (distances, errors):

@@ -23,10 +23,7 @@ _WEIGHTED = np.spacing(1.0)  # areas of triangles without one
 def measure_arrays(
     distortion: Distortion, points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Return what a map did to each point and each triangle, by the names above.
-
-    Where the map's triangles are not the surface's that is `distance_error` alone.
-    """
+    """Return the measures of points and triangles; `distance_error` alone where the triangles are not the surface's."""
     of_points = {"distance_error": distortion.per_point}
     if distortion.triangles is None:
         return of_points, {}

@@ -27,10 +27,7 @@ _PREFIXES = {
 
 
 def name_layers(path: Path, drawn: Figure) -> None:
-    """Sort what an SVG file of matplotlib draws into layers, where artists have their names as gid.
-
-    The root tells where the map lies, so that regions that are drawn into the file find their way back.
-    """
+    """Sort what an SVG file of matplotlib draws into layers, by artists' gid; the root tells where the map lies."""
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):
         return

@@ -62,9 +62,8 @@ class Movie(Sequence[NDArray[np.uint8]]):
     ) -> None:
         self.stacks, self.stack, self.colours, self.rate = tuple(stacks), stacks[0], colours, rate
         self._below, self._above = (Image.fromarray(layer) for layer in layers)
-        self._places = [
-            _places(page, panel, stack, self.size) for panel, stack in zip(page.panels, stacks, strict=True)
-        ]
+        panels = zip(page.panels, stacks, strict=True)
+        self._places = [_places(page, panel, stack, self.size) for panel, stack in panels]
         self._font = _font(round(_TIME * self._below.width / page.width))
         self._corner = round(_CORNER * self._below.width / page.width)
 

@@ -33,11 +33,7 @@ class PlacedName:
 
 
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
-    """Find a place for each name whose box lies in its region, as far from the region's border as can be.
-
-    Each has the largest size, in one line or several, level or upright, in which it fits; names that fit in none are
-    left out. A pixel's side is in mm of paper.
-    """
+    """Find a place for names in their regions, in the largest size that fits; a pixel's side is in mm of paper."""
     placed, left_out = [], []
     for label, name in names.items():
         mask = labels == label

@@ -1,7 +1,5 @@
 """The sheet of paper of a map's figure: the map above, marks and the colour bar in a strip below."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -80,10 +78,7 @@ class Panel:
 
 
 class Page:
-    """A sheet of paper in mm: maps side by side on one scale, a strip of marks below.
-
-    It is a figure of its own, or fills the axes that it is given.
-    """
+    """A sheet of paper in mm, a figure or given axes: maps side by side on one scale, a strip of marks below."""
 
     def __init__(self, width: float, height: float, scale: float, pixels: int | None, axes: Axes | None = None) -> None:
         dpi = max(_LEAST_DPI, int(np.ceil(_MOST_PIXELS * _INCH / width))) if pixels is None else pixels * _INCH / width
@@ -121,12 +116,8 @@ class Page:
         head: bool = False,
         pixels: int | None = None,
         axes: Axes | None = None,
-    ) -> Page:
-        """Lay maps on a page, side by side; widths and the height of the strip below in mm.
-
-        Axes that are given have their own width. `head` leaves room above the maps without a title; `pixels` is the
-        width of the page, by default as many as print needs.
-        """
+    ) -> "Page":
+        """Lay maps on a page, side by side, all in mm; `head` is room above them, `pixels` the page's width."""
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:
             checked_kind(axes, "ax", "get_window_extent", "axes of matplotlib")

@@ -144,11 +144,7 @@ def drawn_from_both_sides(
     names: Sequence[tuple[NDArray[np.float64], str]],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Draw meshes, with options of `Plotter.add_mesh`, from outside a map's surface and, beside that, the other side.
-
-    Names are written at their points where they are seen; in brackets, on the side where they lie, if the first mesh
-    hides them from both.
-    """
+    """Draw meshes from both sides, with names where they are seen, in brackets where the first hides them."""
     pyvista = load_pyvista()
     width, height = size
     extent = float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))
@@ -299,10 +295,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
 
 
 def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, first: NDArray[Any]) -> pyvista.PolyData:
-    """Return where a field has a level, as a smooth surface in RAS+ mm with the error of the nearest point in %.
-
-    `first` has the voxel indices of the field's first voxel. `distance` is that to the nearest point, in voxels.
-    """
+    """Return where a field, from voxel `first`, has a level: a smooth surface, RAS+ mm, with errors of points in %."""
     import pyvista
 
     grid = pyvista.ImageData(dimensions=field.shape, origin=first)
@@ -316,10 +309,7 @@ def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, fi
 
 
 def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
-    """Point the camera at the patch against its mean normal, superior up, as near as it fits.
-
-    What was closed has no such side: it is seen from the left if it lies on the left, else from the right.
-    """
+    """Point the camera at the patch against its mean normal, superior up; a closed surface is seen from its side."""
     a, b, c = (flat_map.points[flat_map.faces[~flat_map.torn, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     outward = normals.sum(axis=0)

@@ -1,8 +1,4 @@
-"""Files of several maps: values at points or volumes, one after the other, read one by one.
-
-GIFTI, CIFTI and MGH files have several maps of values at the points of a surface, NIfTI and MGH files several volumes.
-Long series do not fit into memory, so what is held is how to read a channel, not the channels.
-"""
+"""Files of several maps, values at points or volumes (GIFTI, CIFTI, MGH, NIfTI), of which one is read at a time."""
 
 from __future__ import annotations
 
@@ -113,10 +109,7 @@ class Channels:
 
 
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
-    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, as channels, with the affine to RAS+ mm.
-
-    None if it is no series: a single volume, colours, or nothing that nibabel reads.
-    """
+    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, with its affine to RAS+ mm; None for all else."""
     image, path = opened(obj)
     if image is None or is_cifti(image):
         return None
@@ -140,11 +133,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
-    """Take values at the points of a surface that lie in a file of volumes: (N, 1, 1), (N, 1, 1, T), or CIFTI.
-
-    The structure, as GIFTI says it, tells which part of a CIFTI file is meant; what that lacks is NaN, of labels 0.
-    None if it holds volumes.
-    """
+    """Take points' values in a file of volumes, of CIFTI a structure's, NaN or 0 where it lacks; None of volumes."""
     image, path = opened(obj)
     if image is None:
         return None

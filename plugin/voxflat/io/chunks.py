@@ -1,8 +1,4 @@
-"""Volumes in chunks, larger than memory: dask and zarr arrays, and OME-Zarr by its path.
-
-Nothing is read until it is known which voxels are wanted; then each chunk that holds one of them is read once.
-Whatever has a shape, a dtype, chunks and slices is such an array.
-"""
+"""Volumes in chunks, larger than memory (dask, zarr, OME-Zarr): chunks that hold wanted voxels are read once."""
 
 import json
 import math
@@ -145,10 +141,7 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return the values of voxels, `low` (P, 3) plus each of `offsets` (K, 3) but within the volume, shape (P, K).
-
-    Of an array in chunks each chunk that holds one of them is read once.
-    """
+    """Return voxels, `low` (P, 3) plus `offsets` (K, 3) but within the volume, (P, K); each chunk is read once."""
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
     if not isinstance(data, Chunked):
@@ -181,10 +174,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Take an array in chunks, or a path of OME-Zarr, as channels of `Chunked`, with affine and file where known.
-
-    None if it is none of these.
-    """
+    """Take an array in chunks, or a path of OME-Zarr, as channels of `Chunked`, with affine and file; or None."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
     if not is_chunked(obj):

@@ -105,10 +105,7 @@ def one_line(error: Exception) -> str:
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Turn whatever is wrong with what a file or object holds into one line that begins with its name.
-
-    Errors of the system, such as a missing file or a full disk, stay what they are.
-    """
+    """Turn whatever is wrong, but the system's errors, into one line that begins with a file's or object's name."""
     name = name if isinstance(name, str | os.PathLike) else shown(name)
     try:
         yield

@@ -39,10 +39,7 @@ class LabelTable:
 
 
 def read_table(path: str | os.PathLike[str]) -> LabelTable:
-    """Read a lookup table: lines of label, name, red, green, blue, as in FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
-
-    That has the columns ``index``, ``name`` and perhaps ``color`` (``#rrggbb``).
-    """
+    """Read a lookup table, as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS with ``index``, ``name``, ``color``."""
     path = checked_path(path)
     with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
         text = contents(path).decode("utf-8-sig")
@@ -53,10 +50,7 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
-    """Read the names and colours that a file of labels, or an image of nibabel, holds itself; None if there are none.
-
-    The channel counts where they differ between maps (CIFTI).
-    """
+    """Read the names and colours that a file of labels, or an image of nibabel, holds; of CIFTI those of a channel."""
     if is_gifti(labels):
         return _of_gifti(labels)
     if is_cifti(labels):

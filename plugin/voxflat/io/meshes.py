@@ -1,7 +1,4 @@
-"""Surfaces in and out: points in RAS+ mm and triangles.
-
-GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PLY, OBJ and STL here.
-"""
+"""Surfaces in and out, points in RAS+ mm and triangles: by nibabel, by VTK, or parsed here (PLY, OBJ, STL)."""
 
 import os
 import re
@@ -270,11 +267,7 @@ def check_mesh_name(path: Path) -> _Write:
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
-    """Carry points to where FreeSurfer's own surfaces lie, mm; return the volume of this tkRAS, too.
-
-    Where a space is scanner RAS and its volume is not known, a conformed one in its middle is taken. Points of an
-    unknown space are left as they are.
-    """
+    """Carry points to tkRAS, with its volume: by default a conformed one in their middle; those of no space stay."""
     if space.name != "scanner":
         return points, space.volume
     volume = space.volume or VolumeGeometry.conformed()

@@ -1,7 +1,4 @@
-"""Surfaces and values that other packages hold as objects: nilearn, nibabel, trimesh, meshio and VTK.
-
-Objects are recognised by the attributes that are read, so that none of these packages has to be imported.
-"""
+"""Surfaces and values of nilearn, nibabel, trimesh, meshio and VTK, known by attributes: none is imported."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

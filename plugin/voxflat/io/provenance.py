@@ -47,11 +47,7 @@ _Made = TypeVar("_Made", bound=_Told)
 
 
 def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
-    """Let the result of a function say what made it, by its ``_with_provenance``.
-
-    A parameter may be told as something else than the value that was given. A function's ``memory_limit``, if it has
-    one, holds for reading files, too.
-    """
+    """Let a function's result say what made it, parameters as told; its ``memory_limit`` holds for files, too."""
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         signature = inspect.signature(function)
@@ -67,18 +63,18 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
                 return made
             told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
-            record = {
-                "voxflat": __version__,
-                "function": function.__name__,
-                "parameters": described(told),
-                "files": dict(sorted(files.items())),
-            }
+            record = record_of(function.__name__, described(told), dict(sorted(files.items())))
             found: _Made = made._with_provenance(record)
             return found
 
         return wrapped
 
     return decorate
+
+
+def record_of(function: str, parameters: dict[str, Any], files: dict[str, str]) -> Record:
+    """Return the record of what a function made."""
+    return {"voxflat": __version__, "function": function, "parameters": parameters, "files": files}
 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:
@@ -147,10 +143,7 @@ KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # the variable of the environment that, set t
 
 
 def portable(content: Any) -> Any:
-    """Return what is written into a file: file names instead of paths, which would tell names of people and projects.
-
-    Files of one name and different content are numbered: ``lh.white``, ``lh.white (2)``.
-    """
+    """Return what goes into a file: names, numbered where they clash, not paths, which tell of people and projects."""
     if os.environ.get(KEEP_PATHS) == "1":
         return content
     names: dict[str, str] = {}
@@ -239,11 +232,7 @@ def sidecar_of(path: str | os.PathLike[str]) -> Path:
 def saving(
     path: str | os.PathLike[str], record: Record, *, sidecar: bool = False, overwrite: bool = False
 ) -> Iterator[Path]:
-    """Write a result in the block, but not over a file that it was made of, and its record beside it where asked for.
-
-    That goes to ``<path>.json``, for formats that hold none, and replaces a file that is not ours only with
-    `overwrite`.
-    """
+    """Write a result, but not over its source, with its record beside it (``<path>.json``) where asked for."""
     path = checked_path(path)
     checked_switch(overwrite, "overwrite")
     check_not_read(path, record)

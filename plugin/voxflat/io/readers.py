@@ -36,10 +36,7 @@ ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64"
 
 
 def as_array(obj: object) -> NDArray[Any]:
-    """Return an ndarray; of ITK's own view, one that keeps its image alive.
-
-    `numpy.asarray` drops the view's hold on the image, and ends in freed memory; `memoryview` keeps it.
-    """
+    """Return an ndarray; of ITK's own view, one that keeps its image alive (`numpy.asarray` ends in freed memory)."""
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
 
 
@@ -364,10 +361,7 @@ def _opened(path: Path) -> Any:
 
 
 def check_length(path: Path, needed: int) -> None:
-    """Compare the length of a file that may be gzipped with what its header says.
-
-    It is read to its end, so that the checksum is compared: nibabel stops before it.
-    """
+    """Read a file that may be gzipped to its end, for its checksum, and compare its length with its header's."""
     size = 0
     with _opened(path) as file:
         while block := file.read(_BLOCK):

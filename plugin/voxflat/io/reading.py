@@ -25,10 +25,7 @@ _now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
 
 @contextmanager
 def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
-    """Note which files are read, their SHA-256 by the path as given, and hold readers to a memory limit, bytes.
-
-    By default that of the call around, or what is free.
-    """
+    """Note which files are read, with SHA-256; readers have a memory limit, bytes: by default the call's around."""
     around = _now.get()
     checked_limit(memory_limit)
     limit = memory_limit if memory_limit is not None or around is None else around.limit

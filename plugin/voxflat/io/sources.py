@@ -1,7 +1,4 @@
-"""What is handed over, a file or an object of some package, as a `Mesh` or a `Volume`.
-
-Two tables list the kinds: what tells one, and what makes a mesh or a volume of it. The first that fits counts.
-"""
+"""What is handed over, a file or some package's object, as a `Mesh` or a `Volume`: the first kind that fits counts."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -37,10 +34,7 @@ def taken(
 
 
 def as_mesh(source: object) -> Mesh | None:
-    """Take a path, (points, faces), a `Mesh` or a mesh object of another package as a `Mesh`; None for all else.
-
-    A damaged mesh is an `InputError`.
-    """
+    """Take a path, (points, faces), a `Mesh` or another package's as a `Mesh`, or InputError; None for all else."""
     for is_one, of in _MESHES:
         if is_one(source):
             return of(source)

@@ -29,9 +29,7 @@ class PointTable:
         """Write the table with further columns, all of it or nothing; a missing number is ``n/a``."""
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
-        columns = [
-            ["n/a" if np.isnan(value) else f"{value:.6f}" for value in values.tolist()] for values in more.values()
-        ]
+        columns = [["n/a" if np.isnan(of) else f"{of:.6f}" for of in values.tolist()] for values in more.values()]
         text = io.StringIO()
         writer = csv.writer(text, delimiter=delimiter, lineterminator="\n")
         writer.writerow([*(self.header or [*"xyz", *(f"column{n}" for n in range(4, len(self.rows[0]) + 1))]), *more])

@@ -4,8 +4,6 @@
 `Volume`, which is checked once, where it is made.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -67,7 +65,7 @@ class Volume(Recorded):
         object.__setattr__(self, "affine", check_affine(self.affine))
 
     @classmethod
-    def _placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> Volume:
+    def _placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> "Volume":
         """Return voxels that lie where their affine says, or with the identity where there is none."""
         return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None)
 

@@ -381,9 +381,8 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
 
 def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Tell whether a map's triangles have the same edges in both places, wherever these lie."""
-    lengths = [
-        np.linalg.norm(points[flat.faces] - points[np.roll(flat.faces, 1, axis=1)], axis=2) for points in (one, other)
-    ]
+    ends = flat.faces, np.roll(flat.faces, 1, axis=1)
+    lengths = [np.linalg.norm(points[ends[0]] - points[ends[1]], axis=2) for points in (one, other)]
     return bool(np.abs(lengths[0] - lengths[1]).max() <= _SAME * np.median(lengths[0]))
 
 

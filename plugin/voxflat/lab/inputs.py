@@ -1,7 +1,5 @@
 """What a hemisphere is made of: found in a FreeSurfer directory, in derivatives of sMRIPrep, or as a segmentation."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -77,10 +75,7 @@ class Participant:
 
 
 def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
-    """Find the files of a hemisphere in FreeSurfer's directory of a subject, or in derivatives such as ``sub-01/anat``.
-
-    Raises InputError if something is missing, or there are several; the message names it and says what to do.
-    """
+    """Find a hemisphere's files in FreeSurfer's directory, or derivatives such as ``sub-01/anat``, or InputError."""
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory; name one that recon-all or sMRIPrep has written")
     find = _FreeSurfer(folder, hemi) if (folder / "surf").is_dir() or (folder / "mri").is_dir() else _Bids(folder, hemi)
@@ -107,7 +102,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
 
 
-def _given(find: _FreeSurfer | _Bids, text: str, what: str) -> Path:
+def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
     """Return a file that the user named, for this hemisphere and subject."""
     named = find.filled(text)
     for path in (find.folder / named, Path(named)):

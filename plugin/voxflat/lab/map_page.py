@@ -117,11 +117,7 @@ def page_of(
     first: str | None = None,
     unit: str = "",
 ) -> MapPage:
-    """Return a page with a surface and its map, linked, and a slider from one to the other.
-
-    `of_points`, `of_triangles`: what can be shown, by its name: measures (`voxflat.distortion.triangles`) and any
-    other. `first`: what is shown at first. `unit`: of the places. Raises InputError if there is nothing to show.
-    """
+    """Return a page of a surface and its map, linked, with named values of points and triangles; or InputError."""
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}
     values = {**of_points, **{name: array for name, array in here.items() if name not in of_points}}
@@ -160,10 +156,7 @@ def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return values of triangles at the points: whole numbers as most triangles around have them, of others the mean.
-
-    What is true of one triangle is true of its corners.
-    """
+    """Return values of triangles at points: whole numbers by majority, truths of any triangle, others as the mean."""
     corners, held = faces.ravel(), np.repeat(values, 3)
     if values.dtype.kind == "f":
         known = np.isfinite(held)

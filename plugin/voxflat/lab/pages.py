@@ -103,11 +103,7 @@ def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str,
 def pictures(
     flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
 ) -> list[dict[str, Any]]:
-    """Draw layers, or nothing, over the folds of a map; without a pixel size, mm, pictures are 620 pixels wide.
-
-    Returns of each ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels,
-    ``mm``, the width in mm.
-    """
+    """Draw layers over a map's folds: of each a PNG as data URI, width and height in pixels (620 by default) and mm."""
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / PICTURE_WIDTH if pixel_size is None else pixel_size)
     under = folds(flat_map, raster)
@@ -307,10 +303,7 @@ def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _smoothed(
     points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64], is_rim: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return places of a surface without its folds, each moved to the middle of those around.
-
-    Cuts stay closed: points of one vertex move together. The rim stays where it is.
-    """
+    """Return places of a surface without its folds, each amid those around; cuts stay closed, the rim where it is."""
     _, first, one = np.unique(ids, return_index=True, return_inverse=True)
     moved, corners = points[first], one.ravel()[faces]
     edges, _ = _edges(corners)

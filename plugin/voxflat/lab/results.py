@@ -1,7 +1,5 @@
 """The results of a hemisphere: where they go, what is told of them, and how they are read."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,12 +45,12 @@ class Results:
     of_freesurfer: bool  # lh.voxflat.flat.surf.gii; else sub-01_hemi-L_desc-voxflat_flat.surf.gii
 
     @classmethod
-    def in_freesurfer(cls, folder: Path, hemi: str) -> Results:
+    def in_freesurfer(cls, folder: Path, hemi: str) -> "Results":
         """Return those of a hemisphere in FreeSurfer's directory of a subject."""
         return cls(folder / "surf", f"{hemi}.voxflat", True)
 
     @classmethod
-    def in_bids(cls, folder: Path, name: str, letter: str) -> Results:
+    def in_bids(cls, folder: Path, name: str, letter: str) -> "Results":
         """Return those of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in a folder ``anat``."""
         return cls(folder, f"{name}_hemi-{letter}_desc-voxflat", False)
 
@@ -111,7 +109,7 @@ class Shown:
     values: dict[str, NDArray[np.float64]]  # measures and overlays at the points of the map, (N,)
 
     @classmethod
-    def read(cls, results: Results) -> Shown:
+    def read(cls, results: Results) -> "Shown":
         """Read results; raises InputError, OSError if they are damaged, or not there."""
         record, flat_map = read_record(results.record), load(results.map)
         names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]

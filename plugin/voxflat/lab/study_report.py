@@ -20,10 +20,7 @@ _DOTS = (240.0, 26.0)  # pixels of a row of dots
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
-    """Return the page of a study, as HTML that needs no other file but the subjects' reports, which it links to.
-
-    `means`: over standard maps. `maps`: `map_picture` of each. `key`: what it is made of, in short.
-    """
+    """Return the page of a study as HTML: means over standard maps, pictures, and links to the subjects' reports."""
     there = [row for row in rows if row.record is not None]
     table = []
     for row in rows:

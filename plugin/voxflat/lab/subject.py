@@ -45,11 +45,7 @@ def make(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Flatten a hemisphere, write the map, its measures and the record, and return that.
-
-    Raises InputError if the files cannot be used; the message names them and the remedy; OSError if something cannot be
-    read or written; Cancelled if `progress` returned False.
-    """
+    """Flatten a hemisphere, write the map, its measures and the record, and return that."""
     clock = _Clock()
     with clock("reading and checksums"):
         wanted = request(hemisphere, parameters)

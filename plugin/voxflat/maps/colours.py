@@ -17,10 +17,7 @@ _UNLABELLED = (208, 208, 208)
 
 
 def are_labels(data: NDArray[Any]) -> bool:
-    """Tell labels from intensities that happen to be whole numbers, in pixels of any kind, NaN outside the map.
-
-    Labels form areas: most pixels have the value of those some way off. Intensities, such as a T1 image's, do not.
-    """
+    """Tell labels, which form areas, from whole numbers of an image, in pixels of any kind, NaN outside the map."""
     if data.ndim == 3 or not all_whole(data):
         return False
     # more than a voxel (which covers two pixels if nothing else was asked for), less than an area
@@ -34,10 +31,7 @@ def are_labels(data: NDArray[Any]) -> bool:
 def coloured(
     data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None, *, labels: bool
 ) -> NDArray[np.uint8]:
-    """Return an image's pixels, scalars, labels or colours, as RGBA, opacity 0 outside the map.
-
-    By default as in a PNG: grey from the 1st to the 99th percentile, and for labels a colour each.
-    """
+    """Return an image as RGBA, opacity 0 outside the map; by default scalars in grey, 1st to 99th percentile."""
     if data.ndim == 3:
         return data
     if colour_map is None and limits is None and labels:
@@ -67,10 +61,7 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
 
 
 def passing(data: NDArray[Any], above: float | None = None, below: float | None = None) -> NDArray[np.bool_]:
-    """Tell which values are greater than one threshold and less than the other; NaN passes none.
-
-    Where `below` is less than `above`, that is what is beyond either, as of a statistic with two sides.
-    """
+    """Tell values greater than one threshold and less than the other; beyond either if `below` is less than `above`."""
     with np.errstate(invalid="ignore"):
         higher = data > above if above is not None else np.isfinite(data)
         lower = data < below if below is not None else np.isfinite(data)

@@ -1,7 +1,5 @@
 """How deep in the cortex: mm along the normals, or fractions of the way from the white to the pial surface."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +28,7 @@ class Depths:
         depth: float | Sequence[float] = 0.0,
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
-    ) -> Depths:
+    ) -> "Depths":
         """Check what was given for `FlatMap.image`."""
         checked_choice(layering, "layering", LAYERINGS)
         if fraction is None:

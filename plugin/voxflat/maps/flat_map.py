@@ -1,7 +1,5 @@
 """Flat maps: what `voxflat.flatten` returns."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os
@@ -343,7 +341,7 @@ class FlatMap(Planar):
         told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
-    def _with_provenance(self, record: Record) -> FlatMap:
+    def _with_provenance(self, record: Record) -> "FlatMap":
         """Return the same map with a record of what made it; its store of rows gets the record, too."""
         full = resolved(record, self.metadata)
         if "store" in self.metadata:

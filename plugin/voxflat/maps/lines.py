@@ -49,10 +49,7 @@ def region_corners(
     corners: NDArray[Any],
     weights: NDArray[np.floating[Any]],
 ) -> NDArray[np.int64]:
-    """Tell on which corner's side of the `borders` places in triangles lie: a point that has the label of the place.
-
-    Each place has the points of its triangle, (M, 3), and its barycentric coordinates there.
-    """
+    """Tell for places, by their triangle's points (M, 3) and weights, the point on the same side of the `borders`."""
     corners = corners.astype(np.int64)
     own = labels[corners]
     best = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -124,10 +121,7 @@ def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[
 def _crossings(
     uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the edges that borders cross, where (as a share), the links between crossings, and the triangles' centres.
-
-    Centres are numbered after the edges.
-    """
+    """Return edges that borders cross, where (a share), links of crossings, and centres, numbered after the edges."""
     edges, of_face, _ = _edges(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)

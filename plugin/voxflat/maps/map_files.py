@@ -69,10 +69,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
 def mesh_of_vertices(
     places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
 ) -> Mesh:
-    """Return a flat map as a mesh with the vertex numbers of the flattened one; those that it has not lie at 0.
-
-    Where a cut doubles a vertex, that side is kept which keeps more triangles; how many are left out is logged.
-    """
+    """Return a flat map as a mesh with the vertices of the flattened one; at cuts, the side with more triangles."""
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)
     if not is_kept.all():

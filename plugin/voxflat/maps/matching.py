@@ -1,7 +1,5 @@
 """Which vertices of a surface a flat map, ours or another tool's, puts where."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +29,7 @@ class Matched:
     vertices: NDArray[np.int64]  # (N,), of the whole surface, that each vertex is; the sides of a cut share one
     uv: NDArray[np.float64]  # (N, 2)
 
-    def correspondence(self, other: Matched) -> NDArray[np.int64] | None:
+    def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
         """Find for each vertex the other map's, if both have the same triangles and the same cuts."""
         corners, ids = _sorted_corners(self)
         others, other_ids = _sorted_corners(other)

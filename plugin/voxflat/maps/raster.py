@@ -1,7 +1,5 @@
 """The flat map as an image: pixels in mm, what they show, and where they come from."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -266,7 +264,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         several = 0 < len(self.layers) < len(self)
         return images.reshape(-1, len(self.layers), *images.shape[1:]) if several else images
 
-    def of_channel(self, channel: int) -> FlatStack:
+    def of_channel(self, channel: int) -> "FlatStack":
         """Return the images of one channel: one, or one a depth.
 
         Parameters
@@ -292,7 +290,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         names = all_names.names[first : first + each]
         return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
 
-    def percent_change(self, progress: Progress | None = None) -> FlatStack:
+    def percent_change(self, progress: Progress | None = None) -> "FlatStack":
         """Return how far each pixel is from its mean over the frames, in % of that mean: of raw signals what changes.
 
         Parameters
@@ -414,10 +412,7 @@ def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDA
 def series_showing(
     raster: Raster, ids: NDArray[np.int64], interpolation: str | None
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Return how overlays that follow each other come to the pixels: what `show` does, with weights found once.
-
-    `ids` are of each of the raster's points the vertex, whose value it has. The same, within the rounding of sums.
-    """
+    """Return `show` for overlays that follow each other, with weights found once; `ids` are the points' vertices."""
     held: dict[str, Mixing] = {}
 
     def shown(values: NDArray[Any]) -> NDArray[np.float64]:

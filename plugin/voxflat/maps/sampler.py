@@ -129,10 +129,7 @@ class Sampler:
         name: str = "",
         several: bool = True,
     ) -> FlatStack:
-        """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`.
-
-        Where not several of the images are to be read, no weights are kept for the next one.
-        """
+        """Sample a volume's channels, an overlay or a texture onto pixels; of `several`, weights are kept for more."""
         if period is not None:
             interpolation = _of_phases(period, interpolation)
         checked_switch(average, "average")

@@ -1,7 +1,5 @@
 """The values of a volume at places in space: in memory, or in chunks of which each is read once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -149,10 +147,7 @@ def sample_layers(
 def sample_mean(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample a volume at several depths, and return the mean; of labels that which has most weight over all depths.
-
-    NaN, or alpha 0, where a point lies outside the volume at one of the depths.
-    """
+    """Sample at several depths: the mean, of labels that of most weight; NaN, or alpha 0, if one lies outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
@@ -193,12 +188,8 @@ class Mixing:
         total: int,
         count: int,
         block: Callable[[slice], tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]]]],
-    ) -> Mixing:
-        """Take the numbers and weights of each of the places inside, block by block.
-
-        `total` values there are, at most `count` for each place; `block` returns both of a slice of the places, (p,
-        count).
-        """
+    ) -> "Mixing":
+        """Take numbers and weights, `block` of a slice (p, count), of each of the places inside, block by block."""
         places = int(np.count_nonzero(inside))
         check_room(36 * places * count + 9 * total)
         parts = []

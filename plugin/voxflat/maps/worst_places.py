@@ -376,10 +376,7 @@ _NO_PLACE = WorstPlace(
 
 
 def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return of each triangle its area, mm², and log2 of its change, at the scale that keeps the area of the whole.
-
-    The latter is NaN where there is no area on the surface, −10 where there is none on the map.
-    """
+    """Return each triangle's area, mm², and log2 of its change at the whole's scale; NaN without area, −10 if lost."""
     assert flat_map.distortion.triangles is not None
     a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))
     areas = np.linalg.norm(np.cross(a, b), axis=1) / 2

@@ -94,9 +94,7 @@ def worst_places(
     held = [float((areas[group] * np.abs(logs[group])).sum()) for _, group in groups]
     order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
     named = parcels if parcels is None or isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
-    places = [
-        _place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, start=1)
-    ]
+    places = [_place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, 1)]
     error = np.nan
     if checked_switch(cuts, "cuts") and places:
         ways = _Ways(flat_map, checked_threads(threads), progress)

@@ -25,10 +25,7 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 
 
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
-    """Find where a map puts the vertices of what is flattened.
-
-    That may be cut where the map is not: the lips then share their places.
-    """
+    """Find where a map puts the vertices of what is flattened; at cuts that it has not both lips share a place."""
     vertices = cut.part.vertices
     found, is_there = _at_corners(vertices, cut.faces, start)
     if not is_there.all():

@@ -1,7 +1,5 @@
 """Surfaces that were cut open: what `Surface.cut` returns, and `flatten` takes."""
 
-from __future__ import annotations
-
 import importlib
 import os
 from dataclasses import dataclass, field, replace
@@ -116,7 +114,7 @@ class CutSurface(Generic[_Surface]):
     cutout: Cutout | None = None
 
     @classmethod
-    def _of(cls, cutout: Cutout, surface: _Surface) -> CutSurface[_Surface]:
+    def _of(cls, cutout: Cutout, surface: _Surface) -> "CutSurface[_Surface]":
         """Return what was cut, with its cuts one by one."""
         told, whole = cutout.metadata, cutout.whole
         reason = "template" if cutout.is_standard else "given"
@@ -217,7 +215,7 @@ class CutSurface(Generic[_Surface]):
         points = of.space.to_scanner(of.points)
         return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
 
-    def _with_provenance(self, record: Record) -> CutSurface[_Surface]:
+    def _with_provenance(self, record: Record) -> "CutSurface[_Surface]":
         """Return the same with a record of what made it."""
         return replace(self, surface=self.surface._with_provenance(record), provenance=record)
 

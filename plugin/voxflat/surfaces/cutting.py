@@ -175,10 +175,7 @@ def opened_to_disk(
 
 
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
-    """Return by how much a sketch of a disk's map gets distances wrong: what relaxation cuts are judged by.
-
-    That is the mean relative error, at the best scale; NaN where the disk is too small for a sketch.
-    """
+    """Return the mean relative error of distances in a sketch of a disk's map, at the best scale; NaN if too small."""
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)
 

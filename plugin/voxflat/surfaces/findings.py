@@ -194,10 +194,7 @@ def check_surface(
     progress: Progress | None = None,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
-    """Say whether a surface, or a part of one, can be flattened, beside what is known already.
-
-    `repaired` makes the same part of the surface after repair, for a surface with handles.
-    """
+    """Say whether a surface, or a part, can be flattened; `repaired` makes the same of the repaired surface."""
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()
     found = replace(

@@ -89,10 +89,7 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
-    """Select where a volume equals a label or is greater than a threshold.
-
-    Without both it must be a mask: bool, or integer with one label other than 0.
-    """
+    """Select where a volume equals a label or is greater than a threshold, or what is not 0 in a mask of one label."""
     if data.ndim != 3:
         raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
     if data.size == 0:

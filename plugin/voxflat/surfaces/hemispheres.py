@@ -5,8 +5,6 @@ transform. Each voxel of white matter belongs to the part that lies nearest in t
 hemisphere, ventricles and deep nuclei, is filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -208,7 +206,7 @@ def _template() -> _Template:
     )
 
 
-def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: _Steps) -> NDArray[np.bool_]:
+def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps") -> NDArray[np.bool_]:
     """Return a hemisphere of a mask of white matter."""
     template, number = _template(), _SIDES.index(side)
     fitted, overlap = _fitted(*_coarse(white, volume.affine), steps)
@@ -349,10 +347,7 @@ def _turned(axis: int, angle: float, template: _Template) -> Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A brain and the template, smoothed alike, to be compared at points of the template.
-
-    `values`, `to_index`: of the brain, and from RAS+ mm to its voxels. `points` (N, 3), `wanted` (N,): of the template.
-    """
+    """A brain's values, with RAS+ mm to its voxels, and what the template, smoothed alike, wants at `points` (N, 3)."""
 
     values: NDArray[np.float32]
     to_index: Affine
@@ -360,7 +355,7 @@ class _Pair:
     wanted: NDArray[np.float64]
 
     @classmethod
-    def of(cls, coarse: NDArray[np.float32], grid: Affine, template: _Template, width: float) -> _Pair:
+    def of(cls, coarse: NDArray[np.float32], grid: Affine, template: _Template, width: float) -> "_Pair":
         sizes = np.linalg.norm(grid[:3, :3], axis=0)
         values = scipy.ndimage.gaussian_filter(coarse, width / sizes, mode="constant")
         wanted = scipy.ndimage.gaussian_filter(template.white.astype(np.float32), width / _STEP)
@@ -402,9 +397,8 @@ class _Pair:
         ends = np.array(self.values.shape)[:, None] - 1
         is_inside = ((places >= 0) & (places <= ends)).all(axis=0)
         values = np.asarray(_at(self.values, places), dtype=np.float64)
-        along = np.stack(
-            [_at(self.values, places + 0.5 * e) - _at(self.values, places - 0.5 * e) for e in _AXES], axis=1
-        )
+        halves = [0.5 * axis for axis in _AXES]
+        along = np.stack([_at(self.values, places + e) - _at(self.values, places - e) for e in halves], axis=1)
         slope = np.where(is_inside[:, None], along @ self.to_index[:3, :3], 0.0)
         residual = np.where(is_inside, values - self.wanted, 0.0)
         share = is_inside.mean()

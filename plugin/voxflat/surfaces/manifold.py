@@ -103,9 +103,8 @@ class Manifold:
         """Return what the surface is and where it lies, for Jupyter."""
         facts = {"space": self.space.name, "structure": self.metadata.get("structure"), "file": self.metadata["input"]}
         low, high = self.points.min(axis=0), self.points.max(axis=0)
-        facts[in_unit("extent, mm", self.metadata)] = ", ".join(
-            f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True)
-        )
+        ranges = (f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
+        facts[in_unit("extent, mm", self.metadata)] = ", ".join(ranges)
         return page(self, "\n".join(f"{name:12}{value}" for name, value in facts.items() if value))
 
     @property
@@ -190,9 +189,8 @@ class Manifold:
         array([  0, 440], dtype=uint32)
         """
         wanted = array_of(ids, checked_text(name, "name").removeprefix("the "))
-        shape, what = (
-            ((3,), "voxel indices of shape (m, 3)") if self.is_voxels else ((), "vertex numbers of shape (m,)")
-        )
+        shape = (3,) if self.is_voxels else ()
+        what = "voxel indices of shape (m, 3)" if self.is_voxels else "vertex numbers of shape (m,)"
         if wanted.shape[1:] != shape or wanted.ndim == 0 or wanted.dtype.kind not in "ui":
             raise InputError(f"{name} must be {what}, whole numbers, not {wanted.dtype} of shape {wanted.shape}")
         wanted = wanted.astype(np.int64)

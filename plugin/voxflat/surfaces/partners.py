@@ -1,8 +1,4 @@
-"""Whether files belong to a surface, which equal numbers of vertices do not say: its pial surface, regions of it.
-
-Both sides of fsaverage and of fs_LR have as many vertices, so that a file of the wrong side fits without a word. What
-geometry is sure of is refused, what it doubts is told.
-"""
+"""Whether a pial surface or regions belong to a surface: both sides of fsaverage have as many vertices."""
 
 import os
 from pathlib import Path
@@ -90,10 +86,7 @@ def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
 
 
 def _check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare the points that a label lists to the vertices that it names.
-
-    They are those of the surface that it was drawn on, often the white one; all of them 0 mean nothing.
-    """
+    """Compare a label's points, unless all are 0, to its vertices: on the surface it was drawn on, often the white."""
     vertices, points = read_label_points(path)
     place = np.full((whole.count, 3), np.nan)
     place[whole.vertices] = whole.points

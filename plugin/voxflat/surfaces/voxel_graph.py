@@ -62,10 +62,7 @@ class VoxelGraph:
 
 
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
-    """Link the surface voxels of the volume that a surface was made of, and take the part that the surface is.
-
-    That is one by regions and disks. The voxels are those that were given, repaired only where that was asked for.
-    """
+    """Link the surface voxels of the volume, repaired only if asked for, and take the part that the surface is."""
     if of.foreground is None:
         raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")
     affine = np.asarray(of.foreground.metadata["affine"])

@@ -1,14 +1,13 @@
 """The widget of *Layers → Transform → Draw cuts*."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from app_model.types import KeyCode, KeyMod
+from napari import Viewer
 from napari.layers import Layer
 from napari.utils.notifications import show_info
 from qtpy.QtCore import Qt
@@ -36,9 +35,6 @@ from voxflat._napari.tabs import WorkingDock
 from voxflat._napari.workbench import DrawnCuts, Workbench
 from voxflat.errors import VoxflatError
 from voxflat.pipeline.cut_surface import Cut, CutSurface
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _UNDO, _REDO, _END_CUT = (
     KeyMod.CtrlCmd | KeyCode.KeyZ,

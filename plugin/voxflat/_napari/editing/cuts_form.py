@@ -1,19 +1,12 @@
 """What is cut by hand, and on which surface it is drawn."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from napari.layers import Labels, Surface
+from napari import Viewer
+from napari.layers import Labels, Layer, Surface
 from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.layer_form import LayerForm
 from voxflat.errors import InputError
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 class CutsForm(LayerForm):

@@ -1,14 +1,13 @@
 """The surface that cuts are drawn on, and the cuts, as layers of the viewer."""
 
-from __future__ import annotations
-
 import weakref
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari import Viewer
 from napari.layers import Layer, Points, Vectors
 from napari.layers import Surface as SurfaceLayer
 from numpy.typing import NDArray
@@ -19,9 +18,6 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
 from voxflat._napari.results.listed import drop_controls, insert, make_controls
 from voxflat._napari.timers import BREATH
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _GREYS = (0.72, 0.45)  # of gyri and sulci
 _OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not to be flattened

@@ -1,21 +1,17 @@
 """What napari asks when a file is opened: who reads it, if it is ours at all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from napari import Viewer
 
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io import formats
 from voxflat.io.files import SAVED_ENDINGS, check_regular
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _Read: TypeAlias = Callable[[Path], list[LayerData]]
 
@@ -28,11 +24,7 @@ _SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in wh
 
 
 def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, if it is a flat map or an atlas of voxflat.
-
-    Without a path, as napari's command palette calls it, the user is asked for the file, and it is opened. Several
-    files would be stacked, which flat maps are not.
-    """
+    """Offer to read a file, if it is a flat map or an atlas; without a path (napari's palette) ask for one."""
     if path is None:
         _ask("Read a flat map", _MAPS)
     if not isinstance(path, str):
@@ -168,10 +160,7 @@ def _show_slices(viewer: Viewer) -> None:
 
 
 def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Let surfaces that come into a viewer of surfaces be seen: the first from its side.
-
-    Those that do not lie in the head, such as the inflated one, would hide those that do: they are hidden beside them.
-    """
+    """Show the first surface from its side; those that do not lie in the head are hidden beside those that do."""
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.layers.meshes import is_elsewhere

@@ -1,7 +1,5 @@
 """Surfaces in files, as layers; and which surface a file of values belongs to."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class Geometry:
     space: Space = UNKNOWN  # of the file's coordinates
 
     @classmethod
-    def read(cls, path: Path) -> Geometry:
+    def read(cls, path: Path) -> "Geometry":
         """Read it."""
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
@@ -55,10 +53,7 @@ def surface_layers(path: Path) -> list[LayerData]:
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Seek the surfaces that values in a file may lie on; those of the other side are left out.
-
-    First come surfaces that are open and lie beside the file, then others that lie there, then all that are open.
-    """
+    """Seek surfaces that values in a file may lie on: open ones beside the file, then others there, then all open."""
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
     yield from (one for one in opened if one.path in files)

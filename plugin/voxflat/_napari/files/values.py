@@ -31,10 +31,7 @@ def gifti_layers(path: Path) -> list[LayerData]:
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels at the vertices of a surface: that which is open or lies beside the file.
-
-    Several maps come with a slider. Raises InputError if it is damaged, or its surface is not to be found.
-    """
+    """Read values or labels at the vertices of a surface, which is open or lies beside the file, or InputError."""
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
 
@@ -50,14 +47,9 @@ def value_layers(path: Path) -> list[LayerData]:
 
 
 def patch_layers(path: Path) -> list[LayerData]:
-    """Read a FreeSurfer patch; a flat one lies in the plane, with v upwards, as flat maps are shown.
-
-    Raises InputError if it is damaged, or its surface is not to be found.
-    """
+    """Read a FreeSurfer patch, or InputError; a flat one lies in the plane, with v upwards, as flat maps are shown."""
     patch = read_patch(path)
-    geometry, faces = _on_surface(
-        path, lambda geometry: patch_faces(geometry.faces, patch.vertex_ids, len(geometry.vertices))
-    )
+    geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
     features = {"vertex": patch.vertex_ids, "border": patch.border}
     if patch.points[:, 2].any():
         part = Geometry(geometry.space.to_scanner(patch.points), faces, geometry.structure, geometry.path)

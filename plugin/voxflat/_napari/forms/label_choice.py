@@ -1,11 +1,10 @@
 """A box to choose one of the labels that a Labels layer holds."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Labels
 from qtpy.QtWidgets import QComboBox, QWidget
 
 from voxflat._napari.layers.volumes import finest
@@ -13,19 +12,12 @@ from voxflat._napari.timers import once
 from voxflat._napari.worker import Errand
 from voxflat.surfaces.foreground import labels_in
 
-if TYPE_CHECKING:
-    from napari.layers import Labels
-
 _SCANNED = 2**29  # voxels; larger layers, perhaps on a disk far away, are not read only to list their labels
 _PAUSE = 400  # ms without painting before the labels are listed anew
 
 
 class LabelChoice(QComboBox):
-    """Chooses a label; by default the one that is selected in the layer's controls.
-
-    Listing the labels of a volume takes up to a second, so another thread does it; until then, and for layers of very
-    many labels or voxels, the selected label alone is offered.
-    """
+    """Chooses a label, listed by another thread; by default, and among very many, that of the layer's controls."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -1,13 +1,12 @@
 """What both forms ask: which surface, where it lies, and what its map shows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from napari.layers import Image, Labels, Surface
+from napari import Viewer
+from napari.layers import Image, Labels, Layer, Surface
 from qtpy.QtWidgets import QDoubleSpinBox, QFormLayout, QWidget
 from superqt import QCollapsible
 
@@ -20,10 +19,6 @@ from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLDS, same_kind_of_unit
 from voxflat.errors import InputError
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 class LayerForm(QWidget):
@@ -153,10 +148,7 @@ class LayerForm(QWidget):
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
-    """Say how well a layer suits to be flattened: labels, then surfaces, then images.
-
-    A surface that belongs to another one in the list, as the pial surface to the white one, is not chosen unasked.
-    """
+    """Rank layers to be flattened: labels, then surfaces, then images; not one that belongs to another in the list."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
     if layer.ndim != 3:

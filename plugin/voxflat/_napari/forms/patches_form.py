@@ -1,9 +1,8 @@
 """What to flatten in patches and how: the fields of *Flatten in patches*."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+from napari import Viewer
 from napari.layers import Surface
 from qtpy.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
 
@@ -12,9 +11,6 @@ from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.job import PatchesJob
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _LIMITS = {
     "max_angle": "by the greatest inclination",

@@ -1,14 +1,12 @@
 """What will be done if nothing else is chosen, in a sentence or two, before it is done."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
-from napari.layers import Surface
+from napari.layers import Layer, Surface
 from numpy.typing import NDArray
 from qtpy.QtWidgets import QLabel, QWidget
 
@@ -16,9 +14,6 @@ from voxflat._napari.layers.volumes import finest
 from voxflat._napari.timers import once
 from voxflat._napari.worker import Errand
 from voxflat.surfaces.standard.sphere import sphere_at
-
-if TYPE_CHECKING:
-    from napari.layers import Layer
 
 _COUNTED = 2**27  # voxels; in larger layers, perhaps on a disk far away, surface voxels are not counted only for this
 _PAUSE = 300  # ms without a change before they are

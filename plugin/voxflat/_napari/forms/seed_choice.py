@@ -1,11 +1,10 @@
 """Where a patch has its centre: a point of a Points layer, set by a click into the viewer if one likes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from napari.layers import Points, Surface
+from napari import Viewer
+from napari.layers import Layer, Points, Surface
 from napari.utils.notifications import show_warning
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
@@ -16,17 +15,9 @@ from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, seed
 from voxflat._napari.layers.world import data_to_world, in_units_of
 from voxflat._napari.map_viewer.viewer_parts import is_click
 
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
-
 
 class SeedChoice(QWidget):
-    """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click.
-
-    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it. In 3D a click means
-    the first voxel whose values are `inside`.
-    """
+    """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click."""
 
     picking = Signal()
     """A click on the surface is awaited."""

@@ -1,11 +1,10 @@
 """What to flatten and how: the fields of *Flatten surface*."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from napari.layers import Labels, Points, Shapes, Surface
+from napari import Viewer
+from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox, QWidget
@@ -25,10 +24,6 @@ from voxflat._napari.workbench import Workbench
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 _RADIUS = 45.0  # mm, as README's
 _METHODS = {name: name for name in METHODS}  # the summary of each is its tooltip: it is longer than the box
@@ -206,9 +201,8 @@ class SurfaceForm(LayerForm):
         volume = self.surface.layer
         if "voxflat" in layer.metadata or not isinstance(layer, Labels) or layer is volume or volume is None:
             return None
-        return (
-            1 if not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist() else None
-        )
+        is_alike = not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist()
+        return 1 if is_alike else None
 
     # ------------------------------------------------------------------------------------------ asking
 

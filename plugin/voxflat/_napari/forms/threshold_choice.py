@@ -1,18 +1,12 @@
 """A threshold, chosen by a slider while the viewer shows what lies above it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from napari import Viewer
 from napari.layers import Image
 from napari.utils.colormaps import Colormap
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
 from superqt.utils import signals_blocked
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _STEPS = 1000  # of the slider
 _EDGE = 1e-4  # share of the range between what is not above the threshold and what is seen to be
@@ -20,11 +14,7 @@ _COLOURS = Colormap([[0.0, 0.0, 0.0, 0.0], [1.0, 0.45, 0.1, 1.0]], name="above")
 
 
 class ThresholdChoice(QWidget):
-    """Chooses a threshold; *Preview*, or moving the slider, shows what lies above it.
-
-    The preview is an Image layer of the same array whose contrast limits lie at the threshold, so that the graphics
-    card does the work and no voxel is read again.
-    """
+    """Chooses a threshold; a preview, by contrast limits on the graphics card, shows what lies above it."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)

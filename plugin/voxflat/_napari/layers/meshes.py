@@ -1,13 +1,12 @@
 """From napari's Surface layers to meshes in RAS+ mm."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Surface
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace, moved
@@ -15,18 +14,12 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, named_structure
 from voxflat.io.spaces import UNKNOWN, Space
 
-if TYPE_CHECKING:
-    from napari.layers import Surface
-
 _ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
 
 
 @dataclass(frozen=True, eq=False)
 class LayerMesh:
-    """A Surface layer's triangles and the values at its vertices, and where they lie.
-
-    It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
-    """
+    """A Surface layer's triangles, values and place, read in the GUI's thread, for any other: the layer may change."""
 
     vertices: NDArray[Any] = field(repr=False)  # (V, 3), in data coordinates
     faces: NDArray[Any] = field(repr=False)
@@ -35,7 +28,7 @@ class LayerMesh:
     structure: str | None = None
 
     @classmethod
-    def of(cls, layer: Surface, world: str = "RAS") -> LayerMesh:
+    def of(cls, layer: Surface, world: str = "RAS") -> "LayerMesh":
         """Take a Surface layer; raises InputError unless it has triangles in space, in lengths, a value a vertex."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
@@ -60,11 +53,7 @@ class LayerMesh:
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Carry the vertices to RAS+ mm; raises InputError if they are not finite, or triangles name others.
-
-        A layer that is mirrored on its way has its triangles turned over, so that outside stays outside. Of one in
-        pixels nobody knows the space.
-        """
+        """Carry the vertices to RAS+ mm, or InputError; triangles that are mirrored on the way are turned over."""
         affine = self.place.affine
         is_mirrored = np.linalg.det(affine[:3, :3]) < 0
         faces = self.faces[:, ::-1] if is_mirrored else self.faces

@@ -1,27 +1,17 @@
 """From shapes and points to the corners of a polygon."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
-from napari.layers import Shapes
+from napari.layers import Layer, Points, Shapes
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat.errors import InputError
 
-if TYPE_CHECKING:
-    from napari.layers import Layer, Points
-
 _FEWEST = 3
 
 
 def corners(drawn: Points | Shapes, surface: Layer, world: str) -> NDArray[np.float64]:
-    """Return the corners of a drawn polygon, RAS+ mm: points in their order, or a shape, the selected or last one.
-
-    Raises InputError for fewer than three corners, or axes that are no lengths.
-    """
+    """Return a polygon's corners, RAS+ mm: points in order, or a shape, the selected or last; or InputError."""
     if isinstance(drawn, Shapes):
         chosen = sorted(drawn.selected_data)
         places = [drawn.data[chosen[0] if len(chosen) == 1 else -1]] if len(drawn.data) else []

@@ -1,14 +1,12 @@
 """What a flat map is to show: a volume that is sampled at the surface, or values at a mesh's vertices."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from napari.layers import Labels, Surface
+from napari.layers import Labels, Layer, Surface
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.meshes import LayerMesh
@@ -18,9 +16,6 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.demo import DEPTH
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
-
-if TYPE_CHECKING:
-    from napari.layers import Layer
 
 _WHITE = ("white", "smoothwm")  # in names of surfaces whose outside is grey matter
 _HEAD = 60.0  # mm, the shortest side of a volume that holds a hemisphere
@@ -81,11 +76,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Take a layer's values, and how they look; raises InputError if it does not suit.
-
-    A volume is sampled at a `depth`, mm outside the surface, or a `fraction`, as in `Sampled`; `step` is the index
-    along each of its axes before the three of space.
-    """
+    """Take a layer's values and looks, at `depth`, mm, or `fraction`, and `step` of its first axes; or InputError."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)
@@ -95,10 +86,7 @@ def shown(
 
 
 def usual_depth(layer: Layer | None) -> float:
-    """Return how far outside a surface a volume is usually looked at, mm.
-
-    Of white matter, which a volume as large as a head and a white surface are taken for, the demo's depth; else 0.
-    """
+    """Return how far outside a surface a volume is usually looked at, mm: the demo's depth of white matter, else 0."""
     if layer is None or layer.ndim != 3:
         return 0.0
     if isinstance(layer, Surface):

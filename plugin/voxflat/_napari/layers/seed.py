@@ -1,20 +1,15 @@
 """Seed points: from places in the viewer to voxels of a volume, or to vertices of a mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from napari.layers import Surface
+from napari.layers import Layer, Points, Surface
 from napari.utils.geometry import find_nearest_triangle_intersection
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.layers.world import data_to_world, in_units_of, moved
-
-if TYPE_CHECKING:
-    from napari.layers import Layer, Points
 
 Voxel: TypeAlias = tuple[int, int, int]
 Seed: TypeAlias = Voxel | int

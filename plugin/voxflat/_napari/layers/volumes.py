@@ -1,11 +1,10 @@
 """From napari's Image and Labels layers to volumes in RAS+ mm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace
@@ -13,16 +12,10 @@ from voxflat.errors import InputError
 from voxflat.io.chunks import is_chunked
 from voxflat.io.volumes import Volume
 
-if TYPE_CHECKING:
-    from napari.layers import Layer
-
 
 @dataclass(frozen=True, eq=False)
 class LayerVolume:
-    """Where a layer's voxels are, and where they lie.
-
-    It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
-    """
+    """A layer's voxels and their place, read in the GUI's thread, for any other: the layer may change."""
 
     data: Any = field(repr=False)  # numpy, dask, zarr; of a multiscale layer its finest level
     place: LayerPlace
@@ -30,7 +23,7 @@ class LayerVolume:
     step: tuple[int, ...] = ()  # index along each axis before the three of space: time, channels
 
     @classmethod
-    def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> LayerVolume:
+    def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> "LayerVolume":
         """Take an Image or Labels layer; raises InputError unless it has three dimensions beside `step`, in lengths."""
         if layer.ndim - len(step) > 3:
             raise InputError(

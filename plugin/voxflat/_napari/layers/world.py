@@ -1,20 +1,16 @@
 """The viewer's world: where a layer lies in it, and where that is in RAS+ mm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.grid import check_affine
-
-if TYPE_CHECKING:
-    from napari.layers import Layer
 
 WORLDS = {
     "RAS": "RAS: x, y, z (nibabel)",
@@ -37,7 +33,7 @@ class LayerPlace:
     origin: dict[str, str]  # for the map's metadata: layer, world_axes, unit
 
     @classmethod
-    def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> LayerPlace:
+    def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> "LayerPlace":
         """Read it off a layer, without its leading axes; raises InputError if others are not three, or no lengths."""
         if layer.ndim - leading != 3:
             raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")

@@ -1,14 +1,13 @@
 """Points and shapes of the volume, shown on the map at the nearest place of the surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from napari.layers import Points, Shapes
+from napari import Viewer
+from napari.layers import Layer, Points, Shapes
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
@@ -16,10 +15,6 @@ from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat._napari.map_viewer.sheet import FAR, Sheet
 from voxflat._napari.timers import once
 from voxflat.maps.lines import ellipse
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 _CLOSED = ("polygon", "rectangle", "ellipse")
 _LOOKS = ("data", "set_data", "visible", "face_color", "current_face_color", "border_color", "current_border_color")
@@ -39,7 +34,7 @@ class Annotation:
     line_colours: NDArray[np.uint8]  # (L, 4), one a line
 
     @classmethod
-    def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> Annotation:
+    def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> "Annotation":
         """Take what a layer shows where the viewer is; raises InputError if its last three axes are no lengths."""
         leading = layer.ndim - 3
         affine = LayerPlace.of(layer, world, leading).affine
@@ -54,7 +49,7 @@ class Annotation:
         colours = np.where(layer.face_color[:, 3:] > 0, layer.face_color, layer.border_color)[seen]
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
-    def is_same(self, other: Annotation) -> bool:
+    def is_same(self, other: "Annotation") -> bool:
         """Say whether another one would be shown alike."""
         own, others = self._arrays, other._arrays
         return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
@@ -76,10 +71,7 @@ class OnMap:
 
 
 def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
-    """Carry annotations to the nearest places of a map's surface, none farther than `FAR`; called by a thread.
-
-    Lines follow the surface between their corners, and are broken where the map is cut.
-    """
+    """Carry annotations to the nearest places of a map's surface within `FAR`; lines follow it, but not over cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
     dots = sheet.places(points)
@@ -110,10 +102,7 @@ def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float6
 
 
 def _along(line: NDArray[np.float64], sheet: Sheet) -> NDArray[np.float64]:
-    """Return places along a line in space, so near to each other that none of the surface's points is left out.
-
-    What lies beyond all of the surface is one place that is NaN, however long it is.
-    """
+    """Return places along a line, so near that no point is left out; what lies beyond the surface is one NaN."""
     low, high = sheet.points.min(axis=0) - FAR, sheet.points.max(axis=0) + FAR
     step = sheet.spacing / _FINER
     found = []

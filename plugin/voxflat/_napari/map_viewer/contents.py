@@ -1,12 +1,11 @@
 """What a map may show: only its folds, a measure of it, or a layer of the viewer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from napari.layers import Image, Labels, Surface
+from napari import Viewer
+from napari.layers import Image, Labels, Layer, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
@@ -17,10 +16,6 @@ from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.results.flat_layers import Run, limits
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 Content: TypeAlias = "Measure | Layer | None"
 """What is shown; None for the folds alone."""

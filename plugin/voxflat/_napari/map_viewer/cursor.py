@@ -67,10 +67,7 @@ class RingWidget(QWidget):
         self.update()
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
-        """Spare the viewer to draw its scene anew because the ring moves over it: its last picture is still there.
-
-        Whether the scene has changed as well cannot be told, so it is drawn when the ring has come to rest.
-        """
+        """Show the viewer's last picture again where the ring moves over it; draw anew once the ring rests."""
         if event.type() != QEvent.Type.Paint or not self._has_moved:
             return False
         self._has_moved = False

@@ -1,13 +1,12 @@
 """The dock *Flat map*: the current run's map, linked with the volume or surface that it is of."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from app_model.types import KeyCode, KeyMod
-from napari.layers import Image, Labels, Points
+from napari import Viewer
+from napari.layers import Image, Labels, Layer, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
@@ -35,10 +34,6 @@ from voxflat._napari.workbench import Workbench
 from voxflat._napari.worker import Latest
 from voxflat.errors import VoxflatError
 
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
-
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _MM, _CORTEX = "mm outside", "of cortex"
 _SHARE = 0.43  # of the window: as wide is the dock at first; as much is left for the viewer
@@ -58,7 +53,7 @@ NOTHING = "Flatten a surface: its map is shown here."
 _HINT = "Point at the map or in the volume to see the place in both; click to go there."
 
 
-def open_flat_map(viewer: Viewer) -> FlatMapDock:
+def open_flat_map(viewer: Viewer) -> "FlatMapDock":
     """Open the dock *Flat map*, unless it is open, beside those that are there."""
     dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
     window = dock.window()

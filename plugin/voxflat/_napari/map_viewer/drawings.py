@@ -1,12 +1,11 @@
 """What is drawn on a map, carried to the surface: points, regions, and the shortest way between two places."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 
@@ -18,9 +17,6 @@ from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 Place: TypeAlias = tuple[float, float]
 """(u, v), mm."""
@@ -73,10 +69,7 @@ def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
 
 
 def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
-    """Find the shortest way between two places over the surface that is on the map; of a mesh across cuts, too.
-
-    Raises InputError if a place lies beside the map, or no way leads there.
-    """
+    """Find the shortest way between two places of the map on its surface, of a mesh across cuts, too; or InputError."""
     flat_map = _map(sheet)
     ends = [sheet.place_row(*end) for end in (a, b)]
     if None in ends:

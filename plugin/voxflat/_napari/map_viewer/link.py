@@ -1,23 +1,19 @@
 """The link with the viewer: what the mouse points at there, and the ring at the place that the map points at."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari import Viewer
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
 from voxflat._napari.timers import once
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from qtpy.QtWidgets import QWidget
 
 _CLICK = 4  # pixels; what moves farther is no click
 _IN_SLICE = 1.0  # mm from the slice that is shown

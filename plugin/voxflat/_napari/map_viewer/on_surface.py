@@ -1,11 +1,10 @@
 """The surface in space in the colours of its map."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from napari.layers import Surface
+from napari import Viewer
+from napari.layers import Layer, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject
 
@@ -13,10 +12,6 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.switched import SwitchedLayer
 from voxflat._napari.results.flat_layers import units
-
-if TYPE_CHECKING:
-    from napari import Viewer
-    from napari.layers import Layer
 
 
 class PaintedSurface(SwitchedLayer[Surface]):

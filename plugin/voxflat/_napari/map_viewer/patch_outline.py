@@ -1,12 +1,11 @@
 """Where the flattened part lies: its surface in slices, its border and its cuts."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import scipy
+from napari import Viewer
 from napari.layers import Vectors
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
@@ -18,9 +17,6 @@ from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
 from voxflat._napari.worker import Latest
 from voxflat.unique_rows import distinct
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])  # red, green, blue, opacity
 _WIDTH = 0.006  # of the surface's size: as wide are lines in 3D, half as wide in slices

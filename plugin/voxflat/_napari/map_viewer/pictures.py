@@ -1,7 +1,5 @@
 """Pictures of a map: their pixels, the values behind them, and what their colours mean."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +37,7 @@ class Picture:
     scale: ColourScale | None = None  # where a bar can tell
 
     @classmethod
-    def of(cls, image: FlatImage, scale: ColourScale) -> Picture:
+    def of(cls, image: FlatImage, scale: ColourScale) -> "Picture":
         """Paint an image of values."""
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 

@@ -1,27 +1,20 @@
 """A layer that a switch of the dock shows and hides, as the eye in the list does."""
 
-from __future__ import annotations
+from typing import Generic, TypeVar
 
-from typing import TYPE_CHECKING, Generic, TypeVar
-
+from napari import Viewer
 from napari.layers import Layer
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.results.listed import drop_controls, insert, make_controls
 from voxflat._napari.timers import BREATH, once
 
-if TYPE_CHECKING:
-    from napari import Viewer
-
 OfLayer = TypeVar("OfLayer", bound=Layer)
 """Which kind of layer."""
 
 
 class SwitchedLayer(QObject, Generic[OfLayer]):
-    """A layer that is hidden where it is not wanted, and takes up other maps.
-
-    napari takes a quarter of a second for a layer that goes, and a tenth for one that comes.
-    """
+    """A layer that is hidden where it is not wanted: napari takes 0.25 s for one that goes, 0.1 s for a new one."""
 
     switched = Signal(bool)
     """Someone showed or hid it in the list of layers."""

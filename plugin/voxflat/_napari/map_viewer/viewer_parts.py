@@ -1,20 +1,16 @@
 """What of napari's viewer differs between its versions, or is known only by its window."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from napari import Viewer
 from napari.utils.theme import get_theme
 from numpy.typing import NDArray
 from qtpy.QtGui import QColor
 from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.layers.world import from_ras, unit_ratio
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _CANVAS = "CanvasBackendDesktop"  # vispy's
 _FILLED = 0.9  # of the canvas
@@ -40,10 +36,7 @@ def _in_their_order(viewer: Viewer) -> None:
 
 
 def show_sagittal(viewer: Viewer) -> None:
-    """Show slices of a world of RAS from the side, as atlases do: what is superior is above, what is anterior right.
-
-    It holds for slices of three axes, and until the viewer is empty, since napari then forgets their order.
-    """
+    """Show slices of a world of RAS from the side, as atlases do, until the viewer is empty: then napari forgets it."""
     slices = (0, 2, 1), ("up", "right")
 
     def show(order: tuple[int, ...], orientation: tuple[Any, ...]) -> None:

@@ -47,10 +47,7 @@ def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
 
 
 def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
-    """Return the keywords for what a layer is, and where it lies if it is a flat image.
-
-    napari's rows grow downwards and the map's v upwards, so the world's axes are −v and u.
-    """
+    """Return the keywords for what a layer is, and where it lies if flat: napari's rows grow downwards, v upwards."""
     about = {
         "voxflat": flat_map,
         "parameters": flat_map.metadata,
@@ -66,10 +63,7 @@ def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatIma
 
 
 def hidden(data: LayerData) -> LayerData:
-    """Hide a layer that the dock *Flat map* shows: it would lie across what the viewer shows.
-
-    A picture in colours is to be hidden once it is in the viewer: napari cannot add it hidden in 3D (ValueError).
-    """
+    """Hide a layer that the dock shows; one in colours once it is there: napari adds none hidden in 3D (ValueError)."""
     values, keywords, kind = data
     return values, {**keywords, "visible": bool(keywords.get("rgb", False))}, kind
 

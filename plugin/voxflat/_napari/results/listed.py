@@ -1,14 +1,13 @@
 """The layers of runs in the viewer's list: hidden, and put there one at a time."""
 
-from __future__ import annotations
-
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from napari import Viewer
 from napari.layers import Layer
 from napari.utils.events import Event
 from qtpy.QtCore import QTimer
@@ -16,9 +15,6 @@ from qtpy.QtCore import QTimer
 from voxflat._napari.garbage import put_off_collections
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
 from voxflat._napari.timers import BREATH
-
-if TYPE_CHECKING:
-    from napari import Viewer
 
 _PLACE = ("name", "metadata", "units", "scale", "translate")
 _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
@@ -152,10 +148,7 @@ def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
 
 
 def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
-    """Put a layer into the list, by default on top, and leave the selection alone.
-
-    napari selects what is new, and makes controls for it, which takes as long as all the rest.
-    """
+    """Put a layer into the list, and leave the selection alone: napari makes controls for it, which takes long."""
     viewer = getattr(viewer, "__wrapped__", viewer)  # as above
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
@@ -171,9 +164,8 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
 def _is_like(layer: Layer, data: LayerData) -> bool:
     """Whether a layer can take over data: it is of the same type and kind of colours, and nothing was added to it."""
     _, keywords, kind = data
-    return type(layer).__name__.lower() == kind and bool(getattr(layer, "rgb", False)) == bool(
-        keywords.get("rgb", False)
-    )
+    is_rgb = bool(getattr(layer, "rgb", False))
+    return type(layer).__name__.lower() == kind and is_rgb == bool(keywords.get("rgb", False))
 
 
 def _fill(layer: Layer, data: LayerData) -> None:

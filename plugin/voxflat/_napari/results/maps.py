@@ -45,10 +45,7 @@ def _heat_limit(errors: NDArray[np.float64]) -> float:
 
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
-    """Draw an atlas: its page as patches in colours, what it is to show and C, and the surface in the same colours.
-
-    Its metadata's ``napari`` say from which layer it is. Raises InputError if something does not fit.
-    """
+    """Draw an atlas: its page as patches in colours, what it is to show and C, and the surface in the same colours."""
     name = atlas.metadata["napari"]["layer"]
     image = atlas.page().label_image(pixel_size)
     patches = described(atlas, f"{name} patches", "a colour for each patch, as on the surface", image)

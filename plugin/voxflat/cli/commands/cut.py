@@ -62,9 +62,7 @@ def command(
     if template is not None:
         made.save_template(template, overwrite=writing["overwrite"])
     if as_json:
-        cuts = [
-            {"ids": one.ids.tolist(), "length": one.length, "reason": one.reason, "name": one.name} for one in made.cuts
-        ]
+        cuts = [{"ids": of.ids.tolist(), "length": of.length, "reason": of.reason, "name": of.name} for of in made.cuts]
         told = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
         print_json({**told, "provenance": made.provenance})
         return

@@ -6,12 +6,11 @@ from typing import Any
 import click
 import cloup
 
-from voxflat._core import __version__
 from voxflat.cli import options
 from voxflat.cli.looks import each, of_colours, of_data, of_page, overlay_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
-from voxflat.io.provenance import Record, described, saving
+from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
 
@@ -122,13 +121,7 @@ def command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], as_js
         loaded = [load(one) for one in maps]
         shown = loaded[0] if len(loaded) == 1 else loaded
         drawn = figures.flat_map(shown, data, **look)
-    parameters = {"flat_map": shown, "overlay": data, **look}
-    record: Record = {
-        "voxflat": __version__,
-        "function": "flat_map",
-        "parameters": described(parameters),
-        "files": files,
-    }
+    record = record_of("flat_map", described({"flat_map": shown, "overlay": data, **look}), files)
     with saving(output, record, **writing):
         figures.save(drawn, output, record)
     width, height = (round(side * drawn.dpi) for side in drawn.get_size_inches())

@@ -6,14 +6,13 @@ from typing import Any
 import click
 import cloup
 
-from voxflat._core import __version__
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.looks import each, of_colours, of_data, of_page, overlay_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.files import require
-from voxflat.io.provenance import Record, described, saving
+from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
 
@@ -78,12 +77,7 @@ def command(
             loaded = [load(one) for one in maps]
             flat_map = loaded[0] if len(loaded) == 1 else loaded
             movie = figures.movie(flat_map, data, **look, progress=shown.progress)
-        record: Record = {
-            "voxflat": __version__,
-            "function": "movie",
-            "parameters": described({"flat_map": flat_map, "overlay": data, **look}),
-            "files": files,
-        }
+        record = record_of("movie", described({"flat_map": flat_map, "overlay": data, **look}), files)
         with saving(output, record, **writing):
             figures.save_movie(movie, output, record, shown.progress)
     height, width = movie.size

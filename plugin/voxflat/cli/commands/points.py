@@ -7,12 +7,11 @@ import click
 import cloup
 import numpy as np
 
-from voxflat._core import __version__
 from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.cli.told import option_of
-from voxflat.io.provenance import saving
+from voxflat.io.provenance import record_of, saving
 from voxflat.io.reading import reading
 from voxflat.io.tables import TABLE_ENDINGS, read_points
 from voxflat.maps.flat_map import FlatMap, load
@@ -48,12 +47,8 @@ def command(
     with reading() as files:
         flat_map, table = load(map_), read_points(points)
     uv, distance = flat_map.points_to_map(table.points, limit, space=space)
-    record: dict[str, Any] = {
-        "voxflat": __version__,
-        "function": "points_to_map",
-        "parameters": {"of": flat_map.provenance, "limit": limit, "space": space},
-        "files": dict(sorted(files.items())),
-    }
+    parameters = {"of": flat_map.provenance, "limit": limit, "space": space}
+    record = record_of("points_to_map", parameters, dict(sorted(files.items())))
     with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
     shown = int(np.isfinite(distance).sum())

@@ -1,7 +1,4 @@
-"""FreeSurfer's files: surfaces, values at points, and labels.
-
-nibabel reads them, but trusts their headers; here the counts are compared to the length of the file first.
-"""
+"""FreeSurfer's surfaces, values at points and labels, by nibabel once counts are compared to the length of the file."""
 
 import io
 import math
@@ -62,10 +59,7 @@ def _space(footer: dict[str, Any]) -> Space:
 def write_geometry(
     path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
 ) -> None:
-    """Write a surface file: points in tkRAS, and the volume that says where that is.
-
-    Not by nibabel, whose array.tofile does not tell of a full disk.
-    """
+    """Write a surface file in tkRAS, with its volume; nibabel's array.tofile would not tell of a full disk."""
     counts = np.array([len(points), len(faces)], ">i4")
     parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
     body = b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts)
@@ -160,10 +154,7 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
 
 
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read the vertices that a label file names, and where they lay on the surface that it was drawn on, tkRAS, mm.
-
-    Some programs write 0 for the latter.
-    """
+    """Read the vertices that a label names, and their places on its surface, tkRAS, mm: some programs write 0."""
     path = checked_path(path)
     with naming(path, _REMEDY):
         data = contents(path)

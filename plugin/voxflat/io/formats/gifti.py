@@ -297,10 +297,7 @@ def surface_bytes(
     is_scanner: bool = False,
     record: Record | None = None,
 ) -> bytes:
-    """Write a surface as Workbench expects one: coordinates as they are, said to be scanner RAS if that is known.
-
-    A record of what made it stands where Workbench keeps its own.
-    """
+    """Write a surface, with its record, as Workbench does: coordinates as they are, scanner RAS if that is known."""
     nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
@@ -313,9 +310,7 @@ def surface_bytes(
     system = gifti.GiftiCoordSystem(_SCANNER, _SCANNER) if is_scanner and not is_flat else None
     for data, intent, meta in arrays:
         of_points = {"coordsys": system} if intent == _POINTS else {}
-        array = gifti.GiftiDataArray(
-            data, intent=intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points
-        )
+        array = gifti.GiftiDataArray(data, intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points)
         image.add_gifti_data_array(array)
     return bytes(image.to_bytes())
 

@@ -11,10 +11,7 @@ from voxflat.io.triangles import check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OBJ file with its own numbers of points.
-
-    A point may have several texture coordinates there, where a seam of the texture passes; it keeps the first.
-    """
+    """Read an OBJ file; a point with several texture coordinates, where a seam passes, keeps the first."""
     rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None

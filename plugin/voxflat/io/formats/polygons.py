@@ -1,7 +1,4 @@
-"""Surfaces as text, OFF and FreeSurfer's ASCII format; STL; and GLB, read by trimesh.
-
-STL is parsed here: of files that are cut short VTK may return what there is.
-"""
+"""Surfaces as OFF, FreeSurfer's ASCII and STL, parsed here (VTK reads what is cut short), and GLB, by trimesh."""
 
 import io
 import re

@@ -35,11 +35,7 @@ class Outline:
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
-    """Read the paths of a layer, by its ``inkscape:label`` or the id of a group, the lowest first.
-
-    Each has the name of its path (``inkscape:label``), else of the group around it within the layer, else its title,
-    else its id.
-    """
+    """Read a layer's paths, the lowest first, by ``inkscape:label``, else their group's within it, title or id."""
     path = checked_path(path)
     with naming(path, "is it an SVG figure of voxflat.figures?"):
         check_regular(path)

@@ -16,11 +16,7 @@ _PAGES = "ZQI"  # how tifffile calls an axis of pages: of depth, or of what nobo
 
 
 def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
-    """Return the voxels of a stack, (x, y, z) or with colours (x, y, z, 3), and their affine to mm.
-
-    x grows to the right of a page, y downwards, z from page to page. The affine is None if the file has no voxel sizes.
-    Raises InputError if the file holds several channels, times or positions.
-    """
+    """Return a stack (x, y, z) of pages z, y downwards, or colours (x, y, z, 3), and its affine to mm, if known."""
     with require("tifffile").TiffFile(path) as file:
         series = file.series[0]
         shape = dict(zip(series.axes, series.shape, strict=True))

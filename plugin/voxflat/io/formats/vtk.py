@@ -1,7 +1,4 @@
-"""VTK's own formats: ``.vtk`` and ``.vtp``.
-
-VTK reads them, in the child process. Of files cut short it returns what it has, so counts are taken here, from headers.
-"""
+"""``.vtk`` and ``.vtp``, read by VTK in the child process; of files cut short it returns what it has: counted here."""
 
 import importlib
 import re
@@ -83,9 +80,7 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
         said = re.sub(r"^\w+ \(0x\w+\): ", "", errors[0].splitlines()[-1].strip())
         raise InputError(f"VTK says: {said}: {AGAIN}")
     mesh = source.GetOutput()
-    cells = [
-        (each.GetNumberOfCells(), each.GetNumberOfConnectivityIds()) for each in (mesh.GetPolys(), mesh.GetStrips())
-    ]
+    cells = [(of.GetNumberOfCells(), of.GetNumberOfConnectivityIds()) for of in (mesh.GetPolys(), mesh.GetStrips())]
     triangles, remarks = polydata_triangles(mesh)
     data, texture = mesh.GetPointData(), mesh.GetPointData().GetTCoords()
     arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for one of text

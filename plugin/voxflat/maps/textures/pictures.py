@@ -31,10 +31,7 @@ _SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over i
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Return texture coordinates of a picture over a flat map, centred on its bounding box: a similarity of the plane.
-
-    The texel size is in mm; by default the picture just covers the bounding box.
-    """
+    """Return texture coordinates of a picture centred on a flat map, texels in mm; by default it just covers it."""
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:
@@ -80,10 +77,7 @@ def check_values(picture: object) -> NDArray[Any]:
 
 
 def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
-    """Take a file, an array or an image of Pillow as colours, (H, W, 3 or 4), and the file that it came from.
-
-    An array is (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of floats from 0 to 1.
-    """
+    """Take a file, Pillow's image or an array (uint8, bool or floats to 1) as colours (H, W, 3 or 4), and its file."""
     if isinstance(picture, str | os.PathLike):
         path = Path(picture)
         with naming(path, REMEDY), header(path) as image:
@@ -107,10 +101,7 @@ def header(path: Path) -> Iterator[Any]:
 
 
 def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
-    """Decode a picture by Pillow, whose parts in C trust the file and print what they think of it: apart.
-
-    It becomes colours, or values are those of the file, a palette's numbers among them.
-    """
+    """Decode a picture, as colours or the file's own values, by Pillow, whose parts in C trust the file: apart."""
     need = _PIXEL_BYTES * image.width * image.height
     check_room(need)
     found: NDArray[Any] = apart(picture_values, "PIL", path, colours, size=need)

@@ -51,10 +51,7 @@ def subdivide(
 
 
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
-    """Return how far the texture differs in each triangle from what is linear between its corners, at most.
-
-    It is compared at places no further apart than a texel; triangles no longer than one differ by 0.
-    """
+    """Return how far the texture differs in each triangle from a linear one at most, at places a texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
@@ -80,11 +77,7 @@ def _lattice(steps: int) -> NDArray[np.float64]:
 def _bisect(
     faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
 ) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
-    """Bisect triangles, and others as far as is needed to stay without cracks.
-
-    Return the sides whose midpoints become the points N, N + 1, ..., the triangles that stay and then the new ones, and
-    which are new.
-    """
+    """Bisect triangles without cracks; return sides, whose middles are points N, ..., triangles, and which are new."""
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)
     keys, side_of = np.unique(low * len(places) + high, return_inverse=True)

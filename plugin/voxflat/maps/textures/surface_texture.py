@@ -112,11 +112,7 @@ def _material_pictures(library: Path) -> dict[str, str]:
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Carry a surface's texture, or colours at its vertices, to the pixels of its flat map, RGBA.
-
-    Opacity is 0 outside the map, and in triangles that have no texture. `ids` are the vertices that the map's points
-    are.
-    """
+    """Carry a texture, or vertex colours, to the pixels of a flat map, RGBA, opacity 0 where there is none."""
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])
     image = np.zeros((*raster.shape, 4), dtype=np.uint8)

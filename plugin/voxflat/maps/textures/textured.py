@@ -1,9 +1,4 @@
-"""Textured surfaces: a picture on a surface (Zigelman, Kimmel, Kiryati 2002, section V), and its files.
-
-OBJ, VTP and glTF keep the picture, PLY has colours at the points.
-"""
-
-from __future__ import annotations
+"""Textured surfaces (Zigelman et al. 2002, section V) and their files: with a picture, or colours at points (PLY)."""
 
 import io
 import os
@@ -74,7 +69,7 @@ class TexturedSurface(Recorded):
         """The picture's colour at each texture coordinate, linear between texels, shape (N, 3) or (N, 4)."""
         return np.round(values_at(self.picture, self.texture_coordinates, self.repeat)).astype(np.uint8)
 
-    def opened(self) -> TexturedSurface:
+    def opened(self) -> "TexturedSurface":
         """Return the surface with a point for each texture coordinate: cut open where the texture has seams.
 
         Returns
@@ -95,7 +90,7 @@ class TexturedSurface(Recorded):
         points[self.texture_faces] = self.points[self.faces]
         return replace(self, points=points, faces=self.texture_faces, texture_faces=None)
 
-    def subdivided(self, tolerance: float = 16.0) -> TexturedSurface:
+    def subdivided(self, tolerance: float = 16.0) -> "TexturedSurface":
         """Split triangles where colours at their corners cannot carry the picture (Zigelman et al. 2002, section IV).
 
         New points lie on sides of the triangles: the surface keeps its shape, its first N points and its texture

@@ -33,10 +33,7 @@ def chosen(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Choice:
-    """Choose the cuts.
-
-    Where nobody has said what to flatten (`is_free`), a closed surface with a registered sphere gets standard cuts.
-    """
+    """Choose the cuts: standard ones for a closed surface with a sphere, where nobody has said what to flatten."""
     asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)

@@ -1,7 +1,4 @@
-"""The template's pattern of folds, on a grid over the unit sphere in fsaverage space.
-
-The file is made by ``docs/templates/pattern.py``, which says of what.
-"""
+"""The template's folds on a grid over the unit sphere in fsaverage space, made by ``docs/templates/pattern.py``."""
 
 from functools import cache
 from importlib.resources import files

@@ -28,10 +28,7 @@ _NEAREST = 12  # vertices whose triangles may hold a place
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """Where each vertex of a surface lies on the sphere of fsaverage or fs_LR.
-
-    The distance from the template's brain, rigidly laid on it and scaled, says roughly how well it is registered.
-    """
+    """Where vertices lie on the sphere of fsaverage or fs_LR, and how far the brain is from its template."""
 
     places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
     space: str  # fsaverage or fs_LR
@@ -155,11 +152,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
 def in_triangles(
     places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find the spherical triangles that hold places on the unit sphere, all given as unit vectors.
-
-    Return the corners of the one that holds each, or comes nearest to it, its weights there, which sum to 1, and
-    whether one holds it.
-    """
+    """Find corners of the spherical triangles that hold unit vectors, or come nearest, weights, and if they hold."""
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(
         len(wanted), -1
