@@ -47,18 +47,8 @@ import voxflat
 from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat, Zigelman2002
 
 DATA = Path(__file__).resolve().parent / "data"
-HOW = {
-    "provenance",
-    "memory_need_bytes",
-    "napari",
-    "sampling",
-    "seed",
-    "sources",
-    "store",
-    "versions",
-    "warnings",
-    "input",
-}
+HOW = {"provenance", "memory_need_bytes", "napari", "sampling", "seed", "sources"}
+HOW |= {"store", "versions", "warnings", "input"}
 """Keys of metadata that say how a map was made, not what it is."""
 
 CASES = {}
@@ -392,9 +382,8 @@ def voxflat_by_exact_distances(threads, place):
 
 @case
 def voxflat_from_given_sources(threads, place):
-    found = voxflat.flatten(
-        cylinder(), method=Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
-    )
+    method = Voxflat(sources=np.arange(0, 1100, 13))
+    found = voxflat.flatten(cylinder(), method=method, rows=place / "rows", threads=threads)
     rows = voxflat.open_rows(place / "rows")
     rows.verify()
     return {**of_map(found), "stored": rows}
@@ -536,9 +525,8 @@ def distances(threads, place):
         for name, sampling in (("graph", "farthest"), ("marching", "curvature"), ("exact", "random"))
     }
     found["chain"] = voxflat.surface(blob()).geodesic(30, geodesic="chain", threads=threads)
-    found["sheet"] = voxflat.surface(curled_sheet()).geodesic(
-        voxflat.surface(curled_sheet()).ids[::60], threads=threads
-    )
+    curled = voxflat.surface(curled_sheet())
+    found["sheet"] = curled.geodesic(curled.ids[::60], threads=threads)
     found["stored"] = cortex().drop("medial wall").geodesic(50, store=place / "rows", threads=threads)
     return found
 

@@ -225,13 +225,8 @@ def test_wrong_usage(name, tmp_path):
 
 def test_memory_is_checked_before_the_start():
     stages = []
-    with pytest.raises(voxflat.InputError, match="of memory are needed"):
-        voxflat.flatten(
-            sheet(),
-            method="grossmann2002",
-            memory_limit=10**6,
-            progress=lambda stage, done, total: stages.append(stage),
-        )
+    how = {"method": "grossmann2002", "memory_limit": 10**6, "progress": lambda stage, *_: stages.append(stage)}
+    refused("of memory are needed", voxflat.flatten, sheet(), **how)
     assert "measuring distances" not in stages
     assert "scaling" not in stages
 
@@ -438,11 +433,10 @@ def test_damaged_maps(name, flat_map, tmp_path):
 
 
 def test_a_map_that_is_missing(tmp_path):
+    path = tmp_path / "map.npz"
     with pytest.raises(FileNotFoundError):
-        voxflat.load(tmp_path / "map.npz")
-    assert "map.npz: No such file" in fails(
-        tmp_path, "image", tmp_path / "map.npz", "--heat-map", "-o", tmp_path / "a.png"
-    )
+        voxflat.load(path)
+    assert "map.npz: No such file" in fails(tmp_path, "image", path, "--heat-map", "-o", tmp_path / "a.png")
 
 
 BAD_IMAGES = {

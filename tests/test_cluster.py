@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 import studies
 from cluster_work import no_package, tell, wait
-from lab_runs import FEW, everything, run
+from command_line import fail, run
+from lab_runs import FEW, everything
 
 import voxflat
 from voxflat.distances import cluster, parts
@@ -41,9 +42,8 @@ def workers():
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
         distributed.utils.get_mp_context().set_forkserver_preload(preload)
-        with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
-        ) as started:
+        how = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": "CRITICAL"}
+        with distributed.LocalCluster(n_workers=2, **how) as started:
             yield started
 
 
@@ -333,5 +333,4 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
 
 def test_dask_is_for_participants(study):
     for more in (["group"], ["participant", "--dry-run"]):
-        result = run("bids", study / "bids", study / "alone", *more, "--dask", "local")
-        assert (result.exit_code, "--dask is for the level participant" in result.stderr) == (2, True)
+        fail(2, "--dask is for the level part", "bids", study / "bids", study / "alone", *more, "--dask", "local")

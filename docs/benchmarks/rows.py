@@ -57,9 +57,8 @@ def solvers_of(surface):
     """Return functions from sources to rows by the name of their solver, all over the links of a surface."""
     points = len(surface)
     starts, neighbours, lengths = surface.csr
-    graph = csr_matrix(
-        (lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)), shape=(points,) * 2
-    )
+    arrays = lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)
+    graph = csr_matrix(arrays, shape=(points, points))
     ends = np.repeat(np.arange(points), np.diff(starts))
     once = ends < neighbours
     edges, weights = np.stack([ends[once], neighbours[once]], axis=1), lengths[once]

@@ -91,9 +91,8 @@ def footer(c_ras: tuple[float, float, float]) -> dict[str, Any]:
 
 def write_label(path: Path, vertices: NDArray[Any], points: NDArray[Any]) -> None:
     """Write a label of vertices as FreeSurfer does."""
-    rows = "".join(
-        f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in zip(vertices, points[vertices], strict=True)
-    )
+    placed = zip(vertices, points[vertices], strict=True)
+    rows = "".join(f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in placed)
     path.write_text(f"#!ascii label , from subject\n{len(vertices)}\n{rows}")
 
 

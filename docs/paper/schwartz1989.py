@@ -159,9 +159,8 @@ def show_flat(axes, flat_map, title, colour=SURFACE):
     flipped = flat_map.distortion.triangles.is_flipped
     for chosen, edge, zorder in ((~flipped, colour, 1), (flipped, FLIPPED, 2)):
         corners = flat_map.uv[flat_map.faces[chosen]]
-        axes.add_collection(
-            PolyCollection(corners, facecolor=(*to_rgb(edge), 0.1), edgecolor=edge, lw=0.5, zorder=zorder)
-        )
+        colours = {"facecolor": (*to_rgb(edge), 0.1), "edgecolor": edge}
+        axes.add_collection(PolyCollection(corners, **colours, lw=0.5, zorder=zorder))
     if flipped.any():
         title = f"{title}\n{flipped.sum()} triangles turned over (red)"
     axes.autoscale()

@@ -5,8 +5,8 @@ import json
 import composed
 import numpy as np
 import pytest
+from command_line import run, succeed
 from hard_shapes import sheet
-from lab_runs import run
 from refusals import refused
 from textures import areas
 from triangle_meshes import singular_values
@@ -153,8 +153,7 @@ class TestCommand:
 
     def test_it_writes_the_glued_atlas_and_its_table(self, mesh, tmp_path):
         out, page = tmp_path / "glued.npz", tmp_path / "page.png"
-        result = run("patches", mesh, "-o", out, "--glue", 1.2, "--page", page)
-        assert result.exit_code == 0, result.output
+        result = succeed("patches", mesh, "-o", out, "--glue", 1.2, "--page", page)
         loaded = voxflat.load_atlas(out)
         assert loaded.bound == 1.2
         assert loaded.table() in result.output

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapes
 import triangle_meshes
-from lab_runs import run
+from command_line import fail, succeed
 from refusals import refused
 from triangle_meshes import singular_values
 
@@ -180,18 +180,15 @@ class TestCommand:
     @pytest.mark.slow
     def test_it_writes_the_atlas_and_pictures(self, mesh, tmp_path):
         out, page, picture = (tmp_path / name for name in ("atlas.npz", "page.png", "torus.png"))
-        result = run("patches", mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
-        assert result.exit_code == 0, result.output
+        result = succeed("patches", mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
         assert "1.0875" in result.output
         assert FlatAtlas.load(out).certificate.angle == 5
         assert page.exists()
         assert picture.exists()
 
     def test_json(self, mesh, tmp_path):
-        result = run(
-            "patches", mesh, "-o", tmp_path / "atlas.npz", "--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"
-        )
-        assert result.exit_code == 0, result.output
+        options = ["--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"]
+        result = succeed("patches", mesh, "-o", tmp_path / "atlas.npz", *options)
         told = json.loads(result.stdout)
         assert told["certificate"]["c"] == 1.2
         assert told["patches"] == len(FlatAtlas.load(tmp_path / "atlas.npz"))
@@ -206,8 +203,6 @@ class TestCommand:
             ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "must end in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
         ):
-            result = run("patches", *arguments)
-            assert result.exit_code == 1
-            assert message in result.stderr
+            result = fail(1, message, "patches", *arguments)
             assert result.stderr.count("\n") == 1
         assert not out.exists()

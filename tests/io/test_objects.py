@@ -180,12 +180,8 @@ def test_jupyter_shows_a_picture_and_figures(left):
     assert "relative error, %" in page
     surface = voxflat.surface(voxflat.samples.ball())
     opened, atlas = surface.cut(relax=False), surface.patches()
-    for value, said in (
-        (surface, "extent, mm"),
-        (opened, "cut 1, "),
-        (atlas, "triangles"),
-        (left.distortion, "stress-1"),
-    ):
+    told = {"extent, mm": surface, "cut 1, ": opened, "triangles": atlas, "stress-1": left.distortion}
+    for said, value in told.items():
         page = value._repr_html_()
         assert page.startswith("<p><code>&lt;")
         assert said in page

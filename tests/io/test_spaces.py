@@ -188,9 +188,8 @@ def test_a_matrix_without_a_volume_is_enough(tmp_path):
 def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):
     (points, faces), of = ball(), header(oblique())
     core = voxflat.surface((points, faces))
-    outside = (
-        points + 2.5 * (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0), axis=1)[:, None]
-    )
+    outwards = points - points.mean(axis=0)
+    outside = points + 2.5 * outwards / np.linalg.norm(outwards, axis=1)[:, None]
     white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
     both = []
     for name in ("lh.white", "to_scanner.surf.gii"):
@@ -202,11 +201,8 @@ def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):
 
 def test_flat_maps_have_no_space(tmp_path):
     (points, faces), of = ball(), header()
-    m = (
-        voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
-        .disk(0, 25.0)
-        .flatten(Voxflat(sources=20))
-    )
+    surface = voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
+    m = surface.disk(0, 25.0).flatten(Voxflat(sources=20))
     m.save(tmp_path / "flat.surf.gii")
     array = nib.load(tmp_path / "flat.surf.gii").darrays[0]
     assert (array.coordsys.dataspace, array.coordsys.xformspace) == (0, 0)

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import studies
-from lab_runs import FEW, run
+from command_line import run
+from lab_runs import FEW
 
 pytestmark = pytest.mark.slow  # what it makes takes seconds
 

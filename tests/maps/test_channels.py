@@ -7,7 +7,7 @@ from dataclasses import replace
 import nibabel as nib
 import numpy as np
 import pytest
-from command_line import run, succeed
+from command_line import fail, run, succeed
 from mesh_files import gifti, grid, needs_workbench, workbench
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
@@ -296,9 +296,7 @@ class TestStackFiles:
         command = ["image", tmp_path / "map.npz", "--volume", tmp_path / "z.func.gii", "-o"]
         succeed(*command, tmp_path / "all.nii.gz")
         assert nib.load(tmp_path / "all.nii.gz").shape[3] == 3
-        done = run(*command, tmp_path / "all.png")
-        assert done.exit_code == 1
-        assert "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number (channel)" in done.output
+        fail(1, "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number", *command, tmp_path / "all.png")
         expected = flat.image(tmp_path / "z.func.gii", channel=1).data
         for channel in ("2BK-0BK", "1"):
             succeed(*command, tmp_path / "one.npy", "--channel", channel)

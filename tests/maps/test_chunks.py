@@ -79,12 +79,8 @@ def test_only_chunks_that_the_surface_touches_are_read(m, values):
     counting = Counting(values, CHUNKS)
     m.image(Volume(counting, GRID), 0.4, fraction=0.5)
     (places,) = m._triangles.on_surface._in_world(m.raster(0.4), voxflat.maps.depth.Depths.of(fraction=0.5))
-    at = nib.affines.apply_affine(np.linalg.inv(GRID), places[m.raster(0.4).inside])
-    touched = {
-        tuple((np.floor(at).astype(int) + offset)[row] // CHUNKS)
-        for offset in np.ndindex(2, 2, 2)
-        for row in range(len(at))
-    }
+    at = np.floor(nib.affines.apply_affine(np.linalg.inv(GRID), places[m.raster(0.4).inside])).astype(int)
+    touched = {tuple(corner // CHUNKS) for offset in np.ndindex(2, 2, 2) for corner in at + offset}
     assert set(counting.read) == touched
 
 
@@ -158,10 +154,8 @@ def ome(path, values, version=0.4, **changes):
     axes = [{"name": "c", "type": "channel"}]
     axes += [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
     shift = {"type": "translation", "translation": [0, -14000, -15000, -15000]}
-    sizes = {
-        path: [{"type": "scale", "scale": [1, size, size, size]}, shift] for path, size in (("0", 500), ("1", 1000))
-    }
-    sets = [{"path": path, "coordinateTransformations": steps} for path, steps in sizes.items()]
+    steps = {path: [{"type": "scale", "scale": [1] + 3 * [size]}, shift] for path, size in (("0", 500), ("1", 1000))}
+    sets = [{"path": path, "coordinateTransformations": those} for path, those in steps.items()]
     scales = {"axes": axes, "datasets": sets, **changes}
     told = {"multiscales": [{**scales, "version": "0.4"}]} if version == 0.4 else {"ome": {"multiscales": [scales]}}
     group.attrs.update(told)
@@ -194,12 +188,9 @@ class TestOmeZarr:
     def test_orientation_and_transformations_of_the_whole(self, m, values, tmp_path):
         names = {"z": "superior-to-inferior", "y": "posterior-to-anterior", "x": "left-to-right"}
         ways = {axis: {"type": "anatomical", "value": name} for axis, name in names.items()}
-        axes = [
-            {"name": "c"},
-            *({"name": axis, "unit": "millimeter", "orientation": way} for axis, way in ways.items()),
-        ]
+        axes = [{"name": axis, "unit": "millimeter", "orientation": way} for axis, way in ways.items()]
         steps = [{"type": "scale", "scale": [1, 0.001, 0.001, 0.001]}]
-        path = ome(tmp_path / "v.zarr", values, axes=axes, coordinateTransformations=steps)
+        path = ome(tmp_path / "v.zarr", values, axes=[{"name": "c"}, *axes], coordinateTransformations=steps)
         turned = GRID * [[1], [1], [-1], [1]]
         shown = m.image(path, 0.4, channel=0, fraction=0.5).data
         assert_allclose(shown, m.image(Volume(values, turned), 0.4, fraction=0.5).data, atol=1e-6)

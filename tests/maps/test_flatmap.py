@@ -258,9 +258,7 @@ class TestWarnings:
         assert near.metadata["warnings"] == []
         assert near.metadata["seed_found"] == [29, 16, 16]
         far = grossmann2002(ball, seed_point=(32, 16, 16), radius=12.0, sources=50)
-        assert far.metadata["warnings"][0].startswith(
-            "the seed point [32, 16, 16] is 3.0 mm away from the surface; its"
-        )
+        assert far.metadata["warnings"][0].startswith("the seed point [32, 16, 16] is 3.0 mm away from the surface;")
         np.testing.assert_array_equal(far.uv, near.uv)
         assert far.metadata["warnings"][0] in voxflat.check(ball, part=lambda s: s.disk((32, 16, 16), 12.0)).advice
 

@@ -101,9 +101,8 @@ class TestLines:
 @pytest.fixture(scope="module")
 def flat_map():
     uv, faces = grid(30, seed=2)
-    return voxflat.flatten(
-        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=Voxflat(sources=40), relax=False
-    )
+    points = np.column_stack([uv, 0.1 * np.sin(uv[:, 0])])
+    return voxflat.flatten((points, faces), method=Voxflat(sources=40), relax=False)
 
 
 class TestParcels:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 from brain_spaces import ball, header, to_scanner, write_freesurfer
-from command_line import run, succeed
+from command_line import fail, run, succeed
 from mesh_files import icosphere, needs_workbench, workbench
 from PIL import Image
 from refusals import refused
@@ -303,9 +303,8 @@ class TestDrawings:
         round_ = ((-v - 3) / 1) ** 2 + ((u - 2) / 1.5) ** 2 < 1
         found = regions.at(np.column_stack([u, v]) + m.uv.mean(axis=0))
         assert np.mean(found != np.where(round_, 2, np.where(box, 1, 0))) < 0.001
-        line = SimpleNamespace(
-            name="l", data=[np.zeros((2, 2))], shape_type=["line"], data_to_world=lambda corner: corner, features={}
-        )
+        layer = {"name": "l", "data": [np.zeros((2, 2))], "shape_type": ["line"], "features": {}}
+        line = SimpleNamespace(**layer, data_to_world=lambda corner: corner)
         refused("is a line, which encloses nothing", m.regions, line)
 
     def test_label_images(self, m, tmp_path):
@@ -410,16 +409,10 @@ class TestPoints:
         np.savetxt("bare.txt", m.points[:4])
         succeed("points", "m.npz", "bare.txt", "-o", "uv.csv")
         np.testing.assert_allclose(np.loadtxt("uv.csv", delimiter=",", skiprows=1)[:, 3:5], m.uv[:4], atol=2e-6)
-        bad = {
-            "": "is empty",
-            "x,y,z\n": "no point",
-            "x,y,z\n1,2\n": "cells",
-            "1,2,q\n3,4,5\n": "row 1: 'q' is no number",
-        }
+        bad = {"": "is empty", "x,y,z\n": "no point", "x,y,z\n1,2\n": "cells", "1,2,q\n3,4,5\n": "row 1: 'q' is no num"}
         for text, message in bad.items():
             Path("bad.csv").write_text(text)
-            result = run("points", "m.npz", "bad.csv", "-o", "uv.csv")
-            assert (result.exit_code, message in result.output) == (1, True)
+            fail(1, message, "points", "m.npz", "bad.csv", "-o", "uv.csv")
 
 
 @pytest.mark.slow

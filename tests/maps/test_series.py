@@ -109,9 +109,8 @@ def test_a_frame_is_what_one_overlay_is(shells, interpolation):
 def test_nan_that_signals_is_nan():
     values = np.array([1.5, 0.0], np.float32)
     values.view(np.uint32)[1] = 0x7FA00000  # what damaged files have: to convert it warns, and warnings are errors
-    mixing = Mixing.of(
-        np.array([True, True, False]), 2, 1, lambda part: (np.array([[0], [1]])[part], np.ones((2, 1))[part])
-    )
+    corners, weights = np.array([[0], [1]]), np.ones((2, 1))
+    mixing = Mixing.of(np.array([True, True, False]), 2, 1, lambda part: (corners[part], weights[part]))
     np.testing.assert_array_equal(mixing(values), [1.5, np.nan, np.nan])
 
 

@@ -220,9 +220,8 @@ class TestRefusals:
 
     def test_another_surface(self, mesh, flat_map, tmp_path):
         points, faces, coordinates = mesh
-        path = save_obj(
-            tmp_path, (points[:-1], faces[(faces < len(points) - 1).all(axis=1)], coordinates), chessboard()
-        )
+        fewer = faces[(faces < len(points) - 1).all(axis=1)]
+        path = save_obj(tmp_path, (points[:-1], fewer, coordinates), chessboard())
         refused("has 272 vertices, the flattened mesh 273: is it the same surface", flat_map.image, path)
 
     def test_several_colours(self, mesh, flat_map, tmp_path):

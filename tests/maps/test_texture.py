@@ -44,9 +44,8 @@ class TestPlacing:
         assert textured.texture_coordinates.max() > 1
 
     def test_a_picture_that_is_too_small_must_be_repeated(self, cylinder_map):
-        with pytest.raises(
-            InputError, match=r"16 x 16 mm and does not cover the map; give repeat, or .* least (\S+) mm"
-        ) as told:
+        message = r"16 x 16 mm and does not cover the map; give repeat, or .* least (\S+) mm"
+        with pytest.raises(InputError, match=message) as told:
             cylinder_map.textured(chessboard(), texel_size=0.25)
         enough = float(str(told.value).split()[-2])
         assert np.abs(cylinder_map.textured(chessboard(), enough).texture_coordinates - 0.5).max() <= 0.5

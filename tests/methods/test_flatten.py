@@ -8,7 +8,7 @@ import composed
 import numpy as np
 import pytest
 import shapes
-from lab_runs import run
+from command_line import succeed
 from refusals import refused
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
@@ -60,9 +60,8 @@ class TestPaper:
         figures = []
         for seed in range(4):
             sheet = shapes.curled_sheet(rotation=Rotation.random(rng=seed))
-            distortion = grossmann2002(
-                sheet, sources=len(voxflat.surface(sheet).geodesic(1, geodesic="chain").ids)
-            ).distortion
+            count = len(voxflat.surface(sheet).geodesic(1, geodesic="chain").ids)
+            distortion = grossmann2002(sheet, sources=count).distortion
             assert distortion.mean_geodesic == pytest.approx(35, abs=3)
             figures.append((distortion.raw.absolute_error, distortion.raw.relative_error))
         absolute, relative = np.mean(figures, axis=0)
@@ -202,7 +201,6 @@ class TestLongWork:
 def test_the_command_line_hands_on_what_methods_are_given(options, tmp_path):
     voxflat.surface(cylinder((21, 16))[0]).save(tmp_path / "mesh.ply")
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    result = run("flatten", tmp_path / "mesh.ply", "-o", tmp_path / "map.npz", *words, "--quiet")
-    assert result.exit_code == 0, result.output
+    succeed("flatten", tmp_path / "mesh.ply", "-o", tmp_path / "map.npz", *words, "--quiet")
     expected = composed.flatten(tmp_path / "mesh.ply", **options)
     np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").uv, expected.uv)

@@ -148,9 +148,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
 
 
-def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
-    make_napari_viewer, qtbot, tmp_path, monkeypatch
-):
+def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     lab.write(tmp_path)
     ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])

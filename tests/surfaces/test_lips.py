@@ -205,9 +205,8 @@ class TestHemisphere:
     @pytest.fixture(scope="class")
     def cut(self, fsaverage):
         sphere = lab.fsaverage5("sphere_left")[0]
-        surface = voxflat.surface(
-            (fsaverage["white"], fsaverage["faces"]), pial=(fsaverage["pial"], fsaverage["faces"])
-        )
+        white, pial = ((fsaverage[name], fsaverage["faces"]) for name in ("white", "pial"))
+        surface = voxflat.surface(white, pial=pial)
         return surface.drop("medial wall").cut(cuts="standard", sphere=sphere).surface
 
     def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):

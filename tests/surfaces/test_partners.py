@@ -61,10 +61,8 @@ class TestPial:
         ],
     )
     def test_wrong_ones_by_geometry(self, brain, white, pial):
-        with pytest.raises(
-            InputError, match=r"does not belong to the surface: .* mm \(median\), -?\d+ % leads outward"
-        ):
-            voxflat.surface(mesh(brain, white), pial=mesh(brain, pial))
+        message = r"does not belong to the surface: .* mm \(median\), -?\d+ % leads outward"
+        refused(message, voxflat.surface, mesh(brain, white), pial=mesh(brain, pial))
 
     @pytest.mark.parametrize("unit", [1.0, 0.001, 1000.0])
     def test_whatever_the_unit(self, brain, unit):
@@ -161,10 +159,8 @@ class TestOverlays:
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
-        with pytest.raises(
-            InputError, match=rf"rh\.{name}: is of CortexRight, the surface of CortexLeft: give .* array"
-        ):
-            flat.image(brain / f"rh.{name}")
+        message = rf"rh\.{name}: is of CortexRight, the surface of CortexLeft: give .* array"
+        refused(message, flat.image, brain / f"rh.{name}")
         values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
         assert np.isfinite(flat.image(values).data).any()  # what is meant is taken
 

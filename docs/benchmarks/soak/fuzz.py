@@ -261,19 +261,14 @@ def run(kind: str, numbers: range, seed: int, workers: int) -> list[str]:
         list(pool.map(turn, range(workers)))
     bar.close()
     took = time.monotonic() - start
-    print(
-        f"{len(numbers):,} {kind} in {took:.0f} s: {', '.join(f'{n:,} {name}' for name, n in outcomes.most_common())}"
-    )
-    print(
-        f"  the slowest took {slowest[0]:.1f} s ({kind} {slowest[1]}), "
-        f"the greatest {greatest[0] >> 20} MiB ({greatest[1]})"
-    )
+    counted = ", ".join(f"{n:,} {name}" for name, n in outcomes.most_common())
+    print(f"{len(numbers):,} {kind} in {took:.0f} s: {counted}")
+    print(f"  the slowest took {slowest[0]:.1f} s ({kind} {slowest[1]}), ", end="")
+    print(f"the greatest {greatest[0] >> 20} MiB ({greatest[1]})")
     for name, cases in sorted(findings.items(), key=lambda item: -len(item[1])):
         number, what = cases[0]
-        print(
-            f"{len(cases):5} x {name}\n        {what}\n"
-            f"        python {sys.argv[0]} --seed {seed} --case {kind} {number}"
-        )
+        again = f"python {sys.argv[0]} --seed {seed} --case {kind} {number}"
+        print(f"{len(cases):5} x {name}\n        {what}\n        {again}")
     return list(findings)
 
 
@@ -308,9 +303,8 @@ def again(kind: str, number: int, seed: int) -> None:
     print(f"in {folder}", flush=True)
     print(cases.drawn(number)[0], flush=True)
     found = cases.run(number)
-    print(
-        f"{found['outcome']}: {found['where']}, {found['seconds']:.2f} s, {found['memory'] >> 20} MiB\n{found['trace']}"
-    )
+    print(f"{found['outcome']}: {found['where']}, {found['seconds']:.2f} s, {found['memory'] >> 20} MiB")
+    print(found["trace"])
 
 
 if __name__ == "__main__":

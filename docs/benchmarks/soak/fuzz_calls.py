@@ -29,14 +29,8 @@ ODD: list[Any] = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, 
 ODD += [float("inf"), 1j, "", "x", "1", "../x", "a\0b", "\ud800", b"x", "x" * 300, [], (), {}, [[]], [1, [2, 3]]]
 ODD += [[None], ["a"], {"a": 1}, {1, 2}, object(), int, range(3), np.float32(1), np.datetime64("2020-01-01")]
 ODD += [np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.full(3, np.nan), np.array("x"), np.array([None])]
-ODD += [
-    np.zeros(3),
-    np.ma.masked_array([1.0, 2.0], [True, False]),
-    np.arange(4),
-    np.ones((2, 2, 2)),
-    np.eye(4) * np.nan,
-    Path("x"),
-]
+ODD += [np.zeros(3), np.ma.masked_array([1.0, 2.0], [True, False]), np.arange(4), np.ones((2, 2, 2))]
+ODD += [np.eye(4) * np.nan, Path("x")]
 
 
 def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[Any]]]:
