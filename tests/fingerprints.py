@@ -309,18 +309,14 @@ def waves(shape):
 
 @cache
 def cap():
-    return sheet(
-        lambda u, v: (u, v, -0.012 * (u**2 + v**2) + np.sin(u / 4) * np.cos(v / 5)),
-        (np.linspace(-24, 24, 33), np.linspace(-18, 20, 27)),
-    )
+    grid = np.linspace(-24, 24, 33), np.linspace(-18, 20, 27)
+    return sheet(lambda u, v: (u, v, -0.012 * (u**2 + v**2) + np.sin(u / 4) * np.cos(v / 5)), grid)
 
 
 @cache
 def cylinder():
-    return sheet(
-        lambda u, v: (12 * np.cos(u), 12 * np.sin(u), v + 0.3 * np.sin(3 * u)),
-        (np.linspace(0, 1.6 * np.pi, 46), np.linspace(0, 30, 24)),
-    )
+    grid = np.linspace(0, 1.6 * np.pi, 46), np.linspace(0, 30, 24)
+    return sheet(lambda u, v: (12 * np.cos(u), 12 * np.sin(u), v + 0.3 * np.sin(3 * u)), grid)
 
 
 @cache
@@ -619,11 +615,8 @@ def command_line_of_meshes(threads, place):
     command("cut", *making, *patch, "--relax-length", "50", "-o", "cuts.json", *more, place=place)
     how = (*patch, "--cuts", "cuts.json", "--sources", "150", *more)
     command("flatten", *making, *how, "-o", "lh.flat.surf.gii", place=place)
-    judged = command(
-        *("measure", *making, "lh.flat.surf.gii", flat, "--sources", "30", "--reference", "graph", "--json"),
-        *("--heat-maps", "maps.png", *more),
-        place=place,
-    )
+    judging = ["measure", *making, "lh.flat.surf.gii", flat, "--sources", "30", "--reference", "graph", "--json"]
+    judged = command(*judging, "--heat-maps", "maps.png", *more, place=place)
     traced = command("path", *making, "4000", "300", "--geodesic", "exact", "--json", place=place)
     command("rows", white, "--sources", "30", "--store", "rows", "--geodesic", "marching", *more, place=place)
     return {

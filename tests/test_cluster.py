@@ -35,10 +35,7 @@ pytestmark = pytest.mark.slow  # workers are processes, which take seconds to st
 
 @pytest.fixture(scope="module")
 def workers():
-    """A cluster of two workers of one thread, which are started again when they die.
-
-    They are forked from a process that has imported what they need, which takes seconds otherwise, each time.
-    """
+    """Two workers of one thread, started again when they die, and forked from a process with what they need."""
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
         distributed.utils.get_mp_context().set_forkserver_preload(preload)
@@ -64,8 +61,7 @@ def until(condition, seconds=60):
 
 def kill_one(workers):
     """Kill a worker as the system does that has no memory left."""
-    nanny = next(iter(workers.workers.values()))
-    os.kill(nanny.pid, signal.SIGKILL)
+    os.kill(next(iter(workers.workers.values())).pid, signal.SIGKILL)
 
 
 # ------------------------------------------------------------------------------------------------ work
@@ -123,8 +119,7 @@ def study(tmp_path_factory):
     root = tmp_path_factory.mktemp("study")
     of = studies.hemisphere("lh", FEW)
     for n in range(1, 5):
-        anat = root / "bids" / f"sub-{n:02}" / "anat"
-        studies.write_derivatives(anat, f"sub-{n:02}", "lh", studies.warped(of, n))
+        studies.write_derivatives(root / "bids" / f"sub-{n:02}" / "anat", f"sub-{n:02}", "lh", studies.warped(of, n))
     (root / "bids" / BROKEN / "anat" / f"{BROKEN}_hemi-L_pial.surf.gii").unlink()
     command = ["bids", root / "bids", root / "alone", "participant", "--hemi", "L", "--threads", 1]
     assert run(*command).exit_code == 1
@@ -181,8 +176,7 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     monkeypatch.setattr(distributed, "LocalCluster", here)
     monkeypatch.chdir(tmp_path)
     shutil.copytree(study / "bids" / "sub-01", tmp_path / "study" / "sub-01")
-    right = studies.hemisphere("rh", FEW)
-    studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", right)
+    studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", studies.hemisphere("rh", FEW))
     (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
     for name in ("white", "pial"):
         shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
@@ -275,8 +269,7 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     assert there <= int(told[1]) <= SOURCES  # a worker may have begun another part when the caller died
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
-    again = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
-    assert is_that_of_one_process(again, expected)
+    assert is_that_of_one_process(voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready), expected)
 
 
 def _is_quiet(store):

@@ -18,14 +18,8 @@ import maps_peers
 import published
 import tables
 
-SECTIONS = {
-    "published": published.published,
-    "fsaverage5": maps_peers.fsaverage5,
-    "whole": maps_peers.whole,
-    "mni152": maps_peers.mni152,
-    "growth": maps_growth.growth,
-    "sheets": maps_growth.sheets,
-}
+SECTIONS = {"published": published.published, "fsaverage5": maps_peers.fsaverage5, "whole": maps_peers.whole}
+SECTIONS |= {"mni152": maps_peers.mni152, "growth": maps_growth.growth, "sheets": maps_growth.sheets}
 
 
 def main():

@@ -39,10 +39,8 @@ def main():
         print(f"{name:16}{cells}{shares}")
     print("(last columns: voxflat's time as a share of it)\n")
     ratios, more = threads(surface)
-    print(
-        f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one "
-        f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time"
-    )
+    print(f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one ", end="")
+    print(f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time")
 
 
 def bumpy_ball(radius=133):

@@ -125,8 +125,7 @@ class TestPatches:
     def test_it_is_asked_for_progress_even_where_nothing_moves(self):
         # or nobody could cancel a stage of which the end is not counted
         reports = []
-        torus = voxflat.surface(triangle_meshes.torus(300))
-        torus.patches(5, progress=lambda *report: reports.append(report))
+        voxflat.surface(triangle_meshes.torus(300)).patches(5, progress=lambda *report: reports.append(report))
         assert any(before == after for before, after in itertools.pairwise(reports))
 
 
@@ -188,8 +187,7 @@ class TestCommand:
 
     def test_json(self, mesh, tmp_path):
         options = ["--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"]
-        result = succeed("patches", mesh, "-o", tmp_path / "atlas.npz", *options)
-        told = json.loads(result.stdout)
+        told = json.loads(succeed("patches", mesh, "-o", tmp_path / "atlas.npz", *options).stdout)
         assert told["certificate"]["c"] == 1.2
         assert told["patches"] == len(FlatAtlas.load(tmp_path / "atlas.npz"))
         assert told["metadata"]["seed"] == 3
@@ -203,6 +201,5 @@ class TestCommand:
             ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "must end in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
         ):
-            result = fail(1, message, "patches", *arguments)
-            assert result.stderr.count("\n") == 1
+            assert fail(1, message, "patches", *arguments).stderr.count("\n") == 1
         assert not out.exists()

@@ -81,8 +81,7 @@ def test_flatten_says_which_part(shared, tmp_path):
     told = run(*arguments)
     assert "the largest component" in told.stdout
     assert "warning: the surface has 2 components" in told.stderr
-    disk = run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
-    assert "within 6.0 mm of voxel [10, 9, 12]" in disk
+    assert "within 6.0 mm of voxel [10, 9, 12]" in run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
     np.save(tmp_path / "keep.npy", np.indices(surface.shape)[2] > 8)
     assert "those of the mask" in run(*arguments, "--keep", tmp_path / "keep.npy").stdout
 
@@ -248,8 +247,7 @@ def test_heat_map(shared, flat_map, tmp_path):
         succeed("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}")
     picture = Image.open(tmp_path / "heat.png")  # a figure, not pixel by pixel
     assert min(picture.size) > 800
-    expected = flat_map.heat_map().data.astype(np.float32)
-    assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), expected)
+    assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), flat_map.heat_map().data.astype(np.float32))
 
 
 def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
@@ -296,8 +294,7 @@ def test_demo_without_its_packages_says_what_to_install(monkeypatch):
 @pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
 def test_help(command):
     for flag in ("-h", "--help"):
-        result = succeed(*command, flag)
-        assert result.stdout.startswith("Usage: voxflat")
+        assert succeed(*command, flag).stdout.startswith("Usage: voxflat")
     assert run("--version").stdout == f"voxflat {voxflat.__version__}\n"
 
 
@@ -330,19 +327,12 @@ def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, op
         assert told_default("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
 
 
-@pytest.mark.parametrize(
-    ("command", "function"),
-    [
-        ("flatten", voxflat.flatten),
-        ("check", voxflat.check),
-        ("surface", voxflat.surface),
-        ("cut", voxflat.Surface.cut),
-        ("path", voxflat.Surface.path),
-        ("measure", voxflat.compare),
-        ("patches", voxflat.Surface.patches),
-        ("rows", voxflat.Surface.geodesic),
-    ],
-)
+FUNCTIONS = {"flatten": voxflat.flatten, "check": voxflat.check, "surface": voxflat.surface, "measure": voxflat.compare}
+FUNCTIONS |= {"rows": voxflat.Surface.geodesic}
+FUNCTIONS |= {name: getattr(voxflat.Surface, name) for name in ("cut", "path", "patches")}
+
+
+@pytest.mark.parametrize(("command", "function"), FUNCTIONS.items())
 def test_commands_and_functions_have_the_same_defaults(command, function):
     usual = {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}
     for option in cli.main.commands[command].params:

@@ -155,8 +155,7 @@ def test_a_texture_found_beside_a_surface_is_an_input(folder):
 )
 def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status):
     command = f"{PROGRAM} flatten sheet.npy -o map.npz --sources 20 --json {where}"
-    done = subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120)
-    assert done.returncode == status
+    assert subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120).returncode == status
     assert len(voxflat.load("map.npz")) == 100
 
 
@@ -236,8 +235,7 @@ def test_other_results_have_records(folder):
     files = {"lh.white": sha256("lh.white")}
 
     def told(*command):
-        done = succeed(*command, "--json")
-        return json.loads(done.stdout)
+        return json.loads(succeed(*command, "--json").stdout)
 
     succeed("cut", "lh.white", "-o", "cuts.json")
     record = json.loads(Path("cuts.json").read_text())["provenance"]
@@ -294,8 +292,7 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
             data = b"".join(bytes(array) for array in np.load(path).values())
         assert b"secret" not in data
         assert "secret".encode("utf-32-le") not in data  # as numpy stores text
-    loaded = voxflat.load("m.npz")
-    refused("is an input", loaded.save, secret / "a" / "lh.white")
+    refused("is an input", voxflat.load("m.npz").save, secret / "a" / "lh.white")
     two = portable({"files": {str(secret / name / "lh.white"): name for name in "ab"}})
     assert two == {"files": {"lh.white": "a", "lh.white (2)": "b"}}
     monkeypatch.setenv("VOXFLAT_KEEP_PATHS", "1")

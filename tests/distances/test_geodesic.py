@@ -79,8 +79,7 @@ class TestPaths:
         points = np.column_stack([x, y, 0 * x])
         points[60] = points[61] - (1e-6, 0, 0)  # mm
         first = np.arange(110).reshape(10, 11)[:, :10].ravel()
-        squares = first[:, None] + [0, 1, 11, 1, 12, 11]
-        sheet = (points, squares.reshape(-1, 3))
+        sheet = (points, (first[:, None] + [0, 1, 11, 1, 12, 11]).reshape(-1, 3))
         for target in (49, 50, 60, 61, 71, 72, 120):
             found = voxflat.surface(sheet).path(0, target, geodesic=solver)
             steps = np.linalg.norm(np.diff(found.points, axis=0), axis=1)
@@ -106,8 +105,7 @@ class TestCommandLine:
 
     @pytest.mark.parametrize("solver", ["marching", "exact"])
     def test_prints_a_path_over_triangles(self, mesh, ball, solver):
-        done = run("path", mesh, 7, 2000, "--geodesic", solver, "--json")
-        told = json.loads(done.stdout)
+        told = json.loads(run("path", mesh, 7, 2000, "--geodesic", solver, "--json").stdout)
         assert told["length"] == pytest.approx(ball.path(7, 2000, geodesic=solver).length, rel=1e-6)
         assert -1 in told["ids"]
 

@@ -128,8 +128,7 @@ class TestFlatten:
         assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
 
     def test_saves_no_rows_of_a_store(self, tmp_path):
-        flat = voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store")
-        flat.save(tmp_path / "map.npz")
+        voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store").save(tmp_path / "map.npz")
         again = voxflat.load(tmp_path / "map.npz")
         assert again.rows is None
         voxflat.open_rows(tmp_path / again.metadata["store"]).verify()  # its name: no path is written
@@ -175,8 +174,7 @@ def spoil(path, at, value=b"\xff"):
 
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
-    again = voxflat.open_rows(stored.store)
-    refused(r"the rows 39 of .*store do not agree .* measure again", again.verify)
+    refused(r"the rows 39 of .*store do not agree .* measure again", voxflat.open_rows(stored.store).verify)
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
@@ -305,11 +303,9 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("much work")
     (tmp_path / "file").write_text("a file")
-    for name, message in [
-        ("thesis", "is no store and holds other files (chapter.tex); give a new or empty one"),
-        ("file", "is a file; give a directory"),
-    ]:
-        refused(re.escape(message), SURFACE.geodesic, SOURCES, store=tmp_path / name)
+    other = r"is no store and holds other files \(chapter.tex\); give a new or empty one"
+    for name, message in (("thesis", other), ("file", "is a file; give a directory")):
+        refused(message, SURFACE.geodesic, SOURCES, store=tmp_path / name)
         refused("no store", voxflat.open_rows, tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):

@@ -80,8 +80,7 @@ def test_signals_while_saving_leave_nothing(folder, number):
         "main(sys.argv[1:], prog_name='voxflat')"
     )
     np.save("v.npy", sheet())
-    command = ["flatten", "v.npy", "--label", "1", "--sources", "20", "-o", "m.npz", "--quiet"]
-    done = python(code, *command)
+    done = python(code, "flatten", "v.npy", "--label", "1", "--sources", "20", "-o", "m.npz", "--quiet")
     told = "terminated" if number == signal.SIGTERM else "cancelled"
     assert (done.stderr, done.returncode) == (f"voxflat: {told}\n", 128 + number)
     assert names(folder) == ["v.nii.gz", "v.npy"]

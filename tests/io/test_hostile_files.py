@@ -335,8 +335,7 @@ def arrays_of(path, change):
 def test_bytes_in_the_other_order(tmp_path, flat_map):
     flat_map.save(tmp_path / "map.npz")
     arrays_of(tmp_path / "map.npz", lambda one: one.astype(one.dtype.newbyteorder(">")))
-    found = voxflat.load(tmp_path / "map.npz")
-    np.testing.assert_array_equal(found.heat_map().data, flat_map.heat_map().data)
+    np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").heat_map().data, flat_map.heat_map().data)
 
 
 @pytest.mark.parametrize(

@@ -225,10 +225,8 @@ class TestComparison:
 
     def test_heat_maps_leave_out_what_is_undefined(self):
         mesh, uv = bump()
-        compared = voxflat.compare(mesh, {"good": uv, "in one place": np.zeros_like(uv)}, sources=1)
-        figure = figures.heat_maps(compared)
-        drawn = [len(axes.collections) for axes in figure.axes[:4]]
-        assert drawn == [1, 1, 1, 0]
+        figure = figures.heat_maps(voxflat.compare(mesh, {"good": uv, "in one place": np.zeros_like(uv)}, sources=1))
+        assert [len(axes.collections) for axes in figure.axes[:4]] == [1, 1, 1, 0]
 
 
 @pytest.mark.slow
@@ -243,16 +241,14 @@ class TestCommandLine:
 
     def test_one_map(self, files):
         result = succeed("measure", files / "surface.ply", files / "one.ply", "--sources", "30")
-        expected = voxflat.measure(files / "surface.ply", files / "one.ply", sources=30)
-        assert result.stdout == expected.table() + "\n"
+        assert result.stdout == voxflat.measure(files / "surface.ply", files / "one.ply", sources=30).table() + "\n"
         assert "exact distances" in result.stdout
         assert "±" in result.stdout
 
     @pytest.mark.slow
     def test_several_maps(self, files):
         arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
-        result = succeed("measure", *arguments, "--heat-maps", files / "maps.png")
-        lines = result.stdout.splitlines()
+        lines = succeed("measure", *arguments, "--heat-maps", files / "maps.png").stdout.splitlines()
         assert lines[1].split() == ["one.ply", "two.ply"]
         assert len({len(line) for line in lines if "±" in line[30:]}) == 1  # aligned
         assert (files / "maps.png").read_bytes().startswith(b"\x89PNG")

@@ -135,8 +135,7 @@ def test_workbench_reads_every_value(made, tmp_path):
     surf = made / "surf"
 
     def workbench(*words):
-        done = subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True)
-        return done.stdout
+        return subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True).stdout
 
     for name in ("flat.surf.gii", "distanceerror.shape.gii"):
         told = workbench("-file-information", surf / f"lh.voxflat.{name}")

@@ -41,8 +41,7 @@ class Counting:
 
 @pytest.fixture(scope="module")
 def m():
-    whole = voxflat.surface(icosphere(10, 3), pial=icosphere(12, 3))
-    return whole.disk(0, 7.0).flatten(Voxflat(sources=30))
+    return voxflat.surface(icosphere(10, 3), pial=icosphere(12, 3)).disk(0, 7.0).flatten(Voxflat(sources=30))
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +67,7 @@ def test_phases_in_chunks_are_those_in_memory(m, how, kind):
     values = ((24 * i + 9 * j) % 360 - 180).astype(kind)  # begins again within the map
     counting = Counting(values, CHUNKS)
     shown = m.images(Volume(counting, GRID), 0.4, period=360, **how).data
-    expected = m.images(Volume(values, GRID), 0.4, period=360, **how).data
-    assert_allclose(shown, expected, atol=1e-4)
+    assert_allclose(shown, m.images(Volume(values, GRID), 0.4, period=360, **how).data, atol=1e-4)
     assert np.ptp(shown[np.isfinite(shown)]) > 300  # the seam is among them
     assert set(counting.read.values()) == {1 if "interpolation" in how else 2}
 
@@ -86,11 +84,9 @@ def test_only_chunks_that_the_surface_touches_are_read(m, values):
 
 def test_labels_and_means(m, values):
     labels, majority = (values > 0).astype(np.uint8) * 5, {"interpolation": "majority"}
-    for data, how in (
-        (labels, {"fraction": 0.3, **majority}),
-        (labels, {"fraction": (0.3, 0.6), **majority}),
-        (values, {"fraction": (0.2, 0.8)}),
-    ):
+    depths = (0.3, majority), ((0.3, 0.6), majority), ((0.2, 0.8), {})
+    for fraction, by in depths:
+        data, how = labels if by else values, {"fraction": fraction, **by}
         counting = Counting(data, CHUNKS)
         shown = m.image(Volume(counting, GRID), 0.4, **how).data
         assert_allclose(shown, m.image(Volume(data, GRID), 0.4, **how).data, atol=0 if data is labels else 1e-6)
@@ -139,8 +135,7 @@ def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
     solid = Volume((i**2 + j**2 + k**2 < 81).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
     flat = voxflat.surface(solid).disk((11, 11, 20), 12.0).flatten(Voxflat(sources=20))
     array = values[:24, :24, :24]
-    shown = flat.image(dask.from_array(array, chunks=10), 1.0).data
-    assert_allclose(shown, flat.image(array, 1.0).data, atol=1e-6)
+    assert_allclose(flat.image(dask.from_array(array, chunks=10), 1.0).data, flat.image(array, 1.0).data, atol=1e-6)
     refused("give a volume of that shape, or one with its affine", flat.image, dask.from_array(values, chunks=10), 1.0)
 
 
@@ -174,8 +169,7 @@ class TestOmeZarr:
         coarse = m.image(path / "1", 0.4, channel=0, fraction=0.5).data
         half = Volume(np.ascontiguousarray(values[::2, ::2, ::2]), GRID @ np.diag([2.0, 2, 2, 1]))
         assert_allclose(coarse, m.image(half, 0.4, fraction=0.5).data, atol=1e-6)
-        files = stack.provenance["files"]
-        assert list(files) == [str(path / ("zarr.json" if version == 0.5 else ".zattrs"))]
+        assert list(stack.provenance["files"]) == [str(path / ("zarr.json" if version == 0.5 else ".zattrs"))]
 
     def test_by_the_command_line(self, m, values, tmp_path):
         m.save(tmp_path / "m.npz")
@@ -206,8 +200,7 @@ class TestOmeZarr:
         ],
     )
     def test_what_cannot_be_placed(self, m, values, tmp_path, changes, message):
-        path = ome(tmp_path / "v.zarr", values, **changes)
-        refused(message, m.image, path, 0.4, channel=0)
+        refused(message, m.image, ome(tmp_path / "v.zarr", values, **changes), 0.4, channel=0)
 
     def test_damaged(self, m, values, tmp_path):
         path = ome(tmp_path / "v.zarr", values)

@@ -88,8 +88,7 @@ class TestRoundTrips:
         points = m.points - m.points.mean(axis=0)
         labels[m.ids[points[:, 0] > 3]] = 4
         labels[m.ids[points[:, 0] < -5]] = 2
-        image = m.image(labels, 0.1)
-        assert dice(m.regions(image).vertex_labels, labels) > 0.995
+        assert dice(m.regions(m.image(labels, 0.1)).vertex_labels, labels) > 0.995
 
     def test_from_the_map_through_vertices_to_the_map(self, m):
         """Vertices are 0.8 mm apart here: that is the limit."""
@@ -206,8 +205,7 @@ class TestFiles:
         image = nib.load(tmp_path / "l.nii.gz")
         np.testing.assert_array_equal(np.asarray(image.dataobj), regions.volume(grid).data)
         np.testing.assert_allclose(image.affine, grid.affine)
-        record = json.loads(image.header.extensions[0].get_content())
-        assert "t1.mgz" in record["files"]
+        assert "t1.mgz" in json.loads(image.header.extensions[0].get_content())["files"]
         refused("it is an input", regions.save, tmp_path / "t1.mgz", volume=tmp_path / "t1.mgz")
         refused("give the volume whose grid", regions.save, tmp_path / "l.nii.gz")
         refused("leave them out", regions.save, tmp_path / "l.annot", volume=grid)

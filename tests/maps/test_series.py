@@ -64,8 +64,7 @@ def test_each_frame_lies_where_the_surface_is(tk_map, tmp_path, kind, name):
     world = nib.affines.apply_affine(AFFINES[kind], np.moveaxis(np.indices((SIZE, SIZE, SIZE)), 0, -1))
     frames = [(axis, factor) for axis in range(3) for factor in (1, 3)]
     data = np.stack([factor * world[..., axis] for axis, factor in frames], axis=-1).astype(np.float32)
-    image = (nib.MGHImage if name.endswith("z") else nib.Nifti1Image)(data, AFFINES[kind])
-    nib.save(image, tmp_path / name)
+    nib.save((nib.MGHImage if name.endswith("z") else nib.Nifti1Image)(data, AFFINES[kind]), tmp_path / name)
     flat.images(tmp_path / name).save(tmp_path / "flat.nii")
     written = nib.load(tmp_path / "flat.nii").get_fdata()[:, :, 0]
     there = flat.raster().interpolate(scanner[flat.ids])

@@ -36,15 +36,9 @@ def test_options_are_refused_before_anything_is_done():
     def progress(stage, done, total):
         raise AssertionError(stage)
 
-    for options in (
-        {"weighting": 2},
-        {"geodesic": "edges"},
-        {"weighting": "near"},
-        {"relax": -1.0},
-        {"relax": np.nan},
-        {"scale": "lengths"},
-    ):
-        refused(f"{next(iter(options))} is", composed.flatten, HILL, progress=progress, **options)
+    wrong = [("weighting", 2), ("geodesic", "edges"), ("weighting", "near"), ("relax", -1.0), ("relax", np.nan)]
+    for name, value in [*wrong, ("scale", "lengths")]:
+        refused(f"{name} is", composed.flatten, HILL, progress=progress, **{name: value})
 
 
 @pytest.mark.slow

@@ -75,8 +75,7 @@ def test_a_start_may_lie_anywhere_at_any_scale_and_mirrored(known, moved, hand):
     again = begun(moved(known.uv))
     assert energy(again) == pytest.approx(energy(known), rel=1e-3)
     assert is_good(again)
-    mirrored = begun(moved(known.uv), mirror=True)
-    np.testing.assert_array_equal(mirrored.uv, again.uv * [-1, 1])
+    np.testing.assert_array_equal(begun(moved(known.uv), mirror=True).uv, again.uv * [-1, 1])
 
 
 def test_a_shaken_map_comes_back(known):
@@ -182,8 +181,7 @@ def test_the_lips_of_a_new_cut_open(known):
     assert len(cut) == len(SURFACE[0]) + 22
     assert is_good(cut)
     assert energy(cut) == pytest.approx(energy(fresh), rel=5e-3)
-    apart = replace(known, uv=known.uv * 1.5)
-    assert energy(begun(apart, cuts=[path])) == pytest.approx(energy(cut), rel=1e-3)
+    assert energy(begun(replace(known, uv=known.uv * 1.5), cuts=[path])) == pytest.approx(energy(cut), rel=1e-3)
 
 
 def test_the_same_start_gives_the_same_bits(known):

@@ -208,8 +208,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     on_a_cut = own[0][len(own[0]) // 2]
     uncut = np.setdiff1d(np.arange(len(points)), np.concatenate(own))
     apart = np.linalg.norm(points[uncut, None] - points[np.concatenate(own)], axis=2).min(axis=1)
-    beside = int(uncut[apart.argmax()])
-    draw(dock, on_a_cut, beside)
+    draw(dock, on_a_cut, int(uncut[apart.argmax()]))
     assert len(dock.drawing.cuts) == len(own) + 1
     dock.again.click()
     assert not messages

@@ -48,8 +48,7 @@ def test_the_same_polygon_through_every_way_in(sheet, tmp_path):
 
 def test_a_polygon_of_voxels():
     volume = shapes.sheet((30, 30))
-    corners = [[5, 5, 1], [5, 20, 1], [25, 20, 1], [25, 5, 1]]
-    flat = voxflat.surface(volume).polygon(corners).flatten()
+    flat = voxflat.surface(volume).polygon([[5, 5, 1], [5, 20, 1], [25, 20, 1], [25, 5, 1]]).flatten()
     assert (flat.ids.min(axis=0) == [5, 5, 1]).all()
     assert (flat.ids.max(axis=0) == [25, 20, 1]).all()
     assert len(flat) == 21 * 16
@@ -124,8 +123,6 @@ def test_check_takes_what_flatten_takes(tmp_path):
     ring[2:-2, 2:-2, 2:-2] = 1
     ring[6:-6, 6:-6] = 0
     np.save(tmp_path / "ring.npy", ring)
-    handles = [
-        len(json.loads(run("check", tmp_path / "ring.npy", "--json", *repair).stdout)["handles"])
-        for repair in ([], ["--repair", "voxels"])
-    ]
-    assert handles == [1, 0]
+    for repair, handles in ([], 1), (["--repair", "voxels"], 0):
+        told = json.loads(run("check", tmp_path / "ring.npy", "--json", *repair).stdout)
+        assert len(told["handles"]) == handles

@@ -126,14 +126,8 @@ class Cases:
             outcome = "raw"
             where, trace = f"{type(error).__name__} from {_place(error)}", traceback.format_exc()
             what = f"{what}\n        {' '.join(str(error).split())[:150]}"
-        return {
-            "outcome": outcome,
-            "what": what,
-            "where": where,
-            "trace": trace,
-            "seconds": time.perf_counter() - start,
-            "memory": max(0, _memory(peak=True) - before),
-        }
+        told = {"outcome": outcome, "what": what, "where": where, "trace": trace}
+        return told | {"seconds": time.perf_counter() - start, "memory": max(0, _memory(peak=True) - before)}
 
 
 def _place(error: BaseException) -> str:
@@ -193,13 +187,8 @@ class Worker:
 
     def start(self) -> None:
         """Start a process, and wait until it is ready."""
-        self.process = subprocess.Popen(
-            self.command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "MPLBACKEND": "agg"},
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(self.command, **pipes, env={**os.environ, "MPLBACKEND": "agg"})
         if self._line(300) != "ready\n":
             raise SystemExit(f"a worker does not start: {' '.join(self.command)}")
 

@@ -107,25 +107,14 @@ def _store(path: Path) -> None:
     rows.chunks  # noqa: B018
 
 
-OPENERS: dict[str, Callable[[Path], object]] = {
-    "volume": read_volume,
-    "series": _series,
-    "mesh": _mesh,
-    "values": _values,
-    "labels": _labels,
-    "region": lambda path: read_region(path, N),
-    "patch": lambda path: (is_patch(path), read_patch(path)),
-    "table": read_table,
-    "points": read_points,
-    "map": _map,
-    "atlas": _atlas,
-    "store": _store,
-    "cuts": lambda path: voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False),
-    "template": lambda path: (is_template(path), read_template(path)),
-    "regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))),
-    "picture": as_picture,
-    "contents": contents,
-}
+OPENERS: dict[str, Callable[[Path], object]] = {"volume": read_volume, "series": _series, "mesh": _mesh}
+OPENERS |= {"values": _values, "labels": _labels, "region": lambda path: read_region(path, N)}
+OPENERS |= {"patch": lambda path: (is_patch(path), read_patch(path)), "table": read_table, "points": read_points}
+OPENERS |= {"map": _map, "atlas": _atlas, "store": _store}
+OPENERS |= {"cuts": lambda path: voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False)}
+OPENERS |= {"template": lambda path: (is_template(path), read_template(path))}
+OPENERS |= {"regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))), "picture": as_picture}
+OPENERS |= {"contents": contents}
 
 _MADE: dict[str, Any] = {}
 """What openers need beside their file."""
@@ -234,8 +223,7 @@ def _on_points(entry: Callable[..., None]) -> None:
         label = gifti.GiftiLabel(key, 0.1, 0.2, 0.3, 1.0)
         label.label = name
         table.labels.append(label)
-    of_labels = gifti.GiftiDataArray(labels, "NIFTI_INTENT_LABEL")
-    parcels = gifti.GiftiImage(darrays=[of_labels], labeltable=table)
+    parcels = gifti.GiftiImage(darrays=[gifti.GiftiDataArray(labels, "NIFTI_INTENT_LABEL")], labeltable=table)
     entry("v.label.gii", "labels", lambda path: nib.save(parcels, path))
     entry("lh.curv", "values", lambda path: nib.freesurfer.write_morph_data(path, values))
     colours = np.array([[10, 20, 30, 0], [40, 50, 60, 0], [70, 80, 90, 0]])
@@ -467,8 +455,7 @@ def _numbers(data: bytes, chance: random.Random, _: object) -> bytes:
         if width >= 4 and chance.random() < 0.4:
             new = struct.pack(order + {4: "f", 8: "d"}[width], chance.choice(_FLOATS))
         else:
-            value = chance.choice(_INTEGERS) % 256**width
-            new = value.to_bytes(width, "little" if order == "<" else "big")
+            new = (chance.choice(_INTEGERS) % 256**width).to_bytes(width, "little" if order == "<" else "big")
         changed[at : at + width] = new
     return bytes(changed)
 
