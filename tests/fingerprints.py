@@ -47,18 +47,8 @@ import voxflat
 from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat, Zigelman2002
 
 DATA = Path(__file__).resolve().parent / "data"
-HOW = {
-    "provenance",
-    "memory_need_bytes",
-    "napari",
-    "sampling",
-    "seed",
-    "sources",
-    "store",
-    "versions",
-    "warnings",
-    "input",
-}
+HOW = {"provenance", "memory_need_bytes", "napari", "sampling", "seed", "sources"}
+HOW |= {"store", "versions", "warnings", "input"}
 """Keys of metadata that say how a map was made, not what it is."""
 
 CASES = {}
@@ -319,18 +309,14 @@ def waves(shape):
 
 @cache
 def cap():
-    return sheet(
-        lambda u, v: (u, v, -0.012 * (u**2 + v**2) + np.sin(u / 4) * np.cos(v / 5)),
-        (np.linspace(-24, 24, 33), np.linspace(-18, 20, 27)),
-    )
+    grid = np.linspace(-24, 24, 33), np.linspace(-18, 20, 27)
+    return sheet(lambda u, v: (u, v, -0.012 * (u**2 + v**2) + np.sin(u / 4) * np.cos(v / 5)), grid)
 
 
 @cache
 def cylinder():
-    return sheet(
-        lambda u, v: (12 * np.cos(u), 12 * np.sin(u), v + 0.3 * np.sin(3 * u)),
-        (np.linspace(0, 1.6 * np.pi, 46), np.linspace(0, 30, 24)),
-    )
+    grid = np.linspace(0, 1.6 * np.pi, 46), np.linspace(0, 30, 24)
+    return sheet(lambda u, v: (12 * np.cos(u), 12 * np.sin(u), v + 0.3 * np.sin(3 * u)), grid)
 
 
 @cache
@@ -392,9 +378,8 @@ def voxflat_by_exact_distances(threads, place):
 
 @case
 def voxflat_from_given_sources(threads, place):
-    found = voxflat.flatten(
-        cylinder(), method=Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
-    )
+    method = Voxflat(sources=np.arange(0, 1100, 13))
+    found = voxflat.flatten(cylinder(), method=method, rows=place / "rows", threads=threads)
     rows = voxflat.open_rows(place / "rows")
     rows.verify()
     return {**of_map(found), "stored": rows}
@@ -536,9 +521,8 @@ def distances(threads, place):
         for name, sampling in (("graph", "farthest"), ("marching", "curvature"), ("exact", "random"))
     }
     found["chain"] = voxflat.surface(blob()).geodesic(30, geodesic="chain", threads=threads)
-    found["sheet"] = voxflat.surface(curled_sheet()).geodesic(
-        voxflat.surface(curled_sheet()).ids[::60], threads=threads
-    )
+    curled = voxflat.surface(curled_sheet())
+    found["sheet"] = curled.geodesic(curled.ids[::60], threads=threads)
     found["stored"] = cortex().drop("medial wall").geodesic(50, store=place / "rows", threads=threads)
     return found
 
@@ -631,11 +615,8 @@ def command_line_of_meshes(threads, place):
     command("cut", *making, *patch, "--relax-length", "50", "-o", "cuts.json", *more, place=place)
     how = (*patch, "--cuts", "cuts.json", "--sources", "150", *more)
     command("flatten", *making, *how, "-o", "lh.flat.surf.gii", place=place)
-    judged = command(
-        *("measure", *making, "lh.flat.surf.gii", flat, "--sources", "30", "--reference", "graph", "--json"),
-        *("--heat-maps", "maps.png", *more),
-        place=place,
-    )
+    judging = ["measure", *making, "lh.flat.surf.gii", flat, "--sources", "30", "--reference", "graph", "--json"]
+    judged = command(*judging, "--heat-maps", "maps.png", *more, place=place)
     traced = command("path", *making, "4000", "300", "--geodesic", "exact", "--json", place=place)
     command("rows", white, "--sources", "30", "--store", "rows", "--geodesic", "marching", *more, place=place)
     return {

@@ -1,7 +1,4 @@
-"""Whatever is wrong with an input is said in one line that names the value and the remedy; nothing is written.
-
-Here for `grossmann2002`, over the voxels; for surfaces of triangles in test_bad_surfaces.py.
-"""
+"""Whatever is wrong with an input is said in one line that names the value and the remedy; nothing is written."""
 
 import os
 import pickle
@@ -10,11 +7,10 @@ import re
 import composed
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run
 from refusals import refused
 
 import voxflat
-from voxflat import cli
 from voxflat.io.volumes import write_volume
 from voxflat.methods import Voxflat
 
@@ -146,17 +142,9 @@ API = {
     "threads fractional": (sheet(), {"threads": 1.5}, r"threads is 1.5; give at least 1"),
     "threads beyond all": (sheet(), {"threads": 100_000}, r"threads is 100000; give .* at most \d+"),
 }
-OPTIONS = {  # options of the API that the command line has, too
-    "label": str,
-    "threshold": str,
-    "spacing": lambda value: ",".join(map(str, value)),
-    "seed_point": lambda value: ",".join(map(str, value)),
-    "radius": str,
-    "sources": str,
-    "memory_limit": str,
-    "seed": str,
-    "threads": str,
-}
+OPTIONS = dict.fromkeys(("label", "threshold", "radius", "sources", "memory_limit", "seed", "threads"), str)
+OPTIONS |= dict.fromkeys(("spacing", "seed_point"), lambda value: ",".join(map(str, value)))
+"""Options of the API that the command line has, too."""
 WRONG_USAGE = {"spacing of two", "seed point of two", "seed point fractional", "threshold text", "radius text"}
 WRONG_USAGE |= {"seed fractional", "no seed", "threads fractional", "sampling", "link lengths"}
 
@@ -175,7 +163,7 @@ def on_the_command_line(name):
 def fails(folder, *arguments):
     """Run the program, which must say one line and write nothing; return the line."""
     before = snapshot(folder)
-    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
+    result = run(*arguments)
     assert result.exit_code == 1, result.output
     assert result.stdout == ""
     *notes, error = result.stderr.splitlines()
@@ -218,20 +206,14 @@ def test_wrong_usage(name, tmp_path):
     arguments = ["flatten", tmp_path / "in.npy", "-o", tmp_path / "map.npz"]
     for key, value in options.items():
         arguments += ["--" + key.replace("_", "-"), OPTIONS.get(key, str)(value)]
-    result = CliRunner().invoke(cli.main, list(map(str, arguments)), prog_name="voxflat")
-    assert result.exit_code == 2
+    assert run(*arguments).exit_code == 2
     assert [path.name for path in tmp_path.iterdir()] == ["in.npy"]
 
 
 def test_memory_is_checked_before_the_start():
     stages = []
-    with pytest.raises(voxflat.InputError, match="of memory are needed"):
-        voxflat.flatten(
-            sheet(),
-            method="grossmann2002",
-            memory_limit=10**6,
-            progress=lambda stage, done, total: stages.append(stage),
-        )
+    how = {"method": "grossmann2002", "memory_limit": 10**6, "progress": lambda stage, *_: stages.append(stage)}
+    refused("of memory are needed", voxflat.flatten, sheet(), **how)
     assert "measuring distances" not in stages
     assert "scaling" not in stages
 
@@ -291,8 +273,7 @@ def cut_file(path):
 def test_bad_files(name, command, tmp_path):
     make, message = BAD_FILES[name]
     make(tmp_path / name)
-    expected = FileNotFoundError if name.startswith("missing") else voxflat.InputError
-    with pytest.raises(expected, match=message):
+    with pytest.raises(FileNotFoundError if name.startswith("missing") else voxflat.InputError, match=message):
         getattr(voxflat, command)(tmp_path / name)
     output = ["-o", tmp_path / "map.npz"] if command == "flatten" else []
     with pytest.raises(voxflat.InputError, match=message):
@@ -316,8 +297,7 @@ def test_a_mask_that_lies_elsewhere(tmp_path):
     keep = nifti(tmp_path / "keep.nii.gz", kept(np.s_[:20]), affine(a03=2.0))
     message = r"mask to keep lies elsewhere than the volume \(their affines differ\); resample it first"
     refused(message, voxflat.surface(surface).keep, keep)
-    line = fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
-    assert "lies elsewhere" in line
+    assert "lies elsewhere" in fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
 
 
 def test_a_spacing_for_a_file_that_has_one(tmp_path):
@@ -438,11 +418,10 @@ def test_damaged_maps(name, flat_map, tmp_path):
 
 
 def test_a_map_that_is_missing(tmp_path):
+    path = tmp_path / "map.npz"
     with pytest.raises(FileNotFoundError):
-        voxflat.load(tmp_path / "map.npz")
-    assert "map.npz: No such file" in fails(
-        tmp_path, "image", tmp_path / "map.npz", "--heat-map", "-o", tmp_path / "a.png"
-    )
+        voxflat.load(path)
+    assert "map.npz: No such file" in fails(tmp_path, "image", path, "--heat-map", "-o", tmp_path / "a.png")
 
 
 BAD_IMAGES = {

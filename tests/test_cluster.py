@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 import studies
 from cluster_work import no_package, tell, wait
-from lab_runs import FEW, everything, run
+from command_line import fail, run
+from lab_runs import FEW, everything
 
 import voxflat
 from voxflat.distances import cluster, parts
@@ -38,9 +39,8 @@ def workers():
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
         distributed.utils.get_mp_context().set_forkserver_preload(preload)
-        with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
-        ) as started:
+        how = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": "CRITICAL"}
+        with distributed.LocalCluster(n_workers=2, **how) as started:
             yield started
 
 
@@ -61,8 +61,7 @@ def until(condition, seconds=60):
 
 def kill_one(workers):
     """Kill a worker as the system does that has no memory left."""
-    nanny = next(iter(workers.workers.values()))
-    os.kill(nanny.pid, signal.SIGKILL)
+    os.kill(next(iter(workers.workers.values())).pid, signal.SIGKILL)
 
 
 # ------------------------------------------------------------------------------------------------ work
@@ -120,8 +119,7 @@ def study(tmp_path_factory):
     root = tmp_path_factory.mktemp("study")
     of = studies.hemisphere("lh", FEW)
     for n in range(1, 5):
-        anat = root / "bids" / f"sub-{n:02}" / "anat"
-        studies.write_derivatives(anat, f"sub-{n:02}", "lh", studies.warped(of, n))
+        studies.write_derivatives(root / "bids" / f"sub-{n:02}" / "anat", f"sub-{n:02}", "lh", studies.warped(of, n))
     (root / "bids" / BROKEN / "anat" / f"{BROKEN}_hemi-L_pial.surf.gii").unlink()
     command = ["bids", root / "bids", root / "alone", "participant", "--hemi", "L", "--threads", 1]
     assert run(*command).exit_code == 1
@@ -178,8 +176,7 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     monkeypatch.setattr(distributed, "LocalCluster", here)
     monkeypatch.chdir(tmp_path)
     shutil.copytree(study / "bids" / "sub-01", tmp_path / "study" / "sub-01")
-    right = studies.hemisphere("rh", FEW)
-    studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", right)
+    studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", studies.hemisphere("rh", FEW))
     (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
     for name in ("white", "pial"):
         shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
@@ -272,8 +269,7 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     assert there <= int(told[1]) <= SOURCES  # a worker may have begun another part when the caller died
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
-    again = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
-    assert is_that_of_one_process(again, expected)
+    assert is_that_of_one_process(voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready), expected)
 
 
 def _is_quiet(store):
@@ -330,5 +326,4 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
 
 def test_dask_is_for_participants(study):
     for more in (["group"], ["participant", "--dry-run"]):
-        result = run("bids", study / "bids", study / "alone", *more, "--dask", "local")
-        assert (result.exit_code, "--dask is for the level participant" in result.stderr) == (2, True)
+        fail(2, "--dask is for the level part", "bids", study / "bids", study / "alone", *more, "--dask", "local")

@@ -52,10 +52,7 @@ VOXELS = {
 
 
 def lets_others_run(call, seconds=60):
-    """Whether another thread runs while something is called again and again, of threads that never give way unasked.
-
-    What lets go of the interpreter for microseconds is called until the other thread gets a processor.
-    """
+    """Whether another thread runs while something is called again and again, of threads that never give way unasked."""
     gate, has_run = threading.Event(), threading.Event()
 
     def other():

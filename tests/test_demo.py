@@ -13,8 +13,7 @@ def output(tmp_path_factory):
     pytest.importorskip("nilearn", reason="the demo's data come with nilearn")
     lines = []
     directory = tmp_path_factory.mktemp("demo") / "new"
-    flat_map = demo.run(directory, tell=lines.append)
-    return directory, flat_map, "\n".join(lines)
+    return directory, demo.run(directory, tell=lines.append), "\n".join(lines)
 
 
 def test_the_hemisphere_is_whole_and_its_map_is_fair(output):

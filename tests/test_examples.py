@@ -14,11 +14,7 @@ pytest.importorskip("nilearn")
 
 NAMES = {
     "voxflat": voxflat.__all__,
-    "voxflat.methods": voxflat.methods.__all__,
-    "voxflat.figures": voxflat.figures.__all__,
-    "voxflat.io": voxflat.io.__all__,
-    "voxflat.samples": voxflat.samples.__all__,
-    "voxflat.vtk": voxflat.vtk.__all__,
+    **{f"voxflat.{name}": getattr(voxflat, name).__all__ for name in ("methods", "figures", "io", "samples", "vtk")},
     # what a user is handed and never makes
     "voxflat._pyvista.accessor": ["VoxflatAccessor"],
     "voxflat._pyvista.blocks": ["BlocksAccessor"],
@@ -47,14 +43,9 @@ def public():
     for module, names in NAMES.items():
         for name in names:
             thing = getattr(importlib.import_module(module), name)
-            bases = thing.__mro__ if inspect.isclass(thing) else ()
-            methods = [
-                getattr(value, "__func__", value)
-                for base in bases
-                if not base.__name__.startswith("_")
-                for key, value in vars(base).items()
-                if not key.startswith("_")
-            ]
+            bases = [base for base in getattr(thing, "__mro__", ()) if not base.__name__.startswith("_")]
+            members = (one for base in bases for one in vars(base).items())
+            methods = [getattr(value, "__func__", value) for key, value in members if not key.startswith("_")]
             for one in (thing, *(one for one in methods if inspect.isfunction(one))):
                 is_ours = getattr(one, "__module__", "").startswith("voxflat") and hasattr(one, "__qualname__")
                 if is_ours and not one.__name__.startswith("Request"):  # which VTK calls

@@ -8,11 +8,10 @@ import composed
 import lab
 import nibabel as nib
 import pytest
-from click.testing import CliRunner
+from command_line import succeed
 from mesh_files import write_obj
 
 import voxflat
-from voxflat import cli
 
 ROOT = Path(__file__).parents[1]
 FEW = 162  # vertices, where it is a matter of commands
@@ -29,9 +28,7 @@ def commands(page, section=None):
 
 
 def run(command):
-    result = CliRunner().invoke(cli.main, shlex.split(command), prog_name="voxflat")
-    assert result.exit_code == 0, f"{command}\n{result.output}"
-    return result.output
+    return succeed(*shlex.split(command)).output
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +59,7 @@ def test_the_commands_run_and_readmes_are_among_them(subject):
     for command in commands("README.md"):
         if command.startswith(("flatten lh.", "measure lh.")) and "-o" in command:
             assert command in said or command.startswith("flatten lh.white --pial lh.pial -o")
-    flat = nib.load(folder / "lh.flat.surf.gii")
-    places, faces = flat.agg_data()
+    places, faces = nib.load(folder / "lh.flat.surf.gii").agg_data()
     assert len(places) == FEW
     assert not places[:, 2].any()
     assert len(faces) > 200

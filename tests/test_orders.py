@@ -84,8 +84,7 @@ class Orders(RuleBasedStateMachine):
     @initialize(target=surfaces)
     def begin(self):
         self.folder = Path(tempfile.mkdtemp())
-        sheet = np.ones((SIDE, SIDE, 1), np.uint8)
-        return multiple(voxflat.surface(sheet), voxflat.surface(bumps()))
+        return multiple(voxflat.surface(np.ones((SIDE, SIDE, 1), np.uint8)), voxflat.surface(bumps()))
 
     def teardown(self):
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -185,12 +184,7 @@ class Orders(RuleBasedStateMachine):
         outcome(voxflat.worst_places, flat)
 
 
-Orders.TestCase.settings = settings(
-    max_examples=CASES or 8,
-    stateful_step_count=8 if CASES == 0 else 20,
-    deadline=None,
-    derandomize=CASES == 0,
-    database=None,
-    suppress_health_check=list(HealthCheck),
-)
+LOOSE = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
+STEPS = 20 if CASES else 8
+Orders.TestCase.settings = settings(max_examples=CASES or 8, stateful_step_count=STEPS, derandomize=CASES == 0, **LOOSE)
 TestOrders = Orders.TestCase

@@ -51,8 +51,7 @@ def test_what_scripts_of_the_docs_import_is_there():
     wanted = {(path, *name) for path in scripts for name in names_by_module(ast.parse(path.read_text()))}
     assert len(wanted) > 50
     for path, module, name in sorted(wanted):
-        found = import_module(module)
-        assert hasattr(found, name) or find_spec(f"{module}.{name}") is not None, path
+        assert hasattr(import_module(module), name) or find_spec(f"{module}.{name}") is not None, path
 
 
 def names_by_module(tree):

@@ -3,10 +3,10 @@
 import hard_shapes
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run
 
 import voxflat
-from voxflat import cli, io
+from voxflat import io
 from voxflat.methods import Grossmann2002, Voxflat
 
 SHEET = np.ones((9, 9, 1), np.uint8)
@@ -61,8 +61,7 @@ def test_within_the_range_maps_are_maps(tmp_path, door, size):
     found = DOORS[door](size, tmp_path)
     assert np.isfinite(found.uv).all()
     assert found.distortion.raw.relative_error < 0.3
-    usual = DOORS[door](1.0, tmp_path)
-    assert np.ptp(found.uv) == pytest.approx(size * np.ptp(usual.uv), rel=0.1)
+    assert np.ptp(found.uv) == pytest.approx(size * np.ptp(DOORS[door](1.0, tmp_path).uv), rel=0.1)
 
 
 def test_a_globe_of_the_size_of_pyvistas_is_mapped_and_keeps_its_texture_coordinates_apart():
@@ -90,6 +89,6 @@ def test_the_edges_that_are_too_short_are_named():
 
 def test_json_holds_numbers_or_is_refused(tmp_path):
     io.write_volume(tmp_path / "v.nii.gz", SHEET, np.diag([1e-8, 1e-8, 1e-8, 1]))
-    done = CliRunner().invoke(cli.main, ["check", str(tmp_path / "v.nii.gz"), "--label", "1", "--json"])
+    done = run("check", tmp_path / "v.nii.gz", "--label", "1", "--json")
     assert "NaN" not in done.output
     assert "Infinity" not in done.output

@@ -16,10 +16,8 @@ VOLUME = np.zeros((8, 8, 5), np.uint8)
 VOLUME[:, :, 2] = 1
 ROW, COLUMN = np.mgrid[:6, :6].reshape(2, -1)
 POINTS = np.column_stack([5.0 * ROW, 5.0 * COLUMN, np.zeros(36)])
-CORNER = np.flatnonzero((ROW < 5) & (COLUMN < 5))
-FACES = np.concatenate(
-    [np.column_stack([CORNER, CORNER + 6, CORNER + 1]), np.column_stack([CORNER + 1, CORNER + 6, CORNER + 7])]
-)
+CORNER = np.flatnonzero((ROW < 5) & (COLUMN < 5))[:, None]
+FACES = np.concatenate([CORNER + np.array(corners) for corners in ([0, 6, 1], [1, 6, 7])])
 
 VALUES = np.arange(36.0)
 ARRAY = np.zeros(3)

@@ -101,9 +101,8 @@ def paths(options):
             exact = solvers.exact(points, faces)
             pairs = rng.choice(len(points), (options.paths, 2)).tolist()
             apart, longer = zip(*(of_pair(surface, exact, a, b) for a, b in pairs), strict=True)
-            checks = zip(
-                np.max(apart, axis=0), ("its row", "pygeodesic", "its length", "the row of links"), strict=True
-            )
+            others = ("its row", "pygeodesic", "its length", "the row of links")
+            checks = zip(np.max(apart, axis=0), others, strict=True)
             cells = [judged(value, ".0e", 1e-6, f"{kind} {side}, path, {against}") for value, against in checks]
             rows.append([f"{side} {kind}", *cells, f"{100 * np.mean(longer):.2f} ({100 * np.max(longer):.2f})"])
     table(
@@ -123,10 +122,8 @@ def paths(options):
 
 def of_pair(surface, exact, a, b):
     """Return how far the lengths of exact paths and of links are from what they should be, and marching's excess."""
-    row = {
-        kind: surface.core.rows(np.array([a], dtype=np.uint32), geodesic=kind, threads=1)[0, b]
-        for kind in ("exact", "graph")
-    }
+    sources = np.array([a], dtype=np.uint32)
+    row = {kind: surface.core.rows(sources, geodesic=kind, threads=1)[0, b] for kind in ("exact", "graph")}
     path = {kind: surface.path(a, b, geodesic=kind) for kind in ("exact", "graph", "marching")}
     drawn = np.linalg.norm(np.diff(path["exact"].points, axis=0), axis=1).sum()
     true = exact(a)[b]

@@ -109,8 +109,7 @@ def true_rows(mesh, places, sources):
     cells = np.insert(faces, 0, 3, axis=1)
     face, nearest = pv.PolyData(points, cells).find_closest_cell(places, return_closest_point=True)
     points, faces, numbers = with_places(points, faces, face, nearest)
-    mine = solvers.Mine(points, faces)
-    true = mine.rows(numbers[:sources], "exact")[:, numbers].astype(float)
+    true = solvers.Mine(points, faces).rows(numbers[:sources], "exact")[:, numbers].astype(float)
     expected = solvers.exact(points, faces)(numbers[0])[numbers]
     np.testing.assert_allclose(true[0], expected, rtol=1e-6, atol=1e-9, err_msg="pygeodesic agrees on the truth")
     true[true < BANDS[0][0]] = np.nan  # not looked at, and the source itself is among them
@@ -121,8 +120,7 @@ def with_places(points, faces, face, places):
     """Divide faces so that places in them are vertices; return the mesh, and which vertex each place is."""
     a, b, c = points[faces[face]].swapaxes(0, 1)
     # barycentric coordinates by least squares; kept off the edges
-    sides = np.stack([b - a, c - a], axis=2)
-    uv = np.einsum("nij,nj->ni", np.linalg.pinv(sides), places - a)
+    uv = np.einsum("nij,nj->ni", np.linalg.pinv(np.stack([b - a, c - a], axis=2)), places - a)
     weights = np.clip(np.column_stack([1 - uv.sum(axis=1), uv]), INSIDE, None)
     weights = np.round(weights / weights.sum(axis=1, keepdims=True), 9)
     added, which = np.unique(np.column_stack([face, weights[:, 1:]]), axis=0, return_inverse=True)

@@ -18,14 +18,8 @@ import maps_peers
 import published
 import tables
 
-SECTIONS = {
-    "published": published.published,
-    "fsaverage5": maps_peers.fsaverage5,
-    "whole": maps_peers.whole,
-    "mni152": maps_peers.mni152,
-    "growth": maps_growth.growth,
-    "sheets": maps_growth.sheets,
-}
+SECTIONS = {"published": published.published, "fsaverage5": maps_peers.fsaverage5, "whole": maps_peers.whole}
+SECTIONS |= {"mni152": maps_peers.mni152, "growth": maps_growth.growth, "sheets": maps_growth.sheets}
 
 
 def main():
@@ -39,19 +33,13 @@ def main():
     parser.add_argument("--suit", type=Path, help="into which suitpy was put, as `make bench-published` does")
     parser.add_argument("--more", nargs="*", type=Path, default=[], help=".npz files with V, F and flat")
     parser.add_argument("--whole", type=float, default=0.7, help="voxels of the whole hemisphere, mm")
-    parser.add_argument(
-        "--whole-sources",
-        type=int,
-        default=100,
-        help="that maps of whole hemispheres and published ones are judged from",
-    )
+    judged = "that maps of whole hemispheres and published ones are judged from"
+    parser.add_argument("--whole-sources", type=int, default=100, help=judged)
     sheets = [30_000, 300_000, 900_000, 3_000_000]
     parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="vertices of bent sheets")
     parser.add_argument("--spacings", nargs="+", type=float, default=[1.35, 0.7, 0.6, 0.25], help="of growth, mm")
     parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")
-    parser.add_argument(
-        "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
-    )
+    parser.add_argument("--keep", type=Path, help="directory where maps are kept; those there are not made anew")
     tables.run(SECTIONS, parser)
 
 

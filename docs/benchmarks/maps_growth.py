@@ -37,10 +37,9 @@ def powers(sizes, costs):
     """Say how CPU time and memory, packages and input left out, grow from size to size."""
     if len(sizes) < 2:
         return ""
-    time, memory = (
-        judged(exponent(sizes, cost), ".2f", STEEPEST, f"growth of the {name}, power of the vertices")
-        for name, cost in zip(("CPU time", "memory"), zip(*costs, strict=True), strict=True)
-    )
+    named = zip(("CPU time", "memory"), zip(*costs, strict=True), strict=True)
+    told = {name: f"growth of the {name}, power of the vertices" for name in ("CPU time", "memory")}
+    time, memory = (judged(exponent(sizes, cost), ".2f", STEEPEST, told[name]) for name, cost in named)
     return f"With the vertices, CPU time grows to the power of {time}, memory to that of {memory}."
 
 
@@ -58,20 +57,10 @@ def grown(title, kind, first, surfaces, options):
         wall, peak = next((most for near, most in BOUNDS.items() if abs(size / near - 1) < NEAR), (None, None))
         name = f"{kind}, {size:,} vertices"
         off = "" if error is None else judged(100 * error(made.places), ".4f", 100 * MOST_OFF, f"{name}, error %")
-        rows.append(
-            [
-                cell,
-                f"{size:,}",
-                judged(made.wall, ".1f", wall, f"{name}, wall s"),
-                f"{made.cpu:.1f}",
-                f"{1e6 * made.cpu / size:.0f}",
-                judged(made.peak, ".2f", peak, f"{name}, GiB"),
-                said(made, name),
-                off,
-                str(len(made.descent["energies"])),
-                "yes" if made.descent["converged"] else "no",
-            ]
-        )
+        shown = judged(made.wall, ".1f", wall, f"{name}, wall s")
+        cells = [cell, f"{size:,}", shown, f"{made.cpu:.1f}", f"{1e6 * made.cpu / size:.0f}"]
+        cells += [judged(made.peak, ".2f", peak, f"{name}, GiB"), said(made, name), off]
+        rows.append([*cells, str(len(made.descent["energies"])), "yes" if made.descent["converged"] else "no"])
         sizes.append(size)
         costs.append((made.cpu, made.taken))
     columns = (first, "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", SAID, OFF, "steps", "converged")

@@ -16,7 +16,7 @@ from pathlib import Path
 import nibabel
 import numpy as np
 from maps_peers import SHIPPED, compared, fsaverage5_disk, made_by
-from tables import misses, table
+from tables import DISTANCES, misses, table
 
 import voxflat
 from voxflat.errors import InputError
@@ -115,8 +115,7 @@ def published(options):
         comparison = compared(points, faces, made, options.whole_sources, **{SHIPPED: places})
         both = [comparison["voxflat"], comparison[SHIPPED]]
         edges = [edge(points, faces, one, of) for one, of in zip((made["voxflat"].places, places), both, strict=True)]
-        pairs = zip(*map(figures, both, edges), strict=True)
-        shown = zip(FIGURES.items(), pairs, strict=True)
+        shown = zip(FIGURES.items(), zip(*map(figures, both, edges), strict=True), strict=True)
         cells = [ahead(f"{name}, {figure}", digits, *pair) for (figure, digits), pair in shown]
         ours, theirs = (one.triangles for one in both)
         counts = (f"{ours.flipped:,}, {theirs.flipped:,}", f"{ours.covering:,}, {theirs.covering:,}")
@@ -125,15 +124,8 @@ def published(options):
     table("Beside published maps: ours, theirs (by how much ours is less, %)", columns, rows)
 
 
-FIGURES = {
-    "all %": ".2f",
-    "≤ 30 mm %": ".2f",
-    "≤ 10 mm %": ".2f",
-    "stress-1": ".4f",
-    "edges %": ".2f",
-    "area: median": ".3f",
-    "95 %": ".3f",
-}
+FIGURES = dict.fromkeys(DISTANCES, ".2f")
+FIGURES |= {"stress-1": ".4f", "edges %": ".2f", "area: median": ".3f", "95 %": ".3f"}
 """Each at the map's best scale, those of areas at the scale that keeps the whole; how they are shown."""
 
 

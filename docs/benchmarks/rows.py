@@ -39,10 +39,8 @@ def main():
         print(f"{name:16}{cells}{shares}")
     print("(last columns: voxflat's time as a share of it)\n")
     ratios, more = threads(surface)
-    print(
-        f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one "
-        f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time"
-    )
+    print(f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one ", end="")
+    print(f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time")
 
 
 def bumpy_ball(radius=133):
@@ -57,9 +55,8 @@ def solvers_of(surface):
     """Return functions from sources to rows by the name of their solver, all over the links of a surface."""
     points = len(surface)
     starts, neighbours, lengths = surface.csr
-    graph = csr_matrix(
-        (lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)), shape=(points,) * 2
-    )
+    arrays = lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)
+    graph = csr_matrix(arrays, shape=(points, points))
     ends = np.repeat(np.arange(points), np.diff(starts))
     once = ends < neighbours
     edges, weights = np.stack([ends[once], neighbours[once]], axis=1), lengths[once]

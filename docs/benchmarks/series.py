@@ -116,8 +116,7 @@ def measure(flat, series, output, pixel_size):
     before = memory.peak
     start = time.perf_counter(), time.process_time()
     how = {} if ".dtseries" in series.name else {"interpolation": "linear", "fraction": 0.5}
-    stack = flat_map.images(series, pixel_size, **how)
-    stack.save(output)
+    flat_map.images(series, pixel_size, **how).save(output)
     wall, cpu = time.perf_counter() - start[0], time.process_time() - start[1]
     memory.stop()
     files = [path for path in output.rglob("*") if path.is_file()] if output.is_dir() else [output]

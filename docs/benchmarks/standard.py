@@ -288,8 +288,7 @@ def distortion(_):
     for side in SIDES:
         hemisphere, of = anatomy.fsaverage5(side), maps_cuts.shipped(side)
         standard = {"cuts": "standard", "sphere": hemisphere["sphere"]}
-        length = sum(cut.length for cut in of.cortex.cut(**standard).cuts)
-        of.report("standard", length, of.cortex, **standard)
+        of.report("standard", sum(cut.length for cut in of.cortex.cut(**standard).cuts), of.cortex, **standard)
         of.report("automatic, as long", None, of.cortex, relax=of.length)
         of.report("automatic, as long as it pays", None, of.cortex)
         of.report("where the shipped map is cut", of.length, of.cut)
@@ -322,8 +321,7 @@ def picture(path):
             axis.set(title=f"{side}: {title}", xlim=(-170, 170), ylim=(-150, 150), aspect="equal")
             axis.axis("off")
         for cut, name in zip(flat.metadata["cuts"], flat.metadata["cut_names"], strict=True):
-            lips = np.isin(flat.ids, cut)
-            top.plot(*flat.uv[lips].T, ".", markersize=4)
+            top.plot(*flat.uv[np.isin(flat.ids, cut)].T, ".", markersize=4)
             tip = flat.uv[flat.ids == cut[-1]][0]
             top.annotate(name, tip, tip * 0.75, ha="center", color="firebrick", arrowprops={"arrowstyle": "-"})
     figure.savefig(path, dpi=80)

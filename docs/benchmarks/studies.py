@@ -91,9 +91,8 @@ def footer(c_ras: tuple[float, float, float]) -> dict[str, Any]:
 
 def write_label(path: Path, vertices: NDArray[Any], points: NDArray[Any]) -> None:
     """Write a label of vertices as FreeSurfer does."""
-    rows = "".join(
-        f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in zip(vertices, points[vertices], strict=True)
-    )
+    placed = zip(vertices, points[vertices], strict=True)
+    rows = "".join(f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in placed)
     path.write_text(f"#!ascii label , from subject\n{len(vertices)}\n{rows}")
 
 
@@ -111,13 +110,9 @@ def write_derivatives(folder: Path, name: str, hemi: str, of: Hemisphere) -> Non
         return nib.gifti.GiftiDataArray(data.astype(kind), f"NIFTI_INTENT_{intent}")
 
     triangles = values(of["faces"], "TRIANGLE", "i4")
-    for ending, points in (
-        ("white.surf", of["white"]),
-        ("pial.surf", of["pial"]),
-        ("midthickness.surf", (of["white"] + of["pial"]) / 2),
-        ("space-fsaverage_desc-reg_sphere.surf", of["sphere"]),
-    ):
-        save(ending, values(points, "POINTSET", "f4"), triangles)
+    surfaces = {"white": of["white"], "pial": of["pial"], "midthickness": (of["white"] + of["pial"]) / 2}
+    for ending, points in {**surfaces, "space-fsaverage_desc-reg_sphere": of["sphere"]}.items():
+        save(f"{ending}.surf", values(points, "POINTSET", "f4"), triangles)
     save("thickness.shape", values(of["thickness"], "SHAPE", "f4"))
     save("desc-cortex_mask.label", values(of["cortex"], "LABEL", "i4"))
 

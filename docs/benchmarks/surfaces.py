@@ -115,10 +115,8 @@ def workbench():
                 theirs = read_overlay(paths[2], len(mesh["white"]))[used]
                 apart = np.abs(voxflat.measure(paths[0], paths[1], sources=1).triangles.areal - theirs)
                 within = 100 * np.mean(apart < 1e-4)
-                print(
-                    f"  fsaverage5 {side}, {name}: {within:.2f} % of {len(used)} within 1e-4, "
-                    f"greatest {apart.max():.0e}"
-                )
+                told = f"{within:.2f} % of {len(used)} within 1e-4, greatest {apart.max():.0e}"
+                print(f"  fsaverage5 {side}, {name}: {told}")
 
 
 if __name__ == "__main__":

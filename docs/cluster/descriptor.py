@@ -47,13 +47,8 @@ def descriptor() -> dict[str, Any]:
 def entry(parameter: click.Parameter) -> dict[str, Any]:
     """Return an argument or option as Boutiques has it."""
     assert parameter.name is not None
-    told: dict[str, Any] = {
-        "id": parameter.name,
-        "name": parameter.name.replace("_", " "),
-        "type": "String",
-        "value-key": f"[{parameter.name.upper()}]",
-        "optional": not parameter.required,
-    }
+    told: dict[str, Any] = {"id": parameter.name, "name": parameter.name.replace("_", " "), "type": "String"}
+    told |= {"value-key": f"[{parameter.name.upper()}]", "optional": not parameter.required}
     kind = parameter.type
     if parameter.name in FOLDERS:
         told["type"] = "String" if parameter.name == "out" else "File"

@@ -33,13 +33,8 @@ def main() -> None:
 
     study, maps = options.study.resolve(), options.maps.resolve()
     executor = submitit.AutoExecutor(folder=f"{maps}.jobs", cluster="local" if options.here else None)
-    executor.update_parameters(
-        name="voxflat",
-        timeout_min=int(60 * options.hours),
-        mem_gb=options.memory,
-        cpus_per_task=options.cores,
-        slurm_array_parallelism=options.at_once,
-    )
+    executor.update_parameters(name="voxflat", timeout_min=int(60 * options.hours), mem_gb=options.memory)
+    executor.update_parameters(cpus_per_task=options.cores, slurm_array_parallelism=options.at_once)
     participant = [*VOXFLAT, study, maps, "participant", *further]
     labels = to_do(participant)
     commands = [[*participant, "--threads", options.cores, "--participant-label", label] for label in labels]

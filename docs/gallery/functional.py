@@ -29,10 +29,8 @@ def main(output):
     film = figures.movie(flat, shown, rate=8, size=480)
     figures.save_movie(film, output / "functional_movie.gif")
     phase, coherence = travelling_wave(series)
-    drawn = figures.flat_map(
-        flat,
-        figures.Overlay(phase, threshold=0.4, strength=coherence, period=360, label="polar angle (degrees), simulated"),
-    )
+    look = {"threshold": 0.4, "strength": coherence, "period": 360, "label": "polar angle (degrees), simulated"}
+    drawn = figures.flat_map(flat, figures.Overlay(phase, **look))
     figures.save(drawn, output / "functional_phase.png")
     print(*(output / name for name in ("functional_movie.gif", "functional_phase.png")), sep="\n")
 

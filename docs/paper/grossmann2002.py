@@ -57,8 +57,7 @@ def circles():
 
 def curled_sheets():
     """Figures 4 to 9: a curled sheet, axis-aligned and rotated."""
-    sheet = shapes.curled_sheet()
-    aligned = flatten(sheet)
+    aligned = flatten(shapes.curled_sheet())
     row("curled sheet, axis-aligned: mean geodesic, voxels", "35.4", f"{aligned.distortion.mean_geodesic:.1f}")
     row("  mean absolute error, voxels", "0.423", f"{aligned.distortion.raw.absolute_error:.3f}")
     row("  mean relative error, %", "2.13", f"{100 * aligned.distortion.raw.relative_error:.2f}")
@@ -85,8 +84,7 @@ def flatten(volume, sources=None):
 
 def one_sheet(seed, traversed, sources):
     """Flatten a sheet in one orientation: its size, mean geodesic, absolute and relative error."""
-    volume = shapes.curled_sheet(rotation=Rotation.random(rng=seed), traversed=traversed)
-    flat_map = flatten(volume, sources)
+    flat_map = flatten(shapes.curled_sheet(rotation=Rotation.random(rng=seed), traversed=traversed), sources)
     distortion = flat_map.distortion
     raw = distortion.raw
     return len(flat_map), distortion.mean_geodesic, raw.absolute_error, raw.relative_error

@@ -97,8 +97,7 @@ def certificates(surfaces):
     print(f"\n{'':26}{'θ':>5}{'paper':>9}{'C':>9}{'C measured':>12}{'K':>9}{'K measured':>12}{'broken':>8}")
     for name, surface in surfaces.items():
         for angle, paper in PAPER.items():
-            atlas = surface.patches(angle)
-            of = atlas.figures()
+            of = surface.patches(angle).figures()
             proven, measured = of["certificate"], of["measured"]
             print(
                 f"{name:26}{angle:4.0f}°{paper:9.4f}{proven['c']:9.4f}{measured['c']:12.4f}"

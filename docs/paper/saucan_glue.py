@@ -16,11 +16,9 @@ SEEN = 45.0  # mm, the side of the part of the maps that is shown larger
 
 def gluing(colon):
     """Print how much of the seams is closed, and what the bounds are before and after."""
-    surfaces = {
-        f"fsaverage5, {kind} {side}": voxflat.surface(str(FSAVERAGE5 / f"{kind}_{side}.gii.gz"))
-        for kind in ("white", "pial")
-        for side in ("left", "right")
-    }
+    names = [f"{kind} {side}" for kind in ("white", "pial") for side in ("left", "right")]
+    files = {f"fsaverage5, {name}": FSAVERAGE5 / f"{name.replace(' ', '_')}.gii.gz" for name in names}
+    surfaces = {name: voxflat.surface(str(path)) for name, path in files.items()}
     surfaces["synthetic colon"] = colon
     print(f"\ngluing, C ≤ {BOUND}")
     header = ("patches", "pieces", "seams, mm", "closed", "curved", "bound", "overlap", "C before", "C after", "mean C")

@@ -34,8 +34,7 @@ def main():
 
 def flatten(surface, *, seed=0, **options):
     """Flatten, and return the CPU seconds that it took as well."""
-    method = voxflat.methods.Schwartz1989(**options)
-    return paper.timed(voxflat.flatten, surface, method, relax=False, seed=seed)
+    return paper.timed(voxflat.flatten, surface, voxflat.methods.Schwartz1989(**options), relax=False, seed=seed)
 
 
 def tell(flat_map):
@@ -110,17 +109,11 @@ def neighbourhoods(cortex):
     patch = disk(cortex, 600)
     print(f"\n{'distances kept':44}{'of all pairs':>13}{'best of':>10}{'error':>9}{'turned over':>13}{'CPU s':>8}")
     print(f"{'':57}{f'{STARTS} starts':>10}")
-    cases = {
-        "nearest neighbours": (1, 0),
-        "second neighbours": (2, 0),
-        "a tenth of the nodes": (None, 0),
-        "8 rings, as in figure 2": (8, 0),
-        "12 rings": (12, 0),
-        "nearest neighbours, and 50 nodes to all": (1, 50),
-        "a tenth, and 50 nodes to all (the default)": (None, 50),
-        "8 rings, and 50 nodes to all": (8, 50),
-        "all pairs": ("all", 0),
-    }
+    cases = {"nearest neighbours": (1, 0), "second neighbours": (2, 0), "a tenth of the nodes": (None, 0)}
+    cases |= {"8 rings, as in figure 2": (8, 0), "12 rings": (12, 0)}
+    cases |= {"nearest neighbours, and 50 nodes to all": (1, 50)}
+    cases |= {"a tenth, and 50 nodes to all (the default)": (None, 50), "8 rings, and 50 nodes to all": (8, 50)}
+    cases |= {"all pairs": ("all", 0)}
     maps = {}
     for name, (rings, sources) in cases.items():
         flat_map, seconds = flatten(patch, neighbourhood=rings, sources=sources, starts=STARTS)
@@ -159,9 +152,8 @@ def show_flat(axes, flat_map, title, colour=SURFACE):
     flipped = flat_map.distortion.triangles.is_flipped
     for chosen, edge, zorder in ((~flipped, colour, 1), (flipped, FLIPPED, 2)):
         corners = flat_map.uv[flat_map.faces[chosen]]
-        axes.add_collection(
-            PolyCollection(corners, facecolor=(*to_rgb(edge), 0.1), edgecolor=edge, lw=0.5, zorder=zorder)
-        )
+        colours = {"facecolor": (*to_rgb(edge), 0.1), "edgecolor": edge}
+        axes.add_collection(PolyCollection(corners, **colours, lw=0.5, zorder=zorder))
     if flipped.any():
         title = f"{title}\n{flipped.sum()} triangles turned over (red)"
     axes.autoscale()

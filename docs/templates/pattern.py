@@ -42,20 +42,14 @@ def template(side: str) -> dict[str, np.ndarray]:
     face, share = _core.locate_on_sphere(sphere, faces, icosphere()[0])
     on_grid = np.einsum("nk,nkc->nc", share, values[faces[face]])
     depths = np.clip(np.rint(on_grid[:, :3].T / DEPTH_UNIT), -127, 127).astype(np.int8)
-    places = np.rint(on_grid[:, 3:6] / PLACE_UNIT).astype(np.int16)
+    places = np.diff(np.rint(on_grid[:, 3:6] / PLACE_UNIT).astype(np.int16), axis=0, prepend=np.int16(0))
     weights = np.rint(on_grid[:, 6] / WEIGHT_UNIT).astype(np.uint8)
-    return {
-        "depths": depths,
-        "places": np.diff(places, axis=0, prepend=np.int16(0)).astype(np.int16),
-        "weights": weights,
-    }
+    return {"depths": depths, "places": places.astype(np.int16), "weights": weights}
 
 
 if __name__ == "__main__":
     arrays = {f"{side}_{name}": array for side in SIDES for name, array in template(side).items()}
-    told = {
-        "made by": "docs/templates/pattern.py",
-        "of": f"fsaverage5, nilearn {importlib.metadata.version('nilearn')}",
-    }
+    nilearn = importlib.metadata.version("nilearn")
+    told = {"made by": "docs/templates/pattern.py", "of": f"fsaverage5, nilearn {nilearn}"}
     np.savez_compressed(OUT, provenance=np.array(json.dumps(told)), **arrays)
     print(OUT, OUT.stat().st_size, "bytes")

@@ -98,9 +98,8 @@ def centre_line(strip, wall, sphere, faces, touching):
     # distance bands across the strip: their means are its middle
     width = 0.03
     bands = np.round(distance / width).astype(int)
-    line = [
-        unit(centres[chosen[bands == band]].mean(axis=0)) for band in range(bands[tip] + 1) if (bands == band).any()
-    ]
+    strips = (chosen[bands == band] for band in range(bands[tip] + 1))
+    line = [unit(centres[strip].mean(axis=0)) for strip in strips if len(strip)]
     corners = faces[chosen[tip]]
     end = sphere[corners[np.argmax(np.linalg.norm(unit(sphere[corners]) - line[max(0, len(line) - 3)], axis=1))]]
     wall_point = unit(sphere[np.unique(faces[wall])])

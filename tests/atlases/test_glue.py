@@ -5,8 +5,8 @@ import json
 import composed
 import numpy as np
 import pytest
+from command_line import run, succeed
 from hard_shapes import sheet
-from lab_runs import run
 from refusals import refused
 from textures import areas
 from triangle_meshes import singular_values
@@ -46,8 +46,7 @@ def check(atlas, glued):
     for number, piece in enumerate(glued):
         assert (glued.piece_ids[piece.face_ids] == number).all()
         assert np.array_equal(piece.vertex_ids[piece.faces], glued.faces[piece.face_ids])
-        whole = voxflat.surface((glued.points, glued.faces[piece.face_ids]))
-        assert len(whole.faces) == len(piece.face_ids)
+        assert len(voxflat.surface((glued.points, glued.faces[piece.face_ids])).faces) == len(piece.face_ids)
     length = np.linalg.norm(np.diff(glued.points[glued.cuts], axis=1)[:, 0], axis=1).sum()
     assert length == pytest.approx(glued.seams.cuts, rel=1e-9, abs=1e-9)
     assert glued.seams.length == pytest.approx(glued.seams.closed + glued.seams.cuts)
@@ -137,8 +136,7 @@ class TestGluedAtlas:
         assert np.isfinite(places).all()
 
     def test_pieces_have_a_page_without_overlap(self, glued, tmp_path):
-        places = glued.layout()
-        a, b, c = np.moveaxis(places[glued.uv_faces], 1, 0)
+        a, b, c = np.moveaxis(glued.layout()[glued.uv_faces], 1, 0)
         drawn = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
         np.testing.assert_allclose(drawn, glued.areal * areas(glued.points, glued.faces), rtol=1e-6)
         figures.save(figures.atlas_page(glued), tmp_path / "page.png")
@@ -153,8 +151,7 @@ class TestCommand:
 
     def test_it_writes_the_glued_atlas_and_its_table(self, mesh, tmp_path):
         out, page = tmp_path / "glued.npz", tmp_path / "page.png"
-        result = run("patches", mesh, "-o", out, "--glue", 1.2, "--page", page)
-        assert result.exit_code == 0, result.output
+        result = succeed("patches", mesh, "-o", out, "--glue", 1.2, "--page", page)
         loaded = voxflat.load_atlas(out)
         assert loaded.bound == 1.2
         assert loaded.table() in result.output

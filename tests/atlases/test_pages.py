@@ -113,18 +113,15 @@ class TestImages:
         image = atlas.image(heights, 0.8)
         _, points = atlas.page().locate(0.8)
         assert_allclose(image.data, points[..., 2], atol=1e-5)
-        colours = np.tile(np.array([[10, 200, 30]], dtype=np.uint8), (len(heights), 1))
-        painted = atlas.image(colours, 0.8)
+        painted = atlas.image(np.tile(np.array([[10, 200, 30]], dtype=np.uint8), (len(heights), 1)), 0.8)
         assert painted.data.shape == (*image.data.shape, 4)
         assert (painted.data[np.isfinite(image.data)] == [10, 200, 30, 255]).all()
 
     def test_voxels_are_located_and_sampled(self, of_voxels):
         volume = np.indices(shapes.ball(9).shape)[0].astype(float)
-        page = of_voxels.page()
-        ids, points = page.locate()
+        ids, points = of_voxels.page().locate()
         inside = ids[..., 0] >= 0
-        image = of_voxels.image(volume)
-        assert_allclose(image.data[inside], points[inside][:, 0] / 0.5, atol=1e-5)
+        assert_allclose(of_voxels.image(volume).data[inside], points[inside][:, 0] / 0.5, atol=1e-5)
         assert np.linalg.norm(points[inside] - ids[inside] * [0.5, 0.6, 0.7], axis=1).max() < 1.5
 
     def test_triangles_of_pixels_are_those_that_lie_there(self, atlas):
@@ -150,8 +147,7 @@ class TestLookUp:
     def test_places_lead_to_their_triangles(self, atlas):
         rng = np.random.default_rng(1)
         triangles, weights = rng.integers(0, len(atlas.faces), (50, 40)), rng.dirichlet([1, 1, 1], (50, 40))
-        places = np.einsum("...c,...cx->...x", weights, atlas.page().corners[triangles])
-        found = atlas.page().look_up(places)
+        found = atlas.page().look_up(np.einsum("...c,...cx->...x", weights, atlas.page().corners[triangles]))
         assert_array_equal(found.face_ids, triangles)
         assert_array_equal(found.piece_ids, atlas.piece_ids[triangles])
         assert_allclose(found.weights, weights, atol=1e-9)
@@ -173,8 +169,7 @@ class TestLookUp:
         sheet = voxflat.flatten(shapes.sheet(), method=voxflat.methods.Voxflat(sources=50))
         rng = np.random.default_rng(2)
         weights = rng.dirichlet([2, 2, 2], len(sheet.faces))
-        places = np.einsum("fc,fcx->fx", weights, sheet.uv[sheet.faces])
-        found = sheet.look_up(places)
+        found = sheet.look_up(np.einsum("fc,fcx->fx", weights, sheet.uv[sheet.faces]))
         known = ~sheet.torn[found.face_ids]
         assert known.any()
         assert (found.piece_ids == 0).all()
@@ -195,8 +190,7 @@ class TestTextures:
 
     def test_no_seam_shows(self, atlas):
         colours = np.tile(np.array([[250, 200, 150]], dtype=np.uint8), (len(atlas.points), 1))
-        surface = atlas.page().textured(atlas.image(colours))
-        assert (surface.colours == [250, 200, 150]).all()
+        assert (atlas.page().textured(atlas.image(colours)).colours == [250, 200, 150]).all()
 
     def test_an_obj_keeps_the_surfaces_vertices(self, atlas, tmp_path):
         page = atlas.page()
@@ -220,8 +214,7 @@ class TestTextures:
     @pytest.mark.parametrize("ending", [".vtp", ".glb", ".ply"])
     def test_other_files_double_points_at_seams(self, atlas, tmp_path, ending):
         path = tmp_path / f"atlas{ending}"
-        surface = atlas.page().textured(atlas.heat_map(), colour_map="inferno")
-        surface.save(path)
+        atlas.page().textured(atlas.heat_map(), colour_map="inferno").save(path)
         if ending == ".glb":
             data = path.read_bytes()
             length = struct.unpack("<I", data[12:16])[0]

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import shapes
-from lab_runs import run
+from command_line import fail, succeed
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refused
@@ -34,8 +34,7 @@ class TestCommand:
     def test_what_the_texture_shows(self, mesh, overlay, tmp_path):
         pictures = []
         for options in ((), ("--heat-map",), ("--volume", overlay)):
-            result = run("patches", mesh, "--max-angle", 30, "-o", tmp_path / "atlas.obj", *options)
-            assert result.exit_code == 0, result.output
+            succeed("patches", mesh, "--max-angle", 30, "-o", tmp_path / "atlas.obj", *options)
             with Image.open(tmp_path / "atlas.png") as picture:
                 pictures.append(np.asarray(picture))
         assert pictures[0].shape == pictures[1].shape
@@ -44,14 +43,10 @@ class TestCommand:
 
     def test_images_of_a_saved_atlas(self, mesh, overlay, tmp_path):
         atlas = tmp_path / "atlas.npz"
-        assert run("patches", mesh, "--max-angle", 30, "-o", atlas).exit_code == 0
-        for name, options in (
-            ("page.png", ("--volume", overlay)),
-            ("heat.png", ("--heat-map",)),
-            ("heat.npy", ("--heat-map", "--pixel-size", 0.5)),
-        ):
-            result = run("image", atlas, *options, "-o", tmp_path / name)
-            assert result.exit_code == 0, result.output
+        succeed("patches", mesh, "--max-angle", 30, "-o", atlas)
+        succeed("image", atlas, "--volume", overlay, "-o", tmp_path / "page.png")
+        succeed("image", atlas, "--heat-map", "-o", tmp_path / "heat.png")
+        succeed("image", atlas, "--heat-map", "--pixel-size", 0.5, "-o", tmp_path / "heat.npy")
         assert_array_equal(np.load(tmp_path / "heat.npy"), voxflat.FlatAtlas.load(atlas).heat_map(0.5).data)
 
     def test_options_that_do_not_fit_are_refused_before_the_work(self, mesh, tmp_path):
@@ -61,13 +56,9 @@ class TestCommand:
             ("atlas.obj", ("--heat-map", "--volume", mesh), "either --volume or --heat-map"),
             ("atlas.obj", ("--depth", 1), "--depth is for --volume"),
         ):
-            result = run("patches", mesh, "-o", tmp_path / name, *options)
-            assert result.exit_code == 2
-            assert message in result.stderr
+            fail(2, message, "patches", mesh, "-o", tmp_path / name, *options)
             assert not (tmp_path / name).exists()
-        result = run("image", mesh, "--heat-map", "-o", tmp_path / "x.png")
-        assert result.exit_code == 1
-        assert "is not a flat map" in result.stderr
+        fail(1, "is not a flat map", "image", mesh, "--heat-map", "-o", tmp_path / "x.png")
 
     @pytest.mark.slow
     def test_the_heat_map_is_a_figure(self, tmp_path):

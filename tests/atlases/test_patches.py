@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapes
 import triangle_meshes
-from lab_runs import run
+from command_line import fail, succeed
 from refusals import refused
 from triangle_meshes import singular_values
 
@@ -125,8 +125,7 @@ class TestPatches:
     def test_it_is_asked_for_progress_even_where_nothing_moves(self):
         # or nobody could cancel a stage of which the end is not counted
         reports = []
-        torus = voxflat.surface(triangle_meshes.torus(300))
-        torus.patches(5, progress=lambda *report: reports.append(report))
+        voxflat.surface(triangle_meshes.torus(300)).patches(5, progress=lambda *report: reports.append(report))
         assert any(before == after for before, after in itertools.pairwise(reports))
 
 
@@ -180,19 +179,15 @@ class TestCommand:
     @pytest.mark.slow
     def test_it_writes_the_atlas_and_pictures(self, mesh, tmp_path):
         out, page, picture = (tmp_path / name for name in ("atlas.npz", "page.png", "torus.png"))
-        result = run("patches", mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
-        assert result.exit_code == 0, result.output
+        result = succeed("patches", mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
         assert "1.0875" in result.output
         assert FlatAtlas.load(out).certificate.angle == 5
         assert page.exists()
         assert picture.exists()
 
     def test_json(self, mesh, tmp_path):
-        result = run(
-            "patches", mesh, "-o", tmp_path / "atlas.npz", "--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"
-        )
-        assert result.exit_code == 0, result.output
-        told = json.loads(result.stdout)
+        options = ["--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"]
+        told = json.loads(succeed("patches", mesh, "-o", tmp_path / "atlas.npz", *options).stdout)
         assert told["certificate"]["c"] == 1.2
         assert told["patches"] == len(FlatAtlas.load(tmp_path / "atlas.npz"))
         assert told["metadata"]["seed"] == 3
@@ -206,8 +201,5 @@ class TestCommand:
             ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "must end in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
         ):
-            result = run("patches", *arguments)
-            assert result.exit_code == 1
-            assert message in result.stderr
-            assert result.stderr.count("\n") == 1
+            assert fail(1, message, "patches", *arguments).stderr.count("\n") == 1
         assert not out.exists()

@@ -12,7 +12,7 @@ from pathlib import Path
 import nibabel as nib
 import numpy as np
 import pytest
-from lab_runs import run
+from command_line import fail, run, succeed
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refused
@@ -64,8 +64,7 @@ def flat_map(shared):
 
 def test_flatten_saves_the_map_of_the_function_and_tells_what_it_did(shared, flat_map, tmp_path):
     out = tmp_path / "map.npz"
-    result = run("flatten", shared / "surface.nii.gz", "-o", out, "--sources", 60)
-    assert result.exit_code == 0
+    result = succeed("flatten", shared / "surface.nii.gz", "-o", out, "--sources", 60)
     assert_array_equal(voxflat.load(out).uv, flat_map.uv)
     assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
     assert re.search(rf"flattened +{len(flat_map)} of {len(flat_map)} points, all\n", result.stdout)
@@ -82,8 +81,7 @@ def test_flatten_says_which_part(shared, tmp_path):
     told = run(*arguments)
     assert "the largest component" in told.stdout
     assert "warning: the surface has 2 components" in told.stderr
-    disk = run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
-    assert "within 6.0 mm of voxel [10, 9, 12]" in disk
+    assert "within 6.0 mm of voxel [10, 9, 12]" in run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
     np.save(tmp_path / "keep.npy", np.indices(surface.shape)[2] > 8)
     assert "those of the mask" in run(*arguments, "--keep", tmp_path / "keep.npy").stdout
 
@@ -93,8 +91,7 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     surface[:, :, 1] = 1
     surface[8:12, 8:12] = 0
     np.save(tmp_path / "ring.npy", surface)
-    result = run("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
-    assert result.exit_code == 0
+    result = succeed("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
     memory, *warnings = result.stderr.splitlines()
     assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
     wanted = "warning: the surface is not a disk (0 handles, 2 boundary loops), so it was cut open"
@@ -118,14 +115,13 @@ def test_rows_are_kept_without_a_word(shared, tmp_path):
 def test_spacing_places_an_array_and_its_mask(shared, tmp_path):
     np.save(tmp_path / "keep.npy", np.indices(half_cylinder().shape)[2] > 8)
     arguments = ["--spacing", "2,2,2", "--keep", tmp_path / "keep.npy", "-o", tmp_path / "map.npz"]
-    assert run("flatten", shared / "surface.npy", *arguments).exit_code == 0
+    succeed("flatten", shared / "surface.npy", *arguments)
     assert voxflat.load(tmp_path / "map.npz").spacing == pytest.approx(2)
 
 
 def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
-    result = run("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
-    assert result.exit_code == 0
+    result = succeed("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
     assert "of memory are needed" in result.stderr
     content = json.loads(result.stdout)
     saved = voxflat.load(out)
@@ -144,8 +140,7 @@ def test_undefined_figures_are_null_in_json(shared, tmp_path):
 
 
 def test_check_says_yes(shared):
-    result = run("check", shared / "surface.nii.gz")
-    assert result.exit_code == 0
+    result = succeed("check", shared / "surface.nii.gz")
     assert result.stdout == voxflat.check(shared / "surface.nii.gz").table() + "\n"
     assert result.stderr == ""
 
@@ -160,8 +155,7 @@ def test_check_says_no(tmp_path):
     content = json.loads(result.stdout)
     assert content["can_flatten"] is False
     assert content["contents"]["labels"] == {"1": 216, "2": 1}
-    result = run("check", tmp_path / "box.npy", "--label", 1, "--json")  # closed: it is cut open, and that is said
-    assert result.exit_code == 0
+    result = succeed("check", tmp_path / "box.npy", "--label", 1, "--json")  # closed: it is cut open, and that is said
     content = json.loads(result.stdout)
     assert (content["closed"], content["euler_characteristic"]) == (True, 2)
     assert "it was cut open along 1 path (" in content["advice"][0]
@@ -173,8 +167,7 @@ def test_files_hold_the_values(shared, flat_map, tmp_path, interpolation):
     for ending in (".tif", ".tiff", ".nii", ".nii.gz", ".npy"):
         out = tmp_path / f"t1{ending}"
         options = ["--pixel-size", 0.5, "--interpolation", interpolation, "-o", out]
-        result = run("image", shared / "map.npz", "--volume", shared / "t1.nii.gz", *options)
-        assert result.exit_code == 0, result.output
+        succeed("image", shared / "map.npz", "--volume", shared / "t1.nii.gz", *options)
         if ending == ".npy":
             assert_array_equal(np.load(out), expected.data)
             continue
@@ -238,7 +231,7 @@ def test_whole_intensities_are_no_labels(shared):
 @pytest.mark.parametrize("ending", [".png", ".tif", ".nii.gz", ".npy"])
 def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
     out = tmp_path / f"colours{ending}"
-    assert run("image", shared / "map.npz", "--volume", shared / "colours.nii.gz", "-o", out).exit_code == 0
+    succeed("image", shared / "map.npz", "--volume", shared / "colours.nii.gz", "-o", out)
     expected = flat_map.image(shared / "colours.nii.gz").data
     if ending in (".png", ".tif"):
         picture = Image.open(out)
@@ -251,20 +244,18 @@ def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
 
 def test_heat_map(shared, flat_map, tmp_path):
     for ending in (".png", ".tif"):
-        assert run("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}").exit_code == 0
+        succeed("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}")
     picture = Image.open(tmp_path / "heat.png")  # a figure, not pixel by pixel
     assert min(picture.size) > 800
-    expected = flat_map.heat_map().data.astype(np.float32)
-    assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), expected)
+    assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), flat_map.heat_map().data.astype(np.float32))
 
 
 def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
     far = AFFINE.copy()
     far[0, 3] += 500
     write_volume(tmp_path / "far.nii.gz", np.ones((5, 5, 5), np.float32), far)
-    result = run("image", shared / "map.npz", "--volume", tmp_path / "far.nii.gz", "-o", tmp_path / "far.png")
-    assert result.exit_code == 1
-    assert "shows nothing on the map" in result.stderr
+    words = ["image", shared / "map.npz", "--volume", tmp_path / "far.nii.gz", "-o", tmp_path / "far.png"]
+    fail(1, "shows nothing on the map", *words)
     assert not (tmp_path / "far.png").exists()
 
 
@@ -303,9 +294,7 @@ def test_demo_without_its_packages_says_what_to_install(monkeypatch):
 @pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
 def test_help(command):
     for flag in ("-h", "--help"):
-        result = run(*command, flag)
-        assert result.exit_code == 0
-        assert result.stdout.startswith("Usage: voxflat")
+        assert succeed(*command, flag).stdout.startswith("Usage: voxflat")
     assert run("--version").stdout == f"voxflat {voxflat.__version__}\n"
 
 
@@ -338,19 +327,12 @@ def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, op
         assert told_default("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
 
 
-@pytest.mark.parametrize(
-    ("command", "function"),
-    [
-        ("flatten", voxflat.flatten),
-        ("check", voxflat.check),
-        ("surface", voxflat.surface),
-        ("cut", voxflat.Surface.cut),
-        ("path", voxflat.Surface.path),
-        ("measure", voxflat.compare),
-        ("patches", voxflat.Surface.patches),
-        ("rows", voxflat.Surface.geodesic),
-    ],
-)
+FUNCTIONS = {"flatten": voxflat.flatten, "check": voxflat.check, "surface": voxflat.surface, "measure": voxflat.compare}
+FUNCTIONS |= {"rows": voxflat.Surface.geodesic}
+FUNCTIONS |= {name: getattr(voxflat.Surface, name) for name in ("cut", "path", "patches")}
+
+
+@pytest.mark.parametrize(("command", "function"), FUNCTIONS.items())
 def test_commands_and_functions_have_the_same_defaults(command, function):
     usual = {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}
     for option in cli.main.commands[command].params:

@@ -11,7 +11,7 @@ from pathlib import Path
 import nibabel as nib
 import numpy as np
 import pytest
-from lab_runs import run
+from command_line import fail, run, succeed
 from PIL import Image
 from refusals import refused
 from triangle_meshes import bump, square
@@ -83,9 +83,7 @@ def test_no_output_is_an_input(folder, case):
     for name in ("cuts.json", "drop.ply.json", "map.npz", "t.png", "v.png", "flat.png", "v.nii"):
         Path(name).write_text("{}")
     before = everything()
-    result = run(*OVER_INPUTS[case].split())
-    assert result.exit_code == 1
-    assert "it is an input; choose another name" in result.stderr
+    fail(1, "it is an input; choose another name", *OVER_INPUTS[case].split())
     assert everything() == before
 
 
@@ -99,32 +97,28 @@ def test_no_output_is_an_input(folder, case):
 )
 def test_no_output_is_written_twice(folder, command):
     before = everything()
-    result = run(*command.split())
-    assert (result.exit_code, "twice; choose another name" in result.stderr) == (1, True)
+    fail(1, "twice; choose another name", *command.split())
     assert everything() == before
 
 
 def test_files_beside_replace_only_what_is_ours(folder):
-    assert run("flatten", "sheet.npy", "-o", "map.npz", "--sources", 20).exit_code == 0
+    succeed("flatten", "sheet.npy", "-o", "map.npz", "--sources", 20)
     for beside, name in (("brick.png", "brick.obj"), ("brick.mtl", "brick.obj"), ("brick.png", "brick.vtp")):
         Path(beside).write_bytes(b"another's")
-        done = run("texture", "map.npz", "bricks.png", "-o", name)
-        assert done.exit_code == 1
-        assert f"{beside} beside it is there already" in done.stderr
+        done = fail(1, f"{beside} beside it is there already", "texture", "map.npz", "bricks.png", "-o", name)
         assert "--overwrite" in done.stderr
         assert Path(beside).read_bytes() == b"another's"
         assert not Path(name).exists()
         refused("beside it is there already", voxflat.load("map.npz").textured("bricks.png").save, name)
-        assert run("texture", "map.npz", "bricks.png", "-o", name, "--overwrite").exit_code == 0
-        again = run("texture", "map.npz", "bricks.png", "-o", name)  # now they are ours
-        assert again.exit_code == 0
+        succeed("texture", "map.npz", "bricks.png", "-o", name, "--overwrite")
+        succeed("texture", "map.npz", "bricks.png", "-o", name)  # now they are ours
         for path in ("brick.obj", "brick.mtl", "brick.png", "brick.vtp"):
             Path(path).unlink(missing_ok=True)
     Path("s.ply.json").write_text('{"another": "tool"}')
     assert run("surface", "lh.white", "-o", "s.ply", "--sidecar").exit_code == 1
     assert not Path("s.ply").exists()
     for more in (["--overwrite"], []):
-        assert run("surface", "lh.white", "-o", "s.ply", "--sidecar", *more).exit_code == 0
+        succeed("surface", "lh.white", "-o", "s.ply", "--sidecar", *more)
 
 
 def test_python_writes_over_no_input_either(folder):
@@ -148,8 +142,7 @@ def test_a_texture_found_beside_a_surface_is_an_input(folder):
     Path("face.mtl").write_text("newmtl skin\nmap_Kd face.png\n")
     Image.fromarray(np.full((9, 9, 3), 77, np.uint8)).save("face.png")
     before = everything()
-    done = run("image", "map.npz", "--volume", "face.obj", "-o", "face.png")
-    assert (done.exit_code, "it is an input (face.png)" in done.stderr) == (1, True)
+    fail(1, "it is an input (face.png)", "image", "map.npz", "--volume", "face.obj", "-o", "face.png")
     assert everything() == before
     done = run("image", "map.npz", "--volume", "face.obj", "-o", "flat.png", "--json")
     files = json.loads(done.stdout)["provenance"]["files"]
@@ -162,8 +155,7 @@ def test_a_texture_found_beside_a_surface_is_an_input(folder):
 )
 def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status):
     command = f"{PROGRAM} flatten sheet.npy -o map.npz --sources 20 --json {where}"
-    done = subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120)
-    assert done.returncode == status
+    assert subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120).returncode == status
     assert len(voxflat.load("map.npz")) == 100
 
 
@@ -198,8 +190,8 @@ def test_every_command_has_json(folder):
 def test_a_record_is_in_every_kind_of_file(folder):
     np.savetxt("keep.txt", np.ones(169), fmt="%d")
     arguments = ["flatten", "lh.white", "--pial", "lh.pial", "--keep", "keep.txt", "--sources", 20]
-    assert run(*arguments, "-o", "lh.flat.surf.gii", "--sidecar").exit_code == 0
-    assert run(*arguments, "-o", "map.npz").exit_code == 0
+    succeed(*arguments, "-o", "lh.flat.surf.gii", "--sidecar")
+    succeed(*arguments, "-o", "map.npz")
     record = json.loads(nib.load("lh.flat.surf.gii").meta["Provenance"])
     assert record == json.loads(Path("lh.flat.surf.gii.json").read_text())
     with np.load("map.npz") as file:
@@ -234,7 +226,7 @@ def test_a_record_is_in_every_kind_of_file(folder):
         if name == "image.nii.gz":
             (extension,) = nib.load(name).header.extensions
             assert (extension.get_code(), json.loads(extension.get_content())) == (6, told)
-    assert run("image", "map.npz", "--heat-map", "-o", "heat.png").exit_code == 0
+    succeed("image", "map.npz", "--heat-map", "-o", "heat.png")
     heat = json.loads(Image.open("heat.png").text["Provenance"])
     assert (heat["function"], heat["parameters"]["of"]) == ("heat_map", record)
 
@@ -243,14 +235,12 @@ def test_other_results_have_records(folder):
     files = {"lh.white": sha256("lh.white")}
 
     def told(*command):
-        done = run(*command, "--json")
-        assert done.exit_code == 0, done.stderr
-        return json.loads(done.stdout)
+        return json.loads(succeed(*command, "--json").stdout)
 
-    assert run("cut", "lh.white", "-o", "cuts.json").exit_code == 0
+    succeed("cut", "lh.white", "-o", "cuts.json")
     record = json.loads(Path("cuts.json").read_text())["provenance"]
     assert (record["function"], record["parameters"]["of"]["files"]) == ("cut", files)
-    assert run("flatten", "lh.white", "--cuts", "cuts.json", "-o", "m.npz", "--sources", 20).exit_code == 0
+    succeed("flatten", "lh.white", "--cuts", "cuts.json", "-o", "m.npz", "--sources", 20)
     assert voxflat.load("m.npz").provenance["files"] == {"cuts.json": sha256("cuts.json")}
     made = told("surface", "lh.white", "-o", "s.surf.gii")
     assert made["metadata"]["provenance"] == json.loads(nib.load("s.surf.gii").meta["Provenance"])
@@ -264,7 +254,7 @@ def test_other_results_have_records(folder):
     assert (glued["function"], glued["parameters"]["bound"]) == ("glue", 1.5)
     assert glued["parameters"]["of"]["function"] == "patches"
     assert glued["parameters"]["of"]["parameters"]["of"]["files"] == files
-    assert run("surface", "solid.nii.gz", "--repair", "voxels", "--repaired", "r.nii", "-o", "r.ply").exit_code == 0
+    succeed("surface", "solid.nii.gz", "--repair", "voxels", "--repaired", "r.nii", "-o", "r.ply")
     (extension,) = nib.load("r.nii").header.extensions
     assert json.loads(extension.get_content())["files"] == {"solid.nii.gz": sha256("solid.nii.gz")}
     textured = told("texture", "m.npz", "bricks.png", "-o", "t.obj")
@@ -302,8 +292,7 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
             data = b"".join(bytes(array) for array in np.load(path).values())
         assert b"secret" not in data
         assert "secret".encode("utf-32-le") not in data  # as numpy stores text
-    loaded = voxflat.load("m.npz")
-    refused("is an input", loaded.save, secret / "a" / "lh.white")
+    refused("is an input", voxflat.load("m.npz").save, secret / "a" / "lh.white")
     two = portable({"files": {str(secret / name / "lh.white"): name for name in "ab"}})
     assert two == {"files": {"lh.white": "a", "lh.white (2)": "b"}}
     monkeypatch.setenv("VOXFLAT_KEEP_PATHS", "1")
@@ -352,7 +341,7 @@ def test_the_same_call_writes_the_same_bytes(folder):
     for name in ("a", "b"):
         for ending in (".npz", ".surf.gii"):
             arguments = ["flatten", "lh.white", "--sources", 20, "-o", f"{name}{ending}"]
-            assert run(*arguments, "--threads", 1 if name == "a" else 2).exit_code == 0
+            succeed(*arguments, "--threads", 1 if name == "a" else 2)
     assert sha256("a.surf.gii") == sha256("b.surf.gii")
     for name in ("a", "b"):
         voxflat.load("a.npz").heat_map().save(f"{name}.png")

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from lab_runs import run
+from command_line import fail, run, succeed
 from refusals import refused
 
 import voxflat
@@ -89,21 +89,18 @@ class TestCommandLine:
 
     @pytest.mark.parametrize("solver", ["marching", "exact"])
     def test_prints_a_path_over_triangles(self, mesh, ball, solver):
-        done = run("path", mesh, 7, 2000, "--geodesic", solver, "--json")
-        told = json.loads(done.stdout)
+        told = json.loads(run("path", mesh, 7, 2000, "--geodesic", solver, "--json").stdout)
         assert told["length"] == pytest.approx(ball.path(7, 2000, geodesic=solver).length, rel=1e-6)
         assert -1 in told["ids"]
 
     @pytest.mark.parametrize("solver", ["marching", "exact"])
     def test_writes_no_path_over_triangles_for_cuts(self, mesh, tmp_path, solver):
-        done = run("path", mesh, 7, 2000, "--geodesic", solver, "-o", tmp_path / "cut.txt")
-        assert done.exit_code == 2
-        assert "--geodesic edges" in done.stderr
+        fail(2, "--geodesic edges", "path", mesh, 7, 2000, "--geodesic", solver, "-o", tmp_path / "cut.txt")
         assert not (tmp_path / "cut.txt").exists()
 
     @pytest.mark.parametrize("solver", SOLVERS)
     def test_fills_a_store(self, mesh, tmp_path, solver):
         where = ("--store", tmp_path / "store", "--quiet")
-        assert run("rows", mesh, "--sources", 5, "--geodesic", solver, *where).exit_code == 0
+        succeed("rows", mesh, "--sources", 5, "--geodesic", solver, *where)
         rows = voxflat.open_rows(tmp_path / "store")
         np.testing.assert_array_equal(rows, voxflat.surface(mesh).geodesic(5, geodesic=solver))

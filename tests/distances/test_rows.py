@@ -13,7 +13,7 @@ import hard_shapes
 import numpy as np
 import pytest
 import shapes
-from lab_runs import run
+from command_line import fail, run, succeed
 from refusals import refused
 
 import voxflat
@@ -128,8 +128,7 @@ class TestFlatten:
         assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
 
     def test_saves_no_rows_of_a_store(self, tmp_path):
-        flat = voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store")
-        flat.save(tmp_path / "map.npz")
+        voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=tmp_path / "store").save(tmp_path / "map.npz")
         again = voxflat.load(tmp_path / "map.npz")
         assert again.rows is None
         voxflat.open_rows(tmp_path / again.metadata["store"]).verify()  # its name: no path is written
@@ -158,9 +157,8 @@ voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.arg
 """
     store = tmp_path / "store"
     done = subprocess.run([sys.executable, "-B", "-c", limited, store], capture_output=True, text=True, check=False)
-    assert re.search(
-        rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'", done.stderr
-    )
+    said = rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'"
+    assert re.search(said, done.stderr)
     refused("measure again with the same store", voxflat.open_rows, store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=store), expected)
 
@@ -176,8 +174,7 @@ def spoil(path, at, value=b"\xff"):
 
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
-    again = voxflat.open_rows(stored.store)
-    refused(r"the rows 39 of .*store do not agree .* measure again", again.verify)
+    refused(r"the rows 39 of .*store do not agree .* measure again", voxflat.open_rows(stored.store).verify)
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
@@ -306,11 +303,9 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("much work")
     (tmp_path / "file").write_text("a file")
-    for name, message in [
-        ("thesis", "is no store and holds other files (chapter.tex); give a new or empty one"),
-        ("file", "is a file; give a directory"),
-    ]:
-        refused(re.escape(message), SURFACE.geodesic, SOURCES, store=tmp_path / name)
+    other = r"is no store and holds other files \(chapter.tex\); give a new or empty one"
+    for name, message in (("thesis", other), ("file", "is a file; give a directory")):
+        refused(message, SURFACE.geodesic, SOURCES, store=tmp_path / name)
         refused("no store", voxflat.open_rows, tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):
@@ -367,8 +362,7 @@ def test_the_command_measures_and_goes_on(tmp_path):
     np.save(tmp_path / "sheet.npy", shapes.sheet((30, 20)))
     where = ("--spacing", "1,1,2", "--store", tmp_path / "store")
     command = ["rows", tmp_path / "sheet.npy", "--sources", SOURCES, *where]
-    result = run(*command)
-    assert result.exit_code == 0, result.output
+    result = succeed(*command)
     assert result.stdout == f"40 x 600 distances, 0 MiB\nsaved in {tmp_path / 'store'}\n"
     assert f"voxflat: up to 93.75 KiB on disk are needed in {tmp_path / 'store'}" in result.stderr
     expected = voxflat.surface(tmp_path / "sheet.npy", spacing=(1, 1, 2)).geodesic(SOURCES)
@@ -379,15 +373,10 @@ def test_the_command_measures_and_goes_on(tmp_path):
     assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
     assert "40 rows were in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
-    other = run(*command, "--radius", 9, "--seed-point", "9,9,1")
-    assert other.exit_code == 1
-    assert "is a store of other rows" in other.stderr
+    fail(1, "is a store of other rows", *command, "--radius", 9, "--seed-point", "9,9,1")
 
 
 def test_flatten_keeps_its_rows(tmp_path):
     np.save(tmp_path / "sheet.npy", SHEET)
-    result = run(
-        "flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sources", 20, "--store", tmp_path / "s"
-    )
-    assert result.exit_code == 0, result.output
+    succeed("flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sources", 20, "--store", tmp_path / "s")
     assert voxflat.open_rows(tmp_path / "s").shape == (20, 600)

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import composed
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,7 +18,7 @@ from PIL import Image
 from refusals import refused
 
 import voxflat
-from voxflat import cli, figures
+from voxflat import figures
 from voxflat.figures.flat_maps import folds
 from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names, text_size
@@ -248,8 +248,7 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
         expected = np.array(colormaps["hsv"](turn, bytes=True), dtype=int)
         assert np.abs(wheel[row, column] - expected).max() <= 12
     assert wheel[side // 2, side // 2, 3] == wheel[0, 0, 3] == 0
-    words = [text.get_text() for text in texts(figure, "data")]
-    assert words == ["0", "90", "180", "270", "overlay, overlay > 0.5"]
+    assert [text.get_text() for text in texts(figure, "data")] == ["0", "90", "180", "270", "overlay, overlay > 0.5"]
     places = [text.get_position() for text in texts(figure, "data")][:4]
     assert np.argmax([x for x, _ in places]) == (0 if zero == "right" else 1)
     assert np.argmax([y for _, y in places]) == (1 if zero == "right" else 0)
@@ -396,7 +395,7 @@ def test_an_svg_has_layers_and_its_text_is_text(flat_map, tmp_path):
 
 class TestCommand:
     def run(self, *arguments):
-        return CliRunner().invoke(cli.main, ["figure", *map(str, arguments)], prog_name="voxflat")
+        return run("figure", *arguments)
 
     def test_the_map_alone_is_its_folds(self, saved, tmp_path, monkeypatch):
         monkeypatch.undo()  # all pixels

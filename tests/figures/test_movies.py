@@ -6,7 +6,7 @@ import sys
 import composed
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import run
 from matplotlib import colormaps
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
@@ -14,7 +14,7 @@ from refusals import refused
 from textures import grid
 
 import voxflat
-from voxflat import InputError, cli, figures
+from voxflat import InputError, figures
 
 LONG, HIGH = 30, 16  # vertices of a sheet, 1 mm apart
 COUNT = LONG * HIGH
@@ -172,15 +172,14 @@ def test_the_command(flat_map, along, tmp_path):
     flat_map.save(tmp_path / "map.npz")
     np.save(tmp_path / "s.npy", np.outer(along, [1.0, -1.0, 2.0]))
 
-    def run(output, *more):
-        told = ["movie", tmp_path / "map.npz", "--overlay", tmp_path / "s.npy", "-o", tmp_path / output, *more]
-        return CliRunner().invoke(cli.main, list(map(str, told)))
+    def movie(output, *more):
+        return run("movie", tmp_path / "map.npz", "--overlay", tmp_path / "s.npy", "-o", tmp_path / output, *more)
 
     look = ["--range", "-2,2", "--above", "0.5", "--below", "-0.5", "--unit", "%", "--size", "320", "--rate", "5"]
-    told = json.loads(run("a.gif", *look, "--time-step", "2", "--json", "--sidecar").stdout)
+    told = json.loads(movie("a.gif", *look, "--time-step", "2", "--json", "--sidecar").stdout)
     assert (told["frames"], told["width"], told["seconds"]) == (3, 320, 0.6)
     assert told["provenance"]["parameters"]["overlay"]["time_step"] == 2
     assert json.loads((tmp_path / "a.gif.json").read_text())["function"] == "movie"
-    assert run("a.avi").exit_code == 1
-    assert run("a.gif", "--depth", "1", "--fraction", "0.5").exit_code == 2
-    assert run("s.npy").exit_code == 1
+    assert movie("a.avi").exit_code == 1
+    assert movie("a.gif", "--depth", "1", "--fraction", "0.5").exit_code == 2
+    assert movie("s.npy").exit_code == 1

@@ -39,15 +39,8 @@ def to_scanner(points, of):
 def footer(of, valid="1  # volume info valid"):
     """Return the footer of FreeSurfer's surfaces."""
     axes = dict(zip(("xras", "yras", "zras"), of["Mdc"], strict=True))
-    return {
-        "head": np.array([2, 0, 20]),
-        "valid": valid,
-        "filename": "/subjects/bert/mri/filled.mgz",
-        "volume": of["dims"][:3],
-        "voxelsize": of["delta"],
-        **axes,
-        "cras": of["Pxyz_c"],
-    }
+    file = {"head": np.array([2, 0, 20]), "valid": valid, "filename": "/subjects/bert/mri/filled.mgz"}
+    return {**file, "volume": of["dims"][:3], "voxelsize": of["delta"], **axes, "cras": of["Pxyz_c"]}
 
 
 def volume_geometry(of, read_from):
@@ -127,15 +120,9 @@ def workbench(path, points, faces, of):
     return write_gifti(path, to_scanner(points, of), faces, volume_geometry(of, points), (3, 3))
 
 
-WAYS = {
-    "lh.white": write_freesurfer,
-    "mris_convert.surf.gii": mris_convert,
-    "mris_convert_old.surf.gii": mris_convert_old,
-    "to_scanner.surf.gii": to_scanner_new,
-    "to_scanner_old.surf.gii": to_scanner_old,
-    "smriprep.surf.gii": smriprep,
-    "workbench.surf.gii": workbench,
-}
+WAYS = {"lh.white": write_freesurfer, "mris_convert.surf.gii": mris_convert}
+WAYS |= {"mris_convert_old.surf.gii": mris_convert_old, "to_scanner.surf.gii": to_scanner_new}
+WAYS |= {"to_scanner_old.surf.gii": to_scanner_old, "smriprep.surf.gii": smriprep, "workbench.surf.gii": workbench}
 """How programs write a surface that lies at one place, by the files' names."""
 
 AFFINES = {

@@ -15,3 +15,11 @@ def succeed(*words):
     result = run(*words)
     assert result.exit_code == 0, result.output
     return result
+
+
+def fail(status, told, *words):
+    """Run a command that must end with this status and say this, other than as its result."""
+    result = run(*words)
+    assert result.exit_code == status, result.output
+    assert told in result.stderr
+    return result

@@ -29,13 +29,10 @@ def write(folder, vertices=VERTICES):
     """Write lh.white, lh.pial, lh.midthickness.surf.gii and lh.Medial_wall.label, with their c_ras."""
     white, pial, faces = hemisphere(vertices)
     for name, points in (("white", white), ("pial", pial)):
-        footer = studies.footer(C_RAS)
-        nib.freesurfer.write_geometry(folder / f"lh.{name}", points, faces, volume_info=footer)
+        nib.freesurfer.write_geometry(folder / f"lh.{name}", points, faces, volume_info=studies.footer(C_RAS))
     wall = np.flatnonzero(np.linalg.norm(pial - white, axis=1) < studies.THIN)
     studies.write_label(folder / "lh.Medial_wall.label", wall, white)
-    arrays = [
-        nib.gifti.GiftiDataArray(((white + pial) / 2 + C_RAS).astype("f4"), "NIFTI_INTENT_POINTSET"),
-        nib.gifti.GiftiDataArray(faces.astype("i4"), "NIFTI_INTENT_TRIANGLE"),
-    ]
+    parts = {"POINTSET": ((white + pial) / 2 + C_RAS).astype("f4"), "TRIANGLE": faces.astype("i4")}
+    arrays = [nib.gifti.GiftiDataArray(data, f"NIFTI_INTENT_{kind}") for kind, data in parts.items()]
     nib.save(nib.gifti.GiftiImage(darrays=arrays), folder / "lh.midthickness.surf.gii")
     return wall

@@ -1,4 +1,4 @@
-"""What the tests of `voxflat.lab` share: the command line, a folder's files, and Chromium."""
+"""What the tests of `voxflat.lab` share: a folder's files, and Chromium."""
 
 import base64
 import json
@@ -6,16 +6,9 @@ import zlib
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from study import chromium
 
-from voxflat import cli
-
 VERTICES, FEW = 642, 162
-
-
-def run(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
 
 
 def everything(folder):

@@ -101,8 +101,7 @@ def gifti(path, arrays=None, change=lambda image: None, **options):
     image = nib.gifti.GiftiImage()
     for data, intent in arrays:
         code = f"NIFTI_INTENT_{intent.upper()}"
-        array = nib.gifti.GiftiDataArray(data, code, datatype=data.dtype, **options)
-        image.add_gifti_data_array(array)
+        image.add_gifti_data_array(nib.gifti.GiftiDataArray(data, code, datatype=data.dtype, **options))
     change(image)
     path.write_bytes(image.to_bytes())
     return path

@@ -41,8 +41,7 @@ def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=Fa
     """
     rotation = Rotation.identity() if rotation is None else rotation
     fine = 16  # samples a voxel
-    s = np.linspace(0, 1, int(length * fine))
-    angle = 2 * np.pi * turns * s
+    angle = 2 * np.pi * turns * np.linspace(0, 1, int(length * fine))
     radius = length / (2 * np.pi * turns)
     normal = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     across = np.linspace(0, width, int(width * fine))

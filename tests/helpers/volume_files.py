@@ -42,8 +42,7 @@ def values(dtype="int16", shape=SHAPE):
 def save(path, data, affine=None, *, sform=1, qform=0, qaffine=None, endian="<", patch=None, dtype=None):
     """Write a NIfTI by nibabel; `patch` overwrites header bytes at offsets."""
     affine = oblique() if affine is None else affine
-    header = nib.Nifti1Header(endianness=endian)
-    image = nib.Nifti1Image(data, affine, header=header, dtype=dtype or data.dtype)
+    image = nib.Nifti1Image(data, affine, header=nib.Nifti1Header(endianness=endian), dtype=dtype or data.dtype)
     image.set_sform(affine, sform)
     image.set_qform(affine if qaffine is None else qaffine, qform)
     nib.save(image, path)

@@ -53,9 +53,8 @@ expected = mesh.voxflat(method=Voxflat(sources=10), relax=False)
 facts["flat is the accessor's"] = same(expected, flatten.GetOutput())
 facts["arrays"] = list(expected.array_names)
 facts["sha256"] = hashlib.sha256(np.ascontiguousarray(expected.points).tobytes()).hexdigest()
-facts["elevation"] = bool(
-    np.array_equal(pv.wrap(flatten.GetOutput())["Elevation"], mesh["Elevation"][expected["vertex_ids"]])
-)
+elevation = pv.wrap(flatten.GetOutput())["Elevation"]
+facts["elevation"] = bool(np.array_equal(elevation, mesh["Elevation"][expected["vertex_ids"]]))
 facts["progress"] = told[:]
 
 counts = [len(runs)]
@@ -132,10 +131,9 @@ facts["page is the accessor's"] = same(pv.wrap(height.GetOutput()).voxflat.patch
 
 image = pv.ImageData(dimensions=(9, 9, 9))
 image["ball"] = 4 - np.linalg.norm(image.points - 4, axis=1)
-of_image = filters.FlattenSurface(method=Voxflat(sources=9), threshold=0.4, relax=False)
+how = {"method": Voxflat(sources=9), "threshold": 0.4, "relax": False}
+of_image = filters.FlattenSurface(**how)
 of_image.SetInputData(image)
 of_image.Update()
-facts["image is the accessor's"] = same(
-    image.voxflat(method=Voxflat(sources=9), threshold=0.4, relax=False), of_image.GetOutput()
-)
+facts["image is the accessor's"] = same(image.voxflat(**how), of_image.GetOutput())
 print(json.dumps(facts))

@@ -19,8 +19,7 @@ from voxflat.io.overlays import read_overlay, read_region
 def meshes(draw):
     n = draw(st.integers(3, 12))
     points = draw(npst.arrays(np.float64, (n, 3), elements=st.floats(-1e4, 1e4)))
-    shape = (draw(st.integers(1, 9)), 3)
-    faces = draw(npst.arrays(np.int64, shape, elements=st.integers(0, n - 1)))
+    faces = draw(npst.arrays(np.int64, (draw(st.integers(1, 9)), 3), elements=st.integers(0, n - 1)))
     texture = draw(st.none() | npst.arrays(np.float64, (n, 2), elements=st.floats(0, 1)))
     return Mesh(points, faces, texture_coordinates=texture)
 
@@ -44,8 +43,7 @@ def test_round_trip(tmp_path, name, mesh):
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("dtype", ["u1", "u4", ">i4", "i8", "u8"])
 def test_types_of_faces(tmp_path, name, dtype):
-    mesh = Mesh(grid().points.astype(">f4"), grid().faces.astype(dtype))
-    write_mesh(tmp_path / name, mesh)
+    write_mesh(tmp_path / name, Mesh(grid().points.astype(">f4"), grid().faces.astype(dtype)))
     same(read_mesh(tmp_path / name), grid())
 
 

@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 import tifffile
 import trimesh
-from click.testing import CliRunner
+from command_line import succeed
 from refusals import refused
 
 import voxflat
-from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io import read_mesh, read_volume
 
@@ -87,13 +86,8 @@ def test_polygons_of_off_are_cut(tmp_path):
 
 def test_tiff_stacks_are_volumes_in_mm(tmp_path):
     tifffile.imwrite(tmp_path / "plain.tif", STACK, photometric="minisblack")
-    tifffile.imwrite(
-        tmp_path / "imagej.tif",
-        STACK,
-        imagej=True,
-        resolution=(1 / 0.5, 1 / 0.25),
-        metadata={"spacing": 2.0, "unit": "um", "axes": "ZYX"},
-    )
+    how = {"resolution": (1 / 0.5, 1 / 0.25), "metadata": {"spacing": 2.0, "unit": "um", "axes": "ZYX"}}
+    tifffile.imwrite(tmp_path / "imagej.tif", STACK, imagej=True, **how)
     sizes = {f"PhysicalSize{axis}": size for axis, size in zip("XYZ", (0.5, 0.25, 2.0), strict=True)}
     units = {f"PhysicalSize{axis}Unit": "µm" for axis in "XYZ"}
     tifffile.imwrite(tmp_path / "stack.ome.tif", STACK, metadata={"axes": "ZYX", **sizes, **units})
@@ -103,10 +97,8 @@ def test_tiff_stacks_are_volumes_in_mm(tmp_path):
         assert volume.is_placed == (name != "plain.tif")
         if volume.is_placed:
             np.testing.assert_allclose(np.diag(volume.affine), [0.0005, 0.00025, 0.002, 1], rtol=1e-5)
-    surface = voxflat.surface(tmp_path / "plain.tif", threshold=450, spacing=(0.5, 0.25, 2.0))
-    assert surface.is_voxels
-    done = CliRunner().invoke(cli.main, ["check", str(tmp_path / "imagej.tif"), "--threshold", "450"])
-    assert done.exit_code == 0, done.output
+    assert voxflat.surface(tmp_path / "plain.tif", threshold=450, spacing=(0.5, 0.25, 2.0)).is_voxels
+    succeed("check", tmp_path / "imagej.tif", "--threshold", "450")
 
 
 @pytest.mark.parametrize(
@@ -119,15 +111,13 @@ def test_a_stack_of_several_volumes_is_refused(tmp_path, axes, shape):
 
 @pytest.mark.parametrize("kind", [nib.Nifti1Pair, nib.AnalyzeImage])
 def test_images_of_two_files(tmp_path, kind):
-    image = kind(STACK.astype(np.int16), np.diag([1.0, 2, 3, 1]))
-    nib.save(image, tmp_path / "pair.img")
+    nib.save(kind(STACK.astype(np.int16), np.diag([1.0, 2, 3, 1])), tmp_path / "pair.img")
     expected = nib.load(tmp_path / "pair.hdr")
     for name in ("pair.img", "pair.hdr"):
         volume = read_volume(tmp_path / name)
         np.testing.assert_array_equal(volume.data, STACK)
         np.testing.assert_array_equal(volume.affine, expected.affine)
-    whole = (tmp_path / "pair.img").read_bytes()
-    (tmp_path / "pair.img").write_bytes(whole[:-9])
+    (tmp_path / "pair.img").write_bytes((tmp_path / "pair.img").read_bytes()[:-9])
     refused("ends after 411 of 420 bytes", read_volume, tmp_path / "pair.hdr")
     (tmp_path / "pair.img").unlink()
     refused(r"pair.img is not beside it", read_volume, tmp_path / "pair.hdr")

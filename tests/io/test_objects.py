@@ -127,8 +127,7 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
     given = OVERLAYS[kind]()
     np.testing.assert_array_equal(left.image(given, 1.0).data, left.image(VALUES, 1.0).data)
     assert len(left.plot(given).axes) == 3
-    part = voxflat.surface(gifti_surface()).keep(gifti_values(values=np.float32(VALUES > 0)))
-    assert 0 < len(part) < COUNT
+    assert 0 < len(voxflat.surface(gifti_surface()).keep(gifti_values(values=np.float32(VALUES > 0)))) < COUNT
 
 
 @pytest.mark.parametrize(
@@ -167,8 +166,7 @@ def test_maps_become_objects_of_other_packages(left):
     np.testing.assert_array_equal(polydata.points[:, :2], left.uv)
     for faces in (nilearn.faces, mesh.faces, gifti.agg_data("triangle")):
         np.testing.assert_array_equal(faces, left.ids[left.faces])
-    drawn = plotting.plot_surf(nilearn, VALUES, view="dorsal", engine="matplotlib")
-    assert len(drawn.axes[0].collections) == 1
+    assert len(plotting.plot_surf(nilearn, VALUES, view="dorsal", engine="matplotlib").axes[0].collections) == 1
     back = voxflat.measure(gifti_surface(), nilearn)
     assert back.raw.relative_error == pytest.approx(left.distortion.raw.relative_error, abs=0.01)
 
@@ -180,12 +178,8 @@ def test_jupyter_shows_a_picture_and_figures(left):
     assert "relative error, %" in page
     surface = voxflat.surface(voxflat.samples.ball())
     opened, atlas = surface.cut(relax=False), surface.patches()
-    for value, said in (
-        (surface, "extent, mm"),
-        (opened, "cut 1, "),
-        (atlas, "triangles"),
-        (left.distortion, "stress-1"),
-    ):
+    told = {"extent, mm": surface, "cut 1, ": opened, "triangles": atlas, "stress-1": left.distortion}
+    for said, value in told.items():
         page = value._repr_html_()
         assert page.startswith("<p><code>&lt;")
         assert said in page
@@ -196,7 +190,6 @@ def test_jupyter_shows_a_picture_and_figures(left):
 
 
 def test_plot_draws_on_given_axes(left):
-    figure = Figure()
-    ax = figure.add_subplot()
+    ax = Figure().add_subplot()
     assert left.plot(VALUES, ax=ax, title="effect") is ax
     assert len(ax.child_axes) == 3

@@ -42,8 +42,7 @@ def test_each_programs_space_is_known(tmp_path, name, axes):
     assert mesh.remarks == ()
     np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
     np.testing.assert_allclose(mesh.space.from_scanner(mesh.space.to_scanner(mesh.points)), mesh.points, atol=1e-9)
-    again = Space._of({"space": mesh.space._described()})
-    assert again._described() == mesh.space._described()
+    assert Space._of({"space": mesh.space._described()})._described() == mesh.space._described()
 
 
 @pytest.mark.parametrize("shape", [(256, 256, 256), (320, 300, 257)])
@@ -96,8 +95,7 @@ def test_a_surface_of_a_volume_as_freesurfers(tmp_path, kind):
     """It lies at its place by its footer: that of the volume, or of the same conformed, about the same centre."""
     mask = np.zeros((20, 22, 24), np.uint8)
     mask[6:14, 5:15, 8:16] = 1
-    axes = CONFORMED if kind == "conformed" else oblique()
-    of = header(axes, shape=mask.shape, size=(2.0, 2.0, 2.0))
+    of = header(CONFORMED if kind == "conformed" else oblique(), shape=mask.shape, size=(2.0, 2.0, 2.0))
     nib.save(nib.MGHImage(mask, None, of), tmp_path / "wm.mgz")
     made = voxflat.surface(mask if kind == "bare" else tmp_path / "wm.mgz")
     made.save(tmp_path / "lh.white")
@@ -188,25 +186,20 @@ def test_a_matrix_without_a_volume_is_enough(tmp_path):
 def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):
     (points, faces), of = ball(), header(oblique())
     core = voxflat.surface((points, faces))
-    outside = (
-        points + 2.5 * (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0), axis=1)[:, None]
-    )
+    outwards = points - points.mean(axis=0)
+    outside = points + 2.5 * outwards / np.linalg.norm(outwards, axis=1)[:, None]
     white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
     both = []
     for name in ("lh.white", "to_scanner.surf.gii"):
-        pial = WAYS[name](tmp_path / f"pial_{name}", outside, faces, of)
-        both.append(voxflat.surface(white, pial=pial).points)
+        both.append(voxflat.surface(white, pial=WAYS[name](tmp_path / f"pial_{name}", outside, faces, of)).points)
     np.testing.assert_allclose(both[0], both[1], atol=1e-4)
     assert len(core) == len(both[0])
 
 
 def test_flat_maps_have_no_space(tmp_path):
     (points, faces), of = ball(), header()
-    m = (
-        voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
-        .disk(0, 25.0)
-        .flatten(Voxflat(sources=20))
-    )
+    surface = voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
+    m = surface.disk(0, 25.0).flatten(Voxflat(sources=20))
     m.save(tmp_path / "flat.surf.gii")
     array = nib.load(tmp_path / "flat.surf.gii").darrays[0]
     assert (array.coordsys.dataspace, array.coordsys.xformspace) == (0, 0)
@@ -227,18 +220,13 @@ def test_unknown_points_are_written_as_they_are(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "structure"),
+    ("structure", "names"),
     [
-        ("lh.thickness", "CortexLeft"),
-        ("rh.aparc.annot", "CortexRight"),
-        ("sub-01_hemi-L_curv.shape.gii", "CortexLeft"),
-        ("sub-01_ses-1_hemi-R_space-fsLR_den-91k_sulc.shape.gii", "CortexRight"),
-        ("100307.R.sulc.32k_fs_LR.shape.gii", "CortexRight"),
-        ("bert.lh.curv.mgz", "CortexLeft"),
-        ("lh.from.rh.label", None),
-        ("Left.txt", None),
-        ("hemi-Lx", None),
+        ("CortexLeft", "lh.thickness sub-01_hemi-L_curv.shape.gii bert.lh.curv.mgz"),
+        ("CortexRight", "rh.aparc.annot 100307.R.sulc.32k_fs_LR.shape.gii"),
+        ("CortexRight", "sub-01_ses-1_hemi-R_space-fsLR_den-91k_sulc.shape.gii"),
+        (None, "lh.from.rh.label Left.txt hemi-Lx"),
     ],
 )
-def test_sides_by_names(name, structure):
-    assert named_structure(f"/rh.data/{name}") == structure
+def test_sides_by_names(structure, names):
+    assert {named_structure(f"/rh.data/{name}") for name in names.split()} == {structure}

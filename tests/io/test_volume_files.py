@@ -38,8 +38,7 @@ nib = pytest.importorskip("nibabel")
     "dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8", ">i2", ">i4", ">f4", ">f8", ">i8"]
 )
 def test_nifti_values(tmp_path, dtype, ending):
-    endian = ">" if dtype[0] == ">" else "<"
-    same_as_nibabel(save(tmp_path / f"v{ending}", values(dtype), endian=endian))
+    same_as_nibabel(save(tmp_path / f"v{ending}", values(dtype), endian=">" if dtype[0] == ">" else "<"))
 
 
 @pytest.mark.parametrize("sform", [0, 1, 2, 3, 4])

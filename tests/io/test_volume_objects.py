@@ -92,8 +92,7 @@ def test_nibabel_images():
 def test_itk_images():
     image = itk_image(values())
     agrees_with_itk(as_volume(image), image)
-    region = itk.ImageRegion[3]([1, 2, 1], [3, 2, 4])
-    part = itk.region_of_interest_image_filter(image, region_of_interest=region)
+    part = itk.region_of_interest_image_filter(image, region_of_interest=itk.ImageRegion[3]([1, 2, 1], [3, 2, 4]))
     np.testing.assert_allclose(as_volume(part).affine[:3, 3], physical(image, (1, 2, 1)))
 
 

@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 import shapes
+from command_line import fail, run, succeed
 from hard_shapes import sheet
-from lab_runs import run
 from mesh_files import write_obj
 from refusals import refused
 
@@ -207,10 +207,8 @@ class TestComparison:
 
     def test_heat_maps_leave_out_what_is_undefined(self):
         mesh, uv = bump()
-        compared = voxflat.compare(mesh, {"good": uv, "in one place": np.zeros_like(uv)}, sources=1)
-        figure = figures.heat_maps(compared)
-        drawn = [len(axes.collections) for axes in figure.axes[:4]]
-        assert drawn == [1, 1, 1, 0]
+        figure = figures.heat_maps(voxflat.compare(mesh, {"good": uv, "in one place": np.zeros_like(uv)}, sources=1))
+        assert [len(axes.collections) for axes in figure.axes[:4]] == [1, 1, 1, 0]
 
 
 @pytest.mark.slow
@@ -224,19 +222,15 @@ class TestCommandLine:
         return tmp_path
 
     def test_one_map(self, files):
-        result = run("measure", files / "surface.ply", files / "one.ply", "--sources", "30")
-        assert result.exit_code == 0, result.output
-        expected = voxflat.measure(files / "surface.ply", files / "one.ply", sources=30)
-        assert result.stdout == expected.table() + "\n"
+        result = succeed("measure", files / "surface.ply", files / "one.ply", "--sources", "30")
+        assert result.stdout == voxflat.measure(files / "surface.ply", files / "one.ply", sources=30).table() + "\n"
         assert "exact distances" in result.stdout
         assert "±" in result.stdout
 
     @pytest.mark.slow
     def test_several_maps(self, files):
         arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
-        result = run("measure", *arguments, "--heat-maps", files / "maps.png")
-        assert result.exit_code == 0, result.output
-        lines = result.stdout.splitlines()
+        lines = succeed("measure", *arguments, "--heat-maps", files / "maps.png").stdout.splitlines()
         assert lines[1].split() == ["one.ply", "two.ply"]
         assert len({len(line) for line in lines if "±" in line[30:]}) == 1  # aligned
         assert (files / "maps.png").read_bytes().startswith(b"\x89PNG")
@@ -248,11 +242,10 @@ class TestCommandLine:
         assert one["reference"] == "exact"
 
     def test_refusals(self, files):
-        assert run("measure", files / "surface.ply").exit_code == 2
-        assert run("measure", files / "surface.ply", files / "one.ply", files / "one.ply").exit_code == 2
-        result = run("measure", files / "surface.ply", files / "one.ply", "--heat-maps", files / "maps.gif")
-        assert result.exit_code == 1
-        assert ".png or .pdf or .svg" in result.stderr
+        surface, one = files / "surface.ply", files / "one.ply"
+        assert run("measure", surface).exit_code == 2
+        assert run("measure", surface, one, one).exit_code == 2
+        fail(1, ".png or .pdf or .svg", "measure", surface, one, "--heat-maps", files / "maps.gif")
 
 
 class TestGeometry:
@@ -279,10 +272,7 @@ class TestGeometry:
             found = voxflat.measure(tmp_path / "lh.white", tmp_path / "map.npz", sources=20)
         assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
         assert found.triangles.areal_p95 == pytest.approx(expected.triangles.areal_p95, rel=1e-4)
-        assert (
-            "made on another geometry than the given surface's (midthickness: halfway to the pial surface)"
-            in caplog.text
-        )
+        assert "another geometry than the given surface's (midthickness: halfway to the pial surface)" in caplog.text
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
             forced = voxflat.measure(tmp_path / "lh.white", flat, sources=20, on_surface=True)
@@ -320,16 +310,14 @@ class TestGeometry:
         with caplog.at_level(logging.WARNING, "voxflat"):
             found = voxflat.measure(moved, flat, sources=20)
         assert not caplog.records
-        assert found.raw.relative_error == pytest.approx(
-            voxflat.measure(white, flat, sources=20).raw.relative_error, rel=1e-4
-        )
+        expected = voxflat.measure(white, flat, sources=20).raw.relative_error
+        assert found.raw.relative_error == pytest.approx(expected, rel=1e-4)
 
     def test_the_command(self, tmp_path):
         self.maps(tmp_path)
         errors = {}
         for more in ((), ("--pial", tmp_path / "lh.pial"), ("--on-surface",)):
-            result = run("measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more)
-            assert result.exit_code == 0, result.output
+            result = succeed("measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more)
             errors[len(more)] = json.loads(result.stdout)["raw"]["relative_error"]
             assert ("another geometry" in result.stderr) == (more == ())
         assert errors[0] == pytest.approx(errors[2], rel=1e-4)

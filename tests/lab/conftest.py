@@ -2,7 +2,8 @@
 
 import pytest
 import studies
-from lab_runs import FEW, VERTICES, run
+from command_line import succeed
+from lab_runs import FEW, VERTICES
 
 
 @pytest.fixture(scope="session")
@@ -12,9 +13,7 @@ def flattened(tmp_path_factory):
     for hemi in ("lh", "rh"):
         studies.write_freesurfer(folder, hemi, studies.hemisphere(hemi, VERTICES), studies.C_RAS)
     studies.write_z(folder / "mri" / "z.mgz")
-    result = run("freesurfer", folder, "--overlay", "thickness", "mri/z.mgz")
-    assert result.exit_code == 0, result.output
-    return folder, result
+    return folder, succeed("freesurfer", folder, "--overlay", "thickness", "mri/z.mgz")
 
 
 @pytest.fixture(scope="session")

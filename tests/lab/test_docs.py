@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import studies
-from lab_runs import FEW, run
+from command_line import run
+from lab_runs import FEW
 
 pytestmark = pytest.mark.slow  # what it makes takes seconds
 
@@ -45,8 +46,7 @@ def test_the_files_that_the_page_names_are_there(lab):
     folder, _ = lab
     for name in re.findall(r"^\| `([^`]+)`", PAGE, re.MULTILINE):
         assert list(folder.glob(f"sub-01/{name}")), name
-    measures = re.search(r"at the vertices: (.*?), and every overlay", PAGE)[1]
-    for name in re.findall(r"`([a-z]+)` \(", measures):
+    for name in re.findall(r"`([a-z]+)` \(", re.search(r"at the vertices: (.*?), and every overlay", PAGE)[1]):
         assert (folder / "sub-01" / "surf" / f"lh.voxflat.{name}.shape.gii").is_file()
     for name in ("sub-01.html", "group.html", "dataset_description.json", ".bidsignore"):
         assert f"`{name}`" in PAGE

@@ -11,8 +11,9 @@ import nibabel as nib
 import numpy as np
 import pytest
 import studies
+from command_line import fail, run, succeed
 from freesurfer_rule import read_patch
-from lab_runs import FEW, VERTICES, console_of, everything, run
+from lab_runs import FEW, VERTICES, console_of, everything
 from nilearn.surface import load_surf_data, load_surf_mesh
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -134,8 +135,7 @@ def test_workbench_reads_every_value(made, tmp_path):
     surf = made / "surf"
 
     def workbench(*words):
-        done = subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True)
-        return done.stdout
+        return subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True).stdout
 
     for name in ("flat.surf.gii", "distanceerror.shape.gii"):
         told = workbench("-file-information", surf / f"lh.voxflat.{name}")
@@ -169,12 +169,12 @@ def test_what_is_up_to_date_is_left_alone(made):
 
 
 def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):
-    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    succeed("freesurfer", subject, "--hemi", "lh")
     first = everything(subject / "surf")
     curv = run("freesurfer", subject, "--hemi", "lh", "--overlay", "curv", "--json")
     (told,) = json.loads(curv.stdout)["hemispheres"]
     assert (told["state"], "lh.voxflat.curv.shape.gii" in told["outputs"]) == ("made", True)
-    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    succeed("freesurfer", subject, "--hemi", "lh")
     made_again = everything(subject / "surf")
     assert set(first) == set(made_again)  # the overlay of the second call is gone
     unequal = [name for name in first if first[name][0] != made_again[name][0]]
@@ -196,7 +196,7 @@ def test_ctrl_c_leaves_nothing_that_looks_finished(subject, monkeypatch):
 
 
 def test_the_geometry_is_what_distances_are_measured_on(subject):
-    assert run("freesurfer", subject, "--hemi", "lh", "--geometry", "pial").exit_code == 0
+    succeed("freesurfer", subject, "--hemi", "lh", "--geometry", "pial")
     flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
     assert_allclose(flat.points, studies.hemisphere("lh", FEW)["pial"][flat.ids], atol=1e-3)
 
@@ -208,20 +208,19 @@ def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_t
     table = np.array([[25, 5, 25, 0, 0], [100, 9, 9, 0, 0], [9, 100, 9, 0, 0]])
     path = subject / "label" / "lh.aparc.annot"
     nib.freesurfer.write_annot(path, areas, table, ["unknown", "low", "high"], fill_ctab=True)
-    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    succeed("freesurfer", subject, "--hemi", "lh")
     flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
     assert of["cortex"][flat.ids].all()
     path.unlink()
-    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    succeed("freesurfer", subject, "--hemi", "lh")
     flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
     assert not of["cortex"][flat.ids].all()
     assert 0.85 < len(np.unique(flat.ids)) / FEW < 0.99
 
 
 def test_cuts_of_a_file(subject):
-    made = run("cut", subject / "surf" / "lh.white", "--cuts", "standard", "-o", subject / "lh.mine.json")
-    assert made.exit_code == 0, made.output
-    assert run("freesurfer", subject, "--hemi", "lh", "--cuts", "{hemi}.mine.json").exit_code == 0
+    succeed("cut", subject / "surf" / "lh.white", "--cuts", "standard", "-o", subject / "lh.mine.json")
+    succeed("freesurfer", subject, "--hemi", "lh", "--cuts", "{hemi}.mine.json")
     record = json.loads((subject / "surf" / "lh.voxflat.flat.json").read_text())
     assert record["inputs"]["cuts"]["path"].endswith("lh.mine.json")
     told = (subject / "lh.mine.json").read_text()
@@ -240,7 +239,7 @@ def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
 
 
 def test_an_earlier_report_does_not_outlive_a_failure(subject):
-    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    succeed("freesurfer", subject, "--hemi", "lh")
     (subject / "surf" / "lh.white").write_bytes(b"")
     failed = run("freesurfer", subject, "--hemi", "lh")
     assert failed.exit_code == 1
@@ -281,9 +280,7 @@ def test_a_series_is_no_overlay(subject):
 
 
 def test_what_is_no_directory_of_freesurfer_is_refused(tmp_path):
-    result = run("freesurfer", tmp_path)
-    assert result.exit_code == 1
-    assert "there is no surf/ in it" in result.stderr
+    fail(1, "there is no surf/ in it", "freesurfer", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

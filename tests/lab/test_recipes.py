@@ -20,20 +20,9 @@ from voxflat.cli.commands.bids import command
 ROOT = Path(__file__).parents[2]
 CLUSTER = ROOT / "docs" / "cluster"
 DESCRIPTOR = CLUSTER / "voxflat.boutiques.json"
-GIVEN = {
-    "source": str(ROOT),
-    "out": "maps",
-    "level": "participant",
-    "labels": ["01", "02"],
-    "hemis": ["L"],
-    "overlays": ["thickness", "curv"],
-    "cuts": "auto",
-    "volume": True,
-    "dry_run": True,
-    "threads": 2,
-    "memory_limit": "4G",
-    "dask": "local",
-}
+GIVEN = {"source": str(ROOT), "out": "maps", "level": "participant", "labels": ["01", "02"], "hemis": ["L"]}
+GIVEN |= {"overlays": ["thickness", "curv"], "cuts": "auto", "volume": True, "dry_run": True, "threads": 2}
+GIVEN |= {"memory_limit": "4G", "dask": "local"}
 
 
 def text(name):
@@ -46,8 +35,7 @@ def test_the_descriptor_is_that_of_the_command():
     spec.loader.exec_module(made)
     found = json.loads(DESCRIPTOR.read_text())
     assert found == made.descriptor(), "python docs/cluster/descriptor.py > docs/cluster/voxflat.boutiques.json"
-    options = {parameter.name for parameter in command.params}
-    assert {one["id"] for one in found["inputs"]} == options >= set(GIVEN)
+    assert {one["id"] for one in found["inputs"]} == {parameter.name for parameter in command.params} >= set(GIVEN)
 
 
 def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_path, capsys):
@@ -117,8 +105,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
 
 def test_both_recipes_are_of_the_same_images_and_files():
     docker, apptainer = text("Dockerfile"), text("voxflat.def")
-    images = re.findall(r"^FROM (\S+)", docker, re.MULTILINE)
-    assert images == re.findall(r"^From: (\S+)", apptainer, re.MULTILINE)
+    assert re.findall(r"^FROM (\S+)", docker, re.MULTILINE) == re.findall(r"^From: (\S+)", apptainer, re.MULTILINE)
     files = set(re.findall(r"^!(\S+)", text("Dockerfile.dockerignore"), re.MULTILINE))
     assert files == set(re.findall(r"^ {4}(\S+) /voxflat/\1$", apptainer, re.MULTILINE))
     assert all((ROOT / name).exists() for name in files)

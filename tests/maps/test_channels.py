@@ -7,7 +7,7 @@ from dataclasses import replace
 import nibabel as nib
 import numpy as np
 import pytest
-from command_line import run, succeed
+from command_line import fail, run, succeed
 from mesh_files import gifti, grid, needs_workbench, workbench
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
@@ -127,8 +127,7 @@ class TestOverlays:
         nib.save(nib.MGHImage(inside[None, :, None], np.eye(4)), tmp_path / "roi.mgz")
         cifti(tmp_path / "roi.dscalar.nii", nib.cifti2.ScalarAxis(["roi"]), inside[None], structures=BOTH[:1])
         for name in ("roi.nii.gz", "roi.mgz", "roi.dscalar.nii"):
-            found = voxflat.surface(mesh).keep(tmp_path / name).geodesic(1)
-            assert_array_equal(found.ids, np.flatnonzero(inside))
+            assert_array_equal(voxflat.surface(mesh).keep(tmp_path / name).geodesic(1).ids, np.flatnonzero(inside))
 
 
 class TestCifti:
@@ -146,10 +145,8 @@ class TestCifti:
 
     def test_which_side_has_to_be_known(self, tmp_path):
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
-        for structure, told in (
-            (None, "holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"),
-            ("Cerebellum", "CORTEX_RIGHT, and not CEREBELLUM, which the surface is"),
-        ):
+        both = "holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"
+        for structure, told in ((None, both), ("Cerebellum", "CORTEX_RIGHT, and not CEREBELLUM, which the surface is")):
             refused(told, flattened(structure).image, tmp_path / "z.dscalar.nii")
         cifti(tmp_path / "l.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None], structures=BOTH[:1])
         assert_shows(flattened(None).image(tmp_path / "l.dscalar.nii"), 0)
@@ -204,8 +201,7 @@ def series(folder, count=4, name="bold.nii.gz", shape=(17, 15, 5)):
     affine = np.array([[2.0, 0, 0, -3], [0, 2, 0, -2], [0, 0, 2, -4], [0, 0, 0, 1]])
     grid = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) @ affine[:3, :3].T + affine[:3, 3]
     data = np.stack([linear(grid, k) for k in range(count)], axis=-1).astype(np.float32)
-    image = (nib.MGHImage if ".mg" in name else nib.Nifti1Image)(data, affine)
-    nib.save(image, folder / name)
+    nib.save((nib.MGHImage if ".mg" in name else nib.Nifti1Image)(data, affine), folder / name)
     return folder / name
 
 
@@ -281,8 +277,7 @@ class TestStackFiles:
         for k, one in enumerate(stack):
             assert_array_equal(image.get_fdata()[:, :, 0, k], one.data.astype(np.float32))
         (extension,) = image.header.extensions
-        told = json.loads(extension.get_content())
-        assert told == {"names": list(NAMES), "provenance": portable(stack.provenance)}
+        assert json.loads(extension.get_content()) == {"names": list(NAMES), "provenance": portable(stack.provenance)}
         stack[0].save(tmp_path / "one.nii")
         assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
 
@@ -296,9 +291,7 @@ class TestStackFiles:
         command = ["image", tmp_path / "map.npz", "--volume", tmp_path / "z.func.gii", "-o"]
         succeed(*command, tmp_path / "all.nii.gz")
         assert nib.load(tmp_path / "all.nii.gz").shape[3] == 3
-        done = run(*command, tmp_path / "all.png")
-        assert done.exit_code == 1
-        assert "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number (channel)" in done.output
+        fail(1, "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number", *command, tmp_path / "all.png")
         expected = flat.image(tmp_path / "z.func.gii", channel=1).data
         for channel in ("2BK-0BK", "1"):
             succeed(*command, tmp_path / "one.npy", "--channel", channel)

@@ -41,8 +41,7 @@ class Counting:
 
 @pytest.fixture(scope="module")
 def m():
-    whole = voxflat.surface(icosphere(10, 3), pial=icosphere(12, 3))
-    return whole.disk(0, 7.0).flatten(Voxflat(sources=30))
+    return voxflat.surface(icosphere(10, 3), pial=icosphere(12, 3)).disk(0, 7.0).flatten(Voxflat(sources=30))
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +67,7 @@ def test_phases_in_chunks_are_those_in_memory(m, how, kind):
     values = ((24 * i + 9 * j) % 360 - 180).astype(kind)  # begins again within the map
     counting = Counting(values, CHUNKS)
     shown = m.images(Volume(counting, GRID), 0.4, period=360, **how).data
-    expected = m.images(Volume(values, GRID), 0.4, period=360, **how).data
-    assert_allclose(shown, expected, atol=1e-4)
+    assert_allclose(shown, m.images(Volume(values, GRID), 0.4, period=360, **how).data, atol=1e-4)
     assert np.ptp(shown[np.isfinite(shown)]) > 300  # the seam is among them
     assert set(counting.read.values()) == {1 if "interpolation" in how else 2}
 
@@ -79,22 +77,16 @@ def test_only_chunks_that_the_surface_touches_are_read(m, values):
     counting = Counting(values, CHUNKS)
     m.image(Volume(counting, GRID), 0.4, fraction=0.5)
     (places,) = m._triangles.on_surface._in_world(m.raster(0.4), voxflat.maps.depth.Depths.of(fraction=0.5))
-    at = nib.affines.apply_affine(np.linalg.inv(GRID), places[m.raster(0.4).inside])
-    touched = {
-        tuple((np.floor(at).astype(int) + offset)[row] // CHUNKS)
-        for offset in np.ndindex(2, 2, 2)
-        for row in range(len(at))
-    }
+    at = np.floor(nib.affines.apply_affine(np.linalg.inv(GRID), places[m.raster(0.4).inside])).astype(int)
+    touched = {tuple(corner // CHUNKS) for offset in np.ndindex(2, 2, 2) for corner in at + offset}
     assert set(counting.read) == touched
 
 
 def test_labels_and_means(m, values):
     labels, majority = (values > 0).astype(np.uint8) * 5, {"interpolation": "majority"}
-    for data, how in (
-        (labels, {"fraction": 0.3, **majority}),
-        (labels, {"fraction": (0.3, 0.6), **majority}),
-        (values, {"fraction": (0.2, 0.8)}),
-    ):
+    depths = (0.3, majority), ((0.3, 0.6), majority), ((0.2, 0.8), {})
+    for fraction, by in depths:
+        data, how = labels if by else values, {"fraction": fraction, **by}
         counting = Counting(data, CHUNKS)
         shown = m.image(Volume(counting, GRID), 0.4, **how).data
         assert_allclose(shown, m.image(Volume(data, GRID), 0.4, **how).data, atol=0 if data is labels else 1e-6)
@@ -143,8 +135,7 @@ def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
     solid = Volume((i**2 + j**2 + k**2 < 81).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
     flat = voxflat.surface(solid).disk((11, 11, 20), 12.0).flatten(Voxflat(sources=20))
     array = values[:24, :24, :24]
-    shown = flat.image(dask.from_array(array, chunks=10), 1.0).data
-    assert_allclose(shown, flat.image(array, 1.0).data, atol=1e-6)
+    assert_allclose(flat.image(dask.from_array(array, chunks=10), 1.0).data, flat.image(array, 1.0).data, atol=1e-6)
     refused("give a volume of that shape, or one with its affine", flat.image, dask.from_array(values, chunks=10), 1.0)
 
 
@@ -158,10 +149,8 @@ def ome(path, values, version=0.4, **changes):
     axes = [{"name": "c", "type": "channel"}]
     axes += [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
     shift = {"type": "translation", "translation": [0, -14000, -15000, -15000]}
-    sizes = {
-        path: [{"type": "scale", "scale": [1, size, size, size]}, shift] for path, size in (("0", 500), ("1", 1000))
-    }
-    sets = [{"path": path, "coordinateTransformations": steps} for path, steps in sizes.items()]
+    steps = {path: [{"type": "scale", "scale": [1] + 3 * [size]}, shift] for path, size in (("0", 500), ("1", 1000))}
+    sets = [{"path": path, "coordinateTransformations": those} for path, those in steps.items()]
     scales = {"axes": axes, "datasets": sets, **changes}
     told = {"multiscales": [{**scales, "version": "0.4"}]} if version == 0.4 else {"ome": {"multiscales": [scales]}}
     group.attrs.update(told)
@@ -180,8 +169,7 @@ class TestOmeZarr:
         coarse = m.image(path / "1", 0.4, channel=0, fraction=0.5).data
         half = Volume(np.ascontiguousarray(values[::2, ::2, ::2]), GRID @ np.diag([2.0, 2, 2, 1]))
         assert_allclose(coarse, m.image(half, 0.4, fraction=0.5).data, atol=1e-6)
-        files = stack.provenance["files"]
-        assert list(files) == [str(path / ("zarr.json" if version == 0.5 else ".zattrs"))]
+        assert list(stack.provenance["files"]) == [str(path / ("zarr.json" if version == 0.5 else ".zattrs"))]
 
     def test_by_the_command_line(self, m, values, tmp_path):
         m.save(tmp_path / "m.npz")
@@ -194,12 +182,9 @@ class TestOmeZarr:
     def test_orientation_and_transformations_of_the_whole(self, m, values, tmp_path):
         names = {"z": "superior-to-inferior", "y": "posterior-to-anterior", "x": "left-to-right"}
         ways = {axis: {"type": "anatomical", "value": name} for axis, name in names.items()}
-        axes = [
-            {"name": "c"},
-            *({"name": axis, "unit": "millimeter", "orientation": way} for axis, way in ways.items()),
-        ]
+        axes = [{"name": axis, "unit": "millimeter", "orientation": way} for axis, way in ways.items()]
         steps = [{"type": "scale", "scale": [1, 0.001, 0.001, 0.001]}]
-        path = ome(tmp_path / "v.zarr", values, axes=axes, coordinateTransformations=steps)
+        path = ome(tmp_path / "v.zarr", values, axes=[{"name": "c"}, *axes], coordinateTransformations=steps)
         turned = GRID * [[1], [1], [-1], [1]]
         shown = m.image(path, 0.4, channel=0, fraction=0.5).data
         assert_allclose(shown, m.image(Volume(values, turned), 0.4, fraction=0.5).data, atol=1e-6)
@@ -215,8 +200,7 @@ class TestOmeZarr:
         ],
     )
     def test_what_cannot_be_placed(self, m, values, tmp_path, changes, message):
-        path = ome(tmp_path / "v.zarr", values, **changes)
-        refused(message, m.image, path, 0.4, channel=0)
+        refused(message, m.image, ome(tmp_path / "v.zarr", values, **changes), 0.4, channel=0)
 
     def test_damaged(self, m, values, tmp_path):
         path = ome(tmp_path / "v.zarr", values)

@@ -44,8 +44,7 @@ def radius_volume(affine=GRID, n=61):
 def at_vertices(m, volume, **how):
     """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
     corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
-    weights = np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape)
-    raster = Raster(corners, weights, (0.0, 0.0), 1.0)
+    raster = Raster(corners, np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape), (0.0, 0.0), 1.0)
     return m._triangles.on_surface.image(raster, volume, depths=Depths.of(**how)).data[0]
 
 
@@ -53,8 +52,7 @@ class TestFractions:
     def test_of_thickness(self, shells):
         for value in FRACTIONS:
             (points,) = shells._triangles.on_surface.at(Depths.of(fraction=value, layering="equidistant"))
-            radii = np.linalg.norm(points, axis=1)
-            assert_allclose(radii, INNER + value * (OUTER - INNER), atol=1e-12)
+            assert_allclose(np.linalg.norm(points, axis=1), INNER + value * (OUTER - INNER), atol=1e-12)
 
     def test_of_volume(self, shells):
         """Waehnert's formula with areas as r²; the true shell, whose area is a square, is 0.4 % of the way off."""
@@ -115,8 +113,7 @@ class TestSeveral:
         assert stack.data.shape == (5, *shells.raster(0.4).shape)
         assert stack.names == tuple(f"equidistant {value:g}" for value in FRACTIONS)
         for value, layer, one in zip(FRACTIONS, stack.data, stack, strict=True):
-            alone = shells.image(radius, 0.4, fraction=value, layering="equidistant")
-            assert_array_equal(layer, alone.data)
+            assert_array_equal(layer, shells.image(radius, 0.4, fraction=value, layering="equidistant").data)
             assert_array_equal(layer, one.data)
             assert np.nanmedian(layer) == pytest.approx(INNER + value * (OUTER - INNER), abs=0.05)
         onion = shells.images(radius, 0.4, depth=(-1, 0, 1))
@@ -143,11 +140,9 @@ class TestSeveral:
         stack = shells.images(path, 0.4, fraction=(0.25, 0.75))
         assert len(stack) == 6
         assert stack.data.shape[:2] == (3, 2)
-        one = shells.image(path, 0.4, channel=1, fraction=0.25).data
-        assert_allclose(stack.data[1, 0], one, rtol=1e-12)
+        assert_allclose(stack.data[1, 0], shells.image(path, 0.4, channel=1, fraction=0.25).data, rtol=1e-12)
         assert_array_equal(shells.images(path, 0.4, channel=1, fraction=(0.25, 0.75)).data, stack.data[1])
-        means = shells.images(path, 0.4, fraction=(0.25, 0.75), average=True)
-        assert_allclose(means.data, stack.data.mean(axis=1))
+        assert_allclose(shells.images(path, 0.4, fraction=(0.25, 0.75), average=True).data, stack.data.mean(axis=1))
         stack.save(tmp_path / "out.nii.gz")
         image = nib.load(tmp_path / "out.nii.gz")
         assert image.shape == (*stack.data.shape[2:], 2, 3)
@@ -231,5 +226,4 @@ def test_ribbon_constrained_mapping_of_workbench_has_that_mean_too(tmp_path):
     write_volume(tmp_path / "v.nii.gz", radius_volume(coarse, 31).data, coarse)
     arguments = ["v.nii.gz", "mid.surf.gii", "out.shape.gii", "-ribbon-constrained", "white.surf.gii", "pial.surf.gii"]
     workbench("-volume-to-surface-mapping", *arguments, "-thin-columns", folder=tmp_path)
-    theirs = nib.load(tmp_path / "out.shape.gii").darrays[0].data
-    assert theirs.mean() == pytest.approx(MEAN_RADIUS, abs=0.04)
+    assert nib.load(tmp_path / "out.shape.gii").darrays[0].data.mean() == pytest.approx(MEAN_RADIUS, abs=0.04)

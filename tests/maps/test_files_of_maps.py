@@ -149,8 +149,7 @@ def test_workbench_finds_the_same_areas(flat, tmp_path):
     corners, _ = from_gifti(paths[0], flat)
     a, b = (corners[:, k, :2].astype(np.float64) - corners[:, 0, :2] for k in (1, 2))
     areas = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
-    found = nibabel.load(paths[1]).darrays[0].data
-    assert found.sum(dtype=np.float64) == pytest.approx(areas.sum(), rel=1e-5)
+    assert nibabel.load(paths[1]).darrays[0].data.sum(dtype=np.float64) == pytest.approx(areas.sum(), rel=1e-5)
 
 
 class TestSurfaces:

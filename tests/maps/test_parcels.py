@@ -73,8 +73,7 @@ class TestLines:
         edges = edges[labels[edges[:, 0]] != labels[edges[:, 1]]]
         middles, half = uv[edges].mean(axis=1), np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1) / 2
         assert (to_segments(middles, lines) <= half).all()
-        places = np.concatenate(lines)
-        near = np.linalg.norm(places[:, None] - middles, axis=-1)
+        near = np.linalg.norm(np.concatenate(lines)[:, None] - middles, axis=-1)
         assert (near.min(axis=1) <= half[near.argmin(axis=1)] + 1e-9).all()
 
     def test_borders_are_smoother_than_the_edges_middles(self):
@@ -101,9 +100,8 @@ class TestLines:
 @pytest.fixture(scope="module")
 def flat_map():
     uv, faces = grid(30, seed=2)
-    return voxflat.flatten(
-        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=Voxflat(sources=40), relax=False
-    )
+    points = np.column_stack([uv, 0.1 * np.sin(uv[:, 0])])
+    return voxflat.flatten((points, faces), method=Voxflat(sources=40), relax=False)
 
 
 class TestParcels:
@@ -122,8 +120,7 @@ class TestParcels:
         far = to_segments(places, found.borders) > 1.5
         assert (shown[raster.inside][far] == found.labels[point[far]]).all()
         for start, step in zip(places[::37][~near[::37]], shown[raster.inside][::37][~near[::37]], strict=True):
-            reached = np.linalg.norm(flat_map.uv - start, axis=1).argsort()[:4]
-            assert step in found.labels[reached]
+            assert step in found.labels[np.linalg.norm(flat_map.uv - start, axis=1).argsort()[:4]]
         assert (shown[~raster.inside] == -1).all()
         row, column = (np.rint((flat_map.uv - raster.origin) / raster.pixel_size * [1, -1])).astype(int).T[::-1]
         on_map = (row >= 0) & (row < shown.shape[0]) & (column >= 0) & (column < shown.shape[1])
@@ -132,8 +129,7 @@ class TestParcels:
 
     def test_names_and_colours_are_the_tables(self, flat_map):
         labels = np.repeat([0, 4, 7], 300)
-        table = LabelTable({0: "Unknown", 4: "four"}, {4: (1, 2, 3)})
-        found = parcels_of(flat_map, labels, table=table)
+        found = parcels_of(flat_map, labels, table=LabelTable({0: "Unknown", 4: "four"}, {4: (1, 2, 3)}))
         assert found.names == {4: "four", 7: "7"}
         assert found.colours[4] == (1, 2, 3)
         pixels = found.coloured(np.array([[-1, 4], [7, 4]]))

@@ -64,8 +64,7 @@ def test_each_frame_lies_where_the_surface_is(tk_map, tmp_path, kind, name):
     world = nib.affines.apply_affine(AFFINES[kind], np.moveaxis(np.indices((SIZE, SIZE, SIZE)), 0, -1))
     frames = [(axis, factor) for axis in range(3) for factor in (1, 3)]
     data = np.stack([factor * world[..., axis] for axis, factor in frames], axis=-1).astype(np.float32)
-    image = (nib.MGHImage if name.endswith("z") else nib.Nifti1Image)(data, AFFINES[kind])
-    nib.save(image, tmp_path / name)
+    nib.save((nib.MGHImage if name.endswith("z") else nib.Nifti1Image)(data, AFFINES[kind]), tmp_path / name)
     flat.images(tmp_path / name).save(tmp_path / "flat.nii")
     written = nib.load(tmp_path / "flat.nii").get_fdata()[:, :, 0]
     there = flat.raster().interpolate(scanner[flat.ids])
@@ -109,9 +108,8 @@ def test_a_frame_is_what_one_overlay_is(shells, interpolation):
 def test_nan_that_signals_is_nan():
     values = np.array([1.5, 0.0], np.float32)
     values.view(np.uint32)[1] = 0x7FA00000  # what damaged files have: to convert it warns, and warnings are errors
-    mixing = Mixing.of(
-        np.array([True, True, False]), 2, 1, lambda part: (np.array([[0], [1]])[part], np.ones((2, 1))[part])
-    )
+    corners, weights = np.array([[0], [1]]), np.ones((2, 1))
+    mixing = Mixing.of(np.array([True, True, False]), 2, 1, lambda part: (corners[part], weights[part]))
     np.testing.assert_array_equal(mixing(values), [1.5, np.nan, np.nan])
 
 

@@ -34,8 +34,7 @@ from voxflat.methods import Voxflat
 def coordinate_volume(path, affine, axis):
     """Write a volume whose value is the x, y or z of scanner RAS: linear, so that interpolation gives it everywhere."""
     ijk = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1)
-    values = nib.affines.apply_affine(affine, ijk)[..., axis].astype(np.float32)
-    nib.save(nib.MGHImage(values, affine), path)
+    nib.save(nib.MGHImage(nib.affines.apply_affine(affine, ijk)[..., axis].astype(np.float32), affine), path)
     return path
 
 
@@ -57,8 +56,7 @@ def agrees(m, volumes, scanner, depth=0.0):
     raster = m.raster()
     there = raster.interpolate(scanner[m.ids])
     for axis in range(3):
-        shown = m.image(volumes[axis], depth=depth).data
-        assert_allclose(shown, there[..., axis], atol=2e-4)
+        assert_allclose(m.image(volumes[axis], depth=depth).data, there[..., axis], atol=2e-4)
     assert raster.inside.sum() > 100
 
 
@@ -101,8 +99,7 @@ def test_depth_and_pages(tmp_path, volumes):
     (points, faces), of = ball(), header(oblique())
     path = write_freesurfer(tmp_path / "lh.white", points, faces, of)
     m = flat(path)
-    outside = m.points + 3.0 * m.normals
-    there = m.raster().interpolate(to_scanner(outside, of))
+    there = m.raster().interpolate(to_scanner(m.points + 3.0 * m.normals, of))
     shown = m.image(volumes["RAS"][2], depth=3.0).data
     assert np.nanmax(np.abs(shown - there[..., 2])) < 0.05  # normals between vertices are made unit vectors again
     page = voxflat.surface(path).patches(20.0).page()
@@ -205,8 +202,7 @@ def test_workbench_samples_the_same(tmp_path, axes):
     white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
     voxflat.surface(white).save(tmp_path / "ours.surf.gii")
     mris_convert_old(tmp_path / "tk.surf.gii", points, faces, of)
-    matrix = of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr())
-    np.savetxt(tmp_path / "matrix.txt", matrix)
+    np.savetxt(tmp_path / "matrix.txt", of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr()))
     workbench("-surface-apply-affine", tmp_path / "tk.surf.gii", tmp_path / "matrix.txt", tmp_path / "theirs.surf.gii")
     workbench("-set-structure", tmp_path / "tk.surf.gii", "CORTEX_LEFT")  # which writes a coordinate system of its own
     m = voxflat.surface(white).disk(0, 30.0).flatten(Voxflat(sources=20))
@@ -215,8 +211,7 @@ def test_workbench_samples_the_same(tmp_path, axes):
     for name in ("ours", "theirs"):
         out = tmp_path / "out.shape.gii"
         workbench("-volume-to-surface-mapping", volume, tmp_path / f"{name}.surf.gii", out, "-trilinear")
-        theirs = nib.load(out).darrays[0].data[m.ids]
-        assert_allclose(ours, theirs, atol=1e-4)
+        assert_allclose(ours, nib.load(out).darrays[0].data[m.ids], atol=1e-4)
     for name in ("tk", "ours", "theirs"):
         again = voxflat.surface(tmp_path / f"{name}.surf.gii").disk(0, 30.0).flatten(Voxflat(sources=20))
         assert_allclose(at_vertices(again, volume), ours, atol=1e-4)

@@ -84,8 +84,7 @@ def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path):
     assert (at >= 0).sum() > 1000
     number = {tuple(sorted(face)): k for k, face in enumerate(faces.tolist())}
     own = np.array([number[tuple(sorted(face))] for face in flat_map.ids[flat_map.faces].tolist()])
-    expected = colours[row, column][own[at[at >= 0]]]
-    np.testing.assert_array_equal(image.data[at >= 0][:, :3], expected)
+    np.testing.assert_array_equal(image.data[at >= 0][:, :3], colours[row, column][own[at[at >= 0]]])
     assert (image.data[at == -1][:, 3] == 0).all()
 
 
@@ -143,8 +142,7 @@ def test_a_picture_beside(mesh, flat_map, tmp_path, name):
     points, faces, coordinates = mesh
     path, skin = tmp_path / name, "skin.png" if name == "named.ply" else "face.png"
     write_mesh(path, Mesh(points, faces, texture_coordinates=coordinates))
-    message = f"{name}: has no texture: neither texture coordinates with a picture beside"
-    refused(message, flat_map.image, path)
+    refused(f"{name}: has no texture: neither texture coordinates with a picture beside", flat_map.image, path)
     if name == "named.ply":
         path.write_bytes(path.read_bytes().replace(b"comment voxflat", b"comment TextureFile skin.png"))
     Image.fromarray(chessboard()).save(tmp_path / skin)
@@ -220,9 +218,8 @@ class TestRefusals:
 
     def test_another_surface(self, mesh, flat_map, tmp_path):
         points, faces, coordinates = mesh
-        path = save_obj(
-            tmp_path, (points[:-1], faces[(faces < len(points) - 1).all(axis=1)], coordinates), chessboard()
-        )
+        fewer = faces[(faces < len(points) - 1).all(axis=1)]
+        path = save_obj(tmp_path, (points[:-1], fewer, coordinates), chessboard())
         refused("has 272 vertices, the flattened mesh 273: is it the same surface", flat_map.image, path)
 
     def test_several_colours(self, mesh, flat_map, tmp_path):

@@ -44,9 +44,8 @@ class TestPlacing:
         assert textured.texture_coordinates.max() > 1
 
     def test_a_picture_that_is_too_small_must_be_repeated(self, cylinder_map):
-        with pytest.raises(
-            InputError, match=r"16 x 16 mm and does not cover the map; give repeat, or .* least (\S+) mm"
-        ) as told:
+        message = r"16 x 16 mm and does not cover the map; give repeat, or .* least (\S+) mm"
+        with pytest.raises(InputError, match=message) as told:
             cylinder_map.textured(chessboard(), texel_size=0.25)
         enough = float(str(told.value).split()[-2])
         assert np.abs(cylinder_map.textured(chessboard(), enough).texture_coordinates - 0.5).max() <= 0.5
@@ -88,8 +87,7 @@ class TestPictures:
     def test_each_of_the_deep_greys_becomes_the_next_of_256(self, cylinder_map, tmp_path):
         deep = np.arange(1 << 16, dtype=np.uint16).reshape(256, 256)
         Image.fromarray(deep).save(tmp_path / "deep.tif")
-        shown = cylinder_map.textured(tmp_path / "deep.tif").picture[..., 0]
-        assert_array_equal(shown, np.round(deep / 65535 * 255))
+        assert_array_equal(cylinder_map.textured(tmp_path / "deep.tif").picture[..., 0], np.round(deep / 65535 * 255))
 
     def test_photographs_are_turned_upright(self, cylinder_map, tmp_path):
         image = Image.fromarray(np.zeros((20, 30), dtype=np.uint8))
@@ -135,8 +133,7 @@ class TestSubdivision:
         return TexturedSurface(points, faces, points[:, :2] / points[:, :2].max(), picture, repeat)
 
     def test_nothing_is_split_where_colours_carry_the_picture(self):
-        even = np.full((64, 64, 3), 90, dtype=np.uint8)
-        assert len(self.flat(even).subdivided().faces) == 8
+        assert len(self.flat(np.full((64, 64, 3), 90, dtype=np.uint8)).subdivided().faces) == 8
         ramp = np.repeat(np.arange(64, dtype=np.uint8)[:, None, None] * 4, 64, axis=1)
         assert len(self.flat(ramp, 9, 9).subdivided().faces) == 128
 
@@ -161,8 +158,7 @@ class TestSubdivision:
         coordinates = (points[:, :2] + rng.uniform(-0.2, 0.2, (20, 2))) / 5 * (2 if repeat else 1)
         points = points + rng.normal(size=points.shape)
         picture = np.kron(rng.integers(0, 256, (5, 6, 3)), np.ones((4, 4, 1))).astype(np.uint8)
-        before = TexturedSurface(points, faces, coordinates, picture, repeat)
-        after = before.subdivided(tolerance)
+        after = TexturedSurface(points, faces, coordinates, picture, repeat).subdivided(tolerance)
         n = len(points)
         assert_array_equal(after.points[:n], points)
         assert_array_equal(after.texture_coordinates[:n], coordinates)

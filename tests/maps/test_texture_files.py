@@ -53,8 +53,7 @@ class TestFiles:
         textured.save(tmp_path / "face.glb")
         (read,) = [block for block in pv.read(tmp_path / "face.glb").recursive_iterator() if block is not None]
         metres = 1e-3 * textured.points[:, [0, 2, 1]] * [1, 1, -1]  # y is up
-        faces = read.extract_surface(algorithm=None).triangulate().regular_faces
-        assert_array_equal(faces, textured.faces)
+        assert_array_equal(read.extract_surface(algorithm=None).triangulate().regular_faces, textured.faces)
         assert_allclose(read.points, metres, atol=1e-7)
         s, t = textured.texture_coordinates.T
         assert_allclose(read.active_texture_coordinates, np.column_stack([s, 1 - t]), atol=1e-6)
@@ -101,8 +100,7 @@ class TestFiles:
         textured = cylinder_map.textured(picture, texel_size=0.1, repeat=True)
         for name in ("face.obj", "face.glb", "face.ply"):
             textured.save(tmp_path / name)
-        material = (tmp_path / "face.mtl").read_text()
-        assert material.endswith("map_Kd face.png\nmap_d face.png\n")
+        assert (tmp_path / "face.mtl").read_text().endswith("map_Kd face.png\nmap_d face.png\n")
         assert np.asarray(Image.open(tmp_path / "face.png")).shape == (64, 64, 4)
         assert b'"alphaMode": "BLEND"' in (tmp_path / "face.glb").read_bytes()
         assert b"10497" in (tmp_path / "face.glb").read_bytes()
@@ -119,14 +117,11 @@ class TestFiles:
             with pytest.raises(OSError, match="the disk is full") as told:
                 textured.save(tmp_path / name, overwrite=True)
             assert told.value.filename == str(tmp_path / name)
-        assert {file.name: file.read_text() for file in tmp_path.iterdir()} == dict.fromkeys(
-            ("face.obj", "face.mtl", "face.png"), "old"
-        )
+        left = {file.name: file.read_text() for file in tmp_path.iterdir()}
+        assert left == dict.fromkeys(("face.obj", "face.mtl", "face.png"), "old")
 
     def test_what_cannot_be_written(self, textured, cylinder_map, tmp_path):
-        refused(
-            r"ending '.stl' is unknown; .obj, .vtp, .glb, .ply can be written", textured.save, tmp_path / "face.stl"
-        )
+        refused("'.stl' is unknown; .obj, .vtp, .glb, .ply can be written", textured.save, tmp_path / "face.stl")
         with pytest.raises(FileNotFoundError, match=r"face\.obj"):
             textured.save(tmp_path / "missing" / "face.obj")
         (tmp_path / "face.png").mkdir()

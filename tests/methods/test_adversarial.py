@@ -58,5 +58,4 @@ def test_few_triangles(count, method):
     points = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), np.zeros(count + 2)])
     points = np.vstack([np.zeros(3), points[: count + 1]])
     faces = np.array([[0, corner, corner + 1] for corner in range(1, count + 1)])
-    flat = voxflat.flatten((points, faces), method)
-    assert flat.distortion.triangles.edge < 1e-3
+    assert voxflat.flatten((points, faces), method).distortion.triangles.edge < 1e-3

@@ -36,15 +36,9 @@ def test_options_are_refused_before_anything_is_done():
     def progress(stage, done, total):
         raise AssertionError(stage)
 
-    for options in (
-        {"weighting": 2},
-        {"geodesic": "edges"},
-        {"weighting": "near"},
-        {"relax": -1.0},
-        {"relax": np.nan},
-        {"scale": "lengths"},
-    ):
-        refused(f"{next(iter(options))} is", composed.flatten, HILL, progress=progress, **options)
+    wrong = [("weighting", 2), ("geodesic", "edges"), ("weighting", "near"), ("relax", -1.0), ("relax", np.nan)]
+    for name, value in [*wrong, ("scale", "lengths")]:
+        refused(f"{name} is", composed.flatten, HILL, progress=progress, **{name: value})
 
 
 @pytest.mark.slow
@@ -79,9 +73,8 @@ def test_distances_are_judged_by_exact_ones_where_they_were_asked_for():
 
 
 def test_the_scale_is_of_distances_or_of_areas():
-    distances, areas = (
-        voxflat.flatten(HILL, method=Voxflat(sources=60, scale=scale)) for scale in ("distances", "areas")
-    )
+    methods = (Voxflat(sources=60, scale=scale) for scale in ("distances", "areas"))
+    distances, areas = (voxflat.flatten(HILL, method=method) for method in methods)
     factor = np.linalg.norm(areas.uv) / np.linalg.norm(distances.uv)
     np.testing.assert_allclose(areas.uv, factor * distances.uv, rtol=0, atol=1e-9)
     assert abs(factor - 1) > 1e-3  # a dome has no map that is right for both

@@ -8,7 +8,7 @@ import composed
 import numpy as np
 import pytest
 import shapes
-from lab_runs import run
+from command_line import succeed
 from mesh_files import fsaverage5
 from refusals import refused
 from scipy.interpolate import RBFInterpolator
@@ -61,9 +61,8 @@ class TestPaper:
         figures = []
         for seed in range(4):
             sheet = shapes.curled_sheet(rotation=Rotation.random(rng=seed))
-            distortion = grossmann2002(
-                sheet, sources=len(voxflat.surface(sheet).geodesic(1, geodesic="chain").ids)
-            ).distortion
+            count = len(voxflat.surface(sheet).geodesic(1, geodesic="chain").ids)
+            distortion = grossmann2002(sheet, sources=count).distortion
             assert distortion.mean_geodesic == pytest.approx(35, abs=3)
             figures.append((distortion.raw.absolute_error, distortion.raw.relative_error))
         absolute, relative = np.mean(figures, axis=0)
@@ -164,8 +163,7 @@ class TestView:
 class TestLongWork:
     @pytest.mark.slow
     def test_progress_names_the_stages(self, head):
-        stages = list(dict.fromkeys(stage for stage, _, _ in head[1]))
-        assert "measuring distances" in stages
+        assert "measuring distances" in {stage for stage, _, _ in head[1]}
         assert all(0 <= done <= total for _, done, total in head[1])
 
     def test_ctrl_c_stops_the_core(self):
@@ -203,8 +201,7 @@ class TestLongWork:
 def test_the_command_line_hands_on_what_methods_are_given(options, tmp_path):
     voxflat.surface(cylinder((21, 16))[0]).save(tmp_path / "mesh.ply")
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    result = run("flatten", tmp_path / "mesh.ply", "-o", tmp_path / "map.npz", *words, "--quiet")
-    assert result.exit_code == 0, result.output
+    succeed("flatten", tmp_path / "mesh.ply", "-o", tmp_path / "map.npz", *words, "--quiet")
     expected = composed.flatten(tmp_path / "mesh.ply", **options)
     np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").uv, expected.uv)
 

@@ -54,9 +54,8 @@ def test_a_bound_that_is_kept_anyhow_changes_nothing():
 @pytest.mark.slow
 def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
     surface = cap(172)
-    with pytest.raises(
-        voxflat.AreaBoundError, match=r"the best changes one by .* cut it where voxflat\.worst_places says"
-    ) as found:
+    message = r"the best changes one by .* cut it where voxflat\.worst_places says"
+    with pytest.raises(voxflat.AreaBoundError, match=message) as found:
         voxflat.flatten(surface, method=Voxflat(sources=60, max_area=1.2), relax=False)
     error = found.value
     assert isinstance(error, InputError)

@@ -56,8 +56,7 @@ class TestFlatten:
         refused(message, composed.flatten, cylinder()[0], **{"method": "zigelman2002", **options})
 
     def test_a_map_of_a_range_image_is_kept_in_a_file(self, tmp_path):
-        image = voxflat.range_image(waves(40), 1.0, jump=np.inf)
-        flat = composed.flatten(image, **zigelman2002, rows=True)
+        flat = composed.flatten(voxflat.range_image(waves(40), 1.0, jump=np.inf), **zigelman2002, rows=True)
         flat.save(tmp_path / "map.npz")
         again = voxflat.load(tmp_path / "map.npz")
         np.testing.assert_array_equal(again.uv, flat.uv)
@@ -85,8 +84,7 @@ class TestGrid:
 
 class TestRangeImage:
     def test_points_are_seen_upright_from_z(self):
-        depth = np.arange(6.0).reshape(2, 3)
-        image = voxflat.range_image(depth, (3.0, 2.0))
+        image = voxflat.range_image(np.arange(6.0).reshape(2, 3), (3.0, 2.0))
         assert image.points.tolist() == [[0, 0, 0], [2, 0, 1], [4, 0, 2], [0, -3, 3], [2, -3, 4], [4, -3, 5]]
         a, b, c = image.points[image.faces].transpose(1, 0, 2)
         assert (np.cross(b - a, c - a)[:, 2] > 0).all()
@@ -131,11 +129,9 @@ class TestRangeImage:
         depth = waves(20)
         there = np.random.default_rng(1).random(depth.shape) < 0.9
         by_nan = voxflat.range_image(np.where(there, depth, np.nan), 1.0)
-        for other in (
-            voxflat.range_image(depth, 1.0, mask=there),
-            voxflat.range_image(depth, [1, 1], mask=there.astype(np.uint8)),
-            voxflat.range_image(np.ma.MaskedArray(depth, ~there), 1.0),
-        ):
+        whole = {"mask": there.astype(np.uint8), "spacing": [1, 1]}
+        for how in ({"mask": there}, whole, {"depth": np.ma.MaskedArray(depth, ~there)}):
+            other = voxflat.range_image(**{"depth": depth, "spacing": 1.0, **how})
             np.testing.assert_array_equal(by_nan.points, other.points)
             np.testing.assert_array_equal(by_nan.faces, other.faces)
             assert by_nan.metadata == {**other.metadata, "provenance": by_nan.provenance}

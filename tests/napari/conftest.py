@@ -27,13 +27,7 @@ def what_is_imported_is_no_garbage():
 
 @pytest.fixture(scope="session", autouse=True)
 def windows_open_quickly():
-    """Spare what napari does again for each window, and what moves in it by itself.
-
-    Each window looks for the manifests of all plugins anew, starts a program that says how fine the screen is, writes
-    the settings to disk whenever one is reset, and the screen of welcome, though hidden, anew for each shortcut. While
-    a job runs a picture turns in the status bar, and bars of what is not counted move; for each of their frames the
-    whole window is composed in software.
-    """
+    """Spare what each window does anew (plugins, screen, settings, welcome), and what moves while jobs run."""
     from napari._qt.containers import _layer_delegate
     from napari._qt.dialogs import qt_activity_dialog
     from napari._qt.widgets.qt_welcome import QtWelcomeWidget

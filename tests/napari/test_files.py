@@ -96,8 +96,7 @@ def test_surfaces_are_seen_upright_from_their_side(viewer, last_of, tmp_path, qt
         write_mesh(tmp_path / name, Mesh(points, faces))
     inflated = last_of(tmp_path / names[0])
     assert inflated.visible  # alone it is what one wants to see
-    seen = [last_of(tmp_path / name).visible for name in names[1:]]
-    assert seen == [True, True, False]
+    assert [last_of(tmp_path / name).visible for name in names[1:]] == [True, True, False]
     assert not inflated.visible
     towards = {"left": 1.0, "right": -1.0}[side]
     qtbot.waitUntil(lambda: np.allclose(camera(viewer).view_direction, (towards, 0, 0), atol=1e-6))
@@ -211,16 +210,9 @@ def test_hostile_files_are_told_in_a_line(subject, viewer, messages, tmp_path):
     whole = (subject / "surf" / "lh.white").read_bytes()
     huge = b"\xff\xff\xfea\n\n" + np.array([2**31 - 1, 2**31 - 1], ">i4").tobytes()
     xml = b'<?xml version="1.0"?><!DOCTYPE GIFTI [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><GIFTI>&b;</GIFTI>'
-    damaged = {
-        "lh.white": whole[:1000],
-        "rh.pial": huge,
-        "a.surf.gii": xml,
-        "b.gii.gz": gzip.compress(bytes(1 << 24)),
-        "lh.x.patch.flat": b"\xff\xff\xff\xff\x7f\xff\xff\xff",
-        "lh.thickness": b"\xff\xff\xff\x7f\xff\xff\xff",
-        "lh.parts.annot": b"\0\0\0\x09",
-        "a.voxflat": b"PK\x03\x04 no archive",
-    }
+    damaged = {"lh.white": whole[:1000], "rh.pial": huge, "a.surf.gii": xml, "b.gii.gz": gzip.compress(bytes(1 << 24))}
+    damaged |= {"lh.x.patch.flat": b"\xff\xff\xff\xff\x7f\xff\xff\xff", "lh.thickness": b"\xff\xff\xff\x7f\xff\xff\xff"}
+    damaged |= {"lh.parts.annot": b"\0\0\0\x09", "a.voxflat": b"PK\x03\x04 no archive"}
     for name, data in damaged.items():
         (tmp_path / name).write_bytes(data)
         messages.clear()

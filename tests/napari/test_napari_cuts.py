@@ -148,9 +148,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
 
 
-def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
-    make_napari_viewer, qtbot, tmp_path, monkeypatch
-):
+def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     lab.write(tmp_path)
     ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])
@@ -210,8 +208,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     on_a_cut = own[0][len(own[0]) // 2]
     uncut = np.setdiff1d(np.arange(len(points)), np.concatenate(own))
     apart = np.linalg.norm(points[uncut, None] - points[np.concatenate(own)], axis=2).min(axis=1)
-    beside = int(uncut[apart.argmax()])
-    draw(dock, on_a_cut, beside)
+    draw(dock, on_a_cut, int(uncut[apart.argmax()]))
     assert len(dock.drawing.cuts) == len(own) + 1
     dock.again.click()
     assert not messages

@@ -128,8 +128,7 @@ def test_kept_are_vertices_with_a_value():
 
 def test_seed_is_the_selected_point_or_the_last():
     layer = Labels(cap(), affine=AFFINE, units="mm")
-    voxels = np.array([[3, 4, 5], [6, 7, 8]])
-    world = voxels @ AFFINE[:3, :3].T + AFFINE[:3, 3]
+    world = np.array([[3, 4, 5], [6, 7, 8]]) @ AFFINE[:3, :3].T + AFFINE[:3, 3]
     points = Points(world, units="mm")
     points.selected_data = set()
     assert seed_of(points, layer) == (6, 7, 8)

@@ -375,8 +375,7 @@ def test_a_page_of_patches(open_widget, qtbot):
         dock.contents.setCurrentIndex(n)
         wait_for_picture(dock, qtbot)
         assert dock.picture.pixels[..., 3].any()
-    atlas = dock.sheet.run.flat_map
-    u, v = atlas.page().corners[7].mean(axis=0)
+    u, v = dock.sheet.run.flat_map.page().corners[7].mean(axis=0)
     spot = dock.sheet.spot(u, v)
     assert_allclose(spot.point, points[faces[7]].mean(axis=0), atol=1e-6)
     assert_allclose(dock.sheet.place(spot.point), (u, v), atol=1e-6)

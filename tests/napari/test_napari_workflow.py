@@ -49,10 +49,7 @@ def window(make_napari_viewer, qtbot):
 
 @pytest.fixture
 def look(request, tmp_path):
-    """A function that sees that all of what is used is in the window, in another of its looks each time.
-
-    Small and dark, large and light; with pictures in all four, and back.
-    """
+    """A function that sees that all of what is used is in the window, in another of its looks each time."""
     in_all = request.config.getoption("pictures") is not None
     seen = []
 

@@ -139,14 +139,12 @@ def test_labels_stay_labels_and_numbers_exact():
     assert_array_equal(np.flatnonzero(arrays["one"]), np.sort(faces[np.flatnonzero(flat["one"])[0]]))
     assert_array_equal(arrays["number"], flat["number"])
     assert not layers["number"]["labelled"]
-    count = np.bincount(faces.ravel())
-    mean = np.bincount(faces.ravel(), np.repeat(flat["height"], 3)) / count
+    mean = np.bincount(faces.ravel(), np.repeat(flat["height"], 3)) / np.bincount(faces.ravel())
     assert_allclose(arrays["height"], mean, atol=1e-4)
 
 
 def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
-    ball = pv.Icosphere(radius=20.0, nsub=2)
-    flat_map = ball.voxflat.flatten(method=Voxflat(sources=20), relax=False)
+    flat_map = pv.Icosphere(radius=20.0, nsub=2).voxflat.flatten(method=Voxflat(sources=20), relax=False)
     voxflat.map_page(flat_map, "Ball").save(tmp_path / "ball.html")
     content, arrays, faces = shown_by((tmp_path / "ball.html").read_text())
     of_mesh, same, triangles = shown_by(flat.voxflat.show("Ball").html)

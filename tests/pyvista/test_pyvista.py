@@ -160,8 +160,7 @@ def test_keep_is_an_array_of_the_image_or_another_image(method, volume):
     expected = composed.flatten(volume, spacing=spacing, keep=half, **options).ids
     assert expected[:, 1].max() == 12
     for keep in ("half", other, half):
-        found = both.voxflat.flatten("labels", keep=keep, **composed.with_method(options))
-        assert_array_equal(found.ids, expected)
+        assert_array_equal(both.voxflat.flatten("labels", keep=keep, **composed.with_method(options)).ids, expected)
 
 
 def test_colours_are_sampled_onto_the_map(flat_map):

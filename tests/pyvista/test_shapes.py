@@ -5,13 +5,12 @@ import doors
 import numpy as np
 import pytest
 import pyvista as pv
-from click.testing import CliRunner
+from command_line import succeed
 from numpy.testing import assert_array_equal
 from pyvista import examples
 from refusals import refused
 
 import voxflat
-from voxflat.cli import main
 
 QUICK = {"method": voxflat.methods.Voxflat(sources=8), "relax": False}
 
@@ -213,17 +212,12 @@ def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
 
 @pytest.mark.slow
 def test_the_same_map_through_every_door(tmp_path, caplog):
-    """A mesh in a file: function, command line, accessor and filter give the same arrays, bit by bit.
-
-    So does napari's form: `test_the_form_is_a_door_like_the_others`.
-    """
+    """A mesh in a file: function, command line, accessor and filter give the same arrays, bit by bit."""
     mesh = pv.read(doors.write_mesh(tmp_path / "bowl.vtp"))
     options, given = doors.OPTIONS, composed.with_method(doors.OPTIONS)
     own = composed.flatten(str(tmp_path / "bowl.vtp"), **options)
     words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
-    command = ["flatten", str(tmp_path / "bowl.vtp"), *words, "-o", str(tmp_path / "map.npz")]
-    done = CliRunner().invoke(main, command)
-    assert done.exit_code == 0, done.output
+    succeed("flatten", tmp_path / "bowl.vtp", *words, "-o", tmp_path / "map.npz")
     by_command = voxflat.load(tmp_path / "map.npz")
     flat = mesh.voxflat(**given)
     flatten = voxflat.vtk.FlattenSurface(**given)

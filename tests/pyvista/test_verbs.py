@@ -262,8 +262,7 @@ def test_a_click_marks_the_place_on_both_sides(flat):
     in_space, in_plane = marks(plotter)
     pixel = 2 * plotter.renderers[1].camera.parallel_scale / 300
     assert_allclose(in_plane[0], place, atol=1.5 * pixel)
-    expected = np.array([0.6, 0.3, 0.1]) @ flat["surface_points"][corners]
-    assert_allclose(in_space[0], expected, atol=3 * pixel)
+    assert_allclose(in_space[0], np.array([0.6, 0.3, 0.1]) @ flat["surface_points"][corners], atol=3 * pixel)
     texts = [actor.GetText(2) for actor in plotter.renderers[1].actors.values() if hasattr(actor, "GetText")]
     nearest = corners[0]
     assert f"point {flat['vertex_ids'][nearest]}\narea, log2(flat / surface): {flat['areal'][nearest]:.4g}" in texts

@@ -73,8 +73,7 @@ def test_a_disk_is_cut_to_the_length_that_is_asked_for():
     topology = cut.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)
     for one in cut.cuts:
-        length = np.linalg.norm(np.diff(points[one.ids], axis=0), axis=1).sum()
-        assert length == pytest.approx(one.length)
+        assert np.linalg.norm(np.diff(points[one.ids], axis=0), axis=1).sum() == pytest.approx(one.length)
     assert voxflat.surface((points, faces)).keep(keep).cut(relax=0).cuts == ()
     assert voxflat.surface((points, faces)).keep(keep).cut(relax=True).cuts
 
@@ -88,8 +87,7 @@ def test_own_cuts_are_kept_and_count():
     np.testing.assert_array_equal(cut.cuts[0].ids, rim.ids)
     assert 0 < total(cut.cuts, "relaxation") <= 40
     _, counts = np.unique(cut.surface.vertices, return_counts=True)
-    doubled = np.unique(cut.surface.vertices)[counts > 1]
-    assert np.isin(rim.ids[1:], doubled).all()
+    assert np.isin(rim.ids[1:], np.unique(cut.surface.vertices)[counts > 1]).all()
 
 
 @pytest.mark.slow
@@ -101,8 +99,7 @@ def test_a_file_of_cuts_makes_the_same_surface(tmp_path):
     second = voxflat.surface((points, faces)).cut(cuts=tmp_path / "cuts.json")
     np.testing.assert_array_equal(first.surface.faces, second.surface.faces)
     np.testing.assert_array_equal(first.surface.vertices, second.surface.vertices)
-    content = json.loads((tmp_path / "cuts.json").read_text())
-    assert sorted(content["drop"]) == np.flatnonzero(drop).tolist()
+    assert sorted(json.loads((tmp_path / "cuts.json").read_text())["drop"]) == np.flatnonzero(drop).tolist()
 
 
 def test_a_file_may_name_few_vertices_of_a_cut(tmp_path):
@@ -133,8 +130,7 @@ def test_the_medial_wall_is_where_the_surfaces_touch():
     cut = voxflat.surface((points, faces), pial=pial).drop("medial wall").cut()
     np.testing.assert_array_equal(np.sort(cut.left_out), np.flatnonzero(wall))
     for other in (None, (points * 1.1, faces), (points, faces)):
-        whole = voxflat.surface((points, faces), pial=other)
-        refused("label", whole.drop, "medial wall")
+        refused("label", voxflat.surface((points, faces), pial=other).drop, "medial wall")
 
 
 @pytest.mark.slow

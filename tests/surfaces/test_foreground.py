@@ -14,8 +14,7 @@ INTEGERS = st.sampled_from(["bool", "int8", "uint8", "int16", "uint16", "int32",
 @given(INTEGERS.flatmap(lambda dtype: nps.arrays(dtype, (3, 4, 5))))
 def test_labels_are_counted(data):
     values, counts = np.unique(data, return_counts=True)
-    expected = {int(v): int(n) for v, n in zip(values, counts, strict=True) if v != 0}
-    assert labels_in(data) == expected
+    assert labels_in(data) == {int(v): int(n) for v, n in zip(values, counts, strict=True) if v != 0}
 
 
 @given(nps.arrays(np.int16, (3, 4, 5), elements=st.integers(-2, 2)), st.integers(-3, 3))

@@ -85,8 +85,7 @@ class TestAnyCuts:
         for a, b in paths:
             if a != b and {a, b} <= set(part.vertices.tolist()):
                 try:
-                    path = part.path(a, b, geodesic="edges").ids
-                    part = part.cut(cuts=[path], relax=False).surface
+                    part = part.cut(cuts=[part.path(a, b, geodesic="edges").ids], relax=False).surface
                 except InputError:  # a cut that would fall along another one, or into two pieces
                     continue
         return faces, part
@@ -152,8 +151,7 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
         flat.save(tmp_path / PATCH_NAMES[0])
         vertices, _, triangles, _ = said(caplog)
     places = np.pad(flat.uv, ((0, 0), (0, 1)))
-    lost = judge(tmp_path / PATCH_NAMES[0], mesh[1], flat.ids, flat.faces, places)
-    assert lost == (vertices, triangles)
+    assert judge(tmp_path / PATCH_NAMES[0], mesh[1], flat.ids, flat.faces, places) == (vertices, triangles)
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
     for name in PATCH_NAMES[1:]:
@@ -192,8 +190,7 @@ def test_names(tmp_path, monkeypatch):
 
 
 def test_a_patch_of_another_surface(tmp_path):
-    flat = voxflat.flatten(sheet(), Voxflat(sources=30))
-    flat.save(tmp_path / "lh.patch.flat")
+    voxflat.flatten(sheet(), Voxflat(sources=30)).save(tmp_path / "lh.patch.flat")
     with pytest.raises(InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
         voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
 
@@ -205,10 +202,8 @@ class TestHemisphere:
     @pytest.fixture(scope="class")
     def cut(self, fsaverage):
         sphere = lab.fsaverage5("sphere_left")[0]
-        surface = voxflat.surface(
-            (fsaverage["white"], fsaverage["faces"]), pial=(fsaverage["pial"], fsaverage["faces"])
-        )
-        return surface.drop("medial wall").cut(cuts="standard", sphere=sphere).surface
+        white, pial = ((fsaverage[name], fsaverage["faces"]) for name in ("white", "pial"))
+        return voxflat.surface(white, pial=pial).drop("medial wall").cut(cuts="standard", sphere=sphere).surface
 
     def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):
         flat = voxflat.flatten(cut, Zigelman2002(sources=100), relax=False)
@@ -227,8 +222,7 @@ class TestHemisphere:
         assert triangles < 0.04 * of
         read = freesurfer_rule.read_patch(tmp_path / "lh.flat.patch.3d", fsaverage["faces"])[2]
         assert pieces_and_euler(read) == (1, 1)
-        faces = nibabel.load(tmp_path / "lh.flat.surf.gii").darrays[1].data
-        assert lost == of - len(faces) < triangles
+        assert lost == of - len(nibabel.load(tmp_path / "lh.flat.surf.gii").darrays[1].data) < triangles
         flat.save(tmp_path / "map.npz")
         voxflat.load(tmp_path / "map.npz").save(tmp_path / "lh.again.patch.flat")
         assert (tmp_path / "lh.again.patch.flat").read_bytes() == (tmp_path / "lh.flat.patch.3d").read_bytes()

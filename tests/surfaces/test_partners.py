@@ -36,10 +36,8 @@ def mesh(brain, name):
 class TestPial:
     @pytest.mark.parametrize("h", ["lh", "rh"])
     def test_the_right_one(self, brain, h):
-        for made in (
-            voxflat.surface(brain / f"{h}.white", pial=brain / f"{h}.pial"),
-            voxflat.surface(mesh(brain, f"{h}.white"), pial=mesh(brain, f"{h}.pial")),
-        ):
+        for of in (brain.joinpath, lambda name: mesh(brain, name)):
+            made = voxflat.surface(of(f"{h}.white"), pial=of(f"{h}.pial"))
             assert made.remarks == ()
             thickness = nib.freesurfer.read_morph_data(brain / f"{h}.thickness")  # FreeSurfer's own
             assert np.corrcoef(made.thickness, thickness)[0, 1] > 0.9
@@ -49,22 +47,13 @@ class TestPial:
         with pytest.raises(InputError, match="the surface is of CortexLeft, the pial one of CortexRight"):
             voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
 
-    @pytest.mark.parametrize(
-        ("white", "pial"),
-        [
-            ("lh.white", "rh.pial"),
-            ("rh.white", "lh.pial"),
-            ("lh.white", "rh.white"),
-            ("lh.white", "lh.inflated"),
-            ("lh.white", "lh.sphere"),
-            ("lh.pial", "lh.inflated"),
-        ],
-    )
+    WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))
+    WRONG += (("rh.white", "lh.pial"), ("lh.pial", "lh.inflated"))
+
+    @pytest.mark.parametrize(("white", "pial"), WRONG)
     def test_wrong_ones_by_geometry(self, brain, white, pial):
-        with pytest.raises(
-            InputError, match=r"does not belong to the surface: .* mm \(median\), -?\d+ % leads outward"
-        ):
-            voxflat.surface(mesh(brain, white), pial=mesh(brain, pial))
+        message = r"does not belong to the surface: .* mm \(median\), -?\d+ % leads outward"
+        refused(message, voxflat.surface, mesh(brain, white), pial=mesh(brain, pial))
 
     @pytest.mark.parametrize("unit", [1.0, 0.001, 1000.0])
     def test_whatever_the_unit(self, brain, unit):
@@ -111,8 +100,7 @@ class TestLabels:
     def chosen(self, brain, name):
         """Return the vertices within 25 mm of a place, and their places on a surface."""
         points = mesh(brain, name)[0]
-        vertices = np.flatnonzero(np.linalg.norm(points - points[2000], axis=1) < 25)
-        return vertices, points
+        return np.flatnonzero(np.linalg.norm(points - points[2000], axis=1) < 25), points
 
     @pytest.mark.parametrize("drawn_on", ["lh.white", "lh.pial", "nothing", "no columns"])
     def test_its_own(self, brain, tmp_path, drawn_on):
@@ -161,10 +149,8 @@ class TestOverlays:
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
-        with pytest.raises(
-            InputError, match=rf"rh\.{name}: is of CortexRight, the surface of CortexLeft: give .* array"
-        ):
-            flat.image(brain / f"rh.{name}")
+        message = rf"rh\.{name}: is of CortexRight, the surface of CortexLeft: give .* array"
+        refused(message, flat.image, brain / f"rh.{name}")
         values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
         assert np.isfinite(flat.image(values).data).any()  # what is meant is taken
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 import shapes
-from command_line import run, succeed
+from command_line import fail, run, succeed
 from mesh_files import grid, sphere
 from refusals import refused
 
@@ -48,8 +48,7 @@ def test_the_same_polygon_through_every_way_in(sheet, tmp_path):
 
 def test_a_polygon_of_voxels():
     volume = shapes.sheet((30, 30))
-    corners = [[5, 5, 1], [5, 20, 1], [25, 20, 1], [25, 5, 1]]
-    flat = voxflat.surface(volume).polygon(corners).flatten()
+    flat = voxflat.surface(volume).polygon([[5, 5, 1], [5, 20, 1], [25, 20, 1], [25, 5, 1]]).flatten()
     assert (flat.ids.min(axis=0) == [5, 5, 1]).all()
     assert (flat.ids.max(axis=0) == [25, 20, 1]).all()
     assert len(flat) == 21 * 16
@@ -73,9 +72,8 @@ def test_bad_polygons(sheet, options, message):
 def test_bad_files_of_corners(tmp_path, text):
     write_mesh(tmp_path / "s.ply", grid(SIDE))
     (tmp_path / "corners.txt").write_text(text)
-    result = run("flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz")
-    assert result.exit_code == 2
-    assert "corners.txt" in result.stderr
+    words = ["flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz"]
+    fail(2, "corners.txt", *words)
 
 
 @pytest.mark.parametrize("geodesic", ["graph", "edges"])
@@ -125,8 +123,6 @@ def test_check_takes_what_flatten_takes(tmp_path):
     ring[2:-2, 2:-2, 2:-2] = 1
     ring[6:-6, 6:-6] = 0
     np.save(tmp_path / "ring.npy", ring)
-    handles = [
-        len(json.loads(run("check", tmp_path / "ring.npy", "--json", *repair).stdout)["handles"])
-        for repair in ([], ["--repair", "voxels"])
-    ]
-    assert handles == [1, 0]
+    for repair, handles in ([], 1), (["--repair", "voxels"], 0):
+        told = json.loads(run("check", tmp_path / "ring.npy", "--json", *repair).stdout)
+        assert len(told["handles"]) == handles

@@ -252,8 +252,7 @@ def test_faces_and_border_of_a_patch():
     mesh = grid(5)
     vertices = np.arange(24, 0, -1)  # all but point 0, backwards
     faces = patch_faces(mesh.faces, vertices, 25)
-    kept = mesh.faces[(mesh.faces != 0).all(axis=1)]
-    np.testing.assert_array_equal(vertices[faces], kept)
+    np.testing.assert_array_equal(vertices[faces], mesh.faces[(mesh.faces != 0).all(axis=1)])
     border = set(vertices[patch_border(mesh.faces, vertices, 25)])
     assert border == {i * 5 + j for i in range(5) for j in range(5) if i in (0, 4) or j in (0, 4)} - {0}
     inner = np.array([5 * i + j for i in (1, 2, 3) for j in (1, 2, 3)])

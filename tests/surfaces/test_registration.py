@@ -35,10 +35,8 @@ def rotation(seed):
 def hemispheres():
     """Points, registered sphere and triangles of both sides: fsaverage5's pial surfaces, a quarter of the vertices."""
     faces = before_subdivision(lab.fsaverage5("white_left")[1], lab.VERTICES)
-    return {
-        side: (*(lab.fsaverage5(f"{kind}_{side}")[0][: lab.VERTICES] for kind in ("pial", "sphere")), faces)
-        for side in ("left", "right")
-    }
+    places = {side: [lab.fsaverage5(f"{kind}_{side}")[0] for kind in ("pial", "sphere")] for side in ("left", "right")}
+    return {side: (*(points[: lab.VERTICES] for points in both), faces) for side, both in places.items()}
 
 
 @pytest.fixture(scope="module")
@@ -87,15 +85,13 @@ def test_threads_change_no_bit(hemispheres, left):
 @pytest.mark.slow
 def test_a_mirrored_hemisphere_is_the_other_side(hemispheres):
     points, _, faces = hemispheres["left"]
-    made = voxflat.surface((points * [-1, 1, 1], faces[:, ::-1])).register()
-    assert made.side == "right"
+    assert voxflat.surface((points * [-1, 1, 1], faces[:, ::-1])).register().side == "right"
 
 
 @pytest.mark.slow
 def test_a_medial_wall_that_is_left_out_does_not_matter(hemispheres, left):
     points, _, faces = hemispheres["left"]
-    white = lab.fsaverage5("white_left")[0][: lab.VERTICES]
-    wall = np.linalg.norm(points - white, axis=1) < 0.3
+    wall = np.linalg.norm(points - lab.fsaverage5("white_left")[0][: lab.VERTICES], axis=1) < 0.3
     kept = faces[~wall[faces].any(axis=1)]
     made = voxflat.surface((points, kept)).register()
     assert made.side == "left"

@@ -79,12 +79,8 @@ def remeshed(seed, count, warp=0.03):
     for _ in range(6):
         wave, way = random.normal(size=3), random.normal(size=3)
         moved += warp / 3 * np.cos(2 * places @ wave + random.uniform(0, 7))[:, None] * way
-    return (
-        np.einsum("ij,ijk->ik", weights, white[at]),
-        triangles,
-        moved / np.linalg.norm(moved, axis=1)[:, None],
-        places,
-    )
+    moved /= np.linalg.norm(moved, axis=1)[:, None]
+    return np.einsum("ij,ijk->ik", weights, white[at]), triangles, moved, places
 
 
 def turn_between(one, other, places, others):
@@ -309,9 +305,8 @@ def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject,
 
 @pytest.mark.slow
 def test_a_closed_surface_cut_by_lines_alone_makes_a_template(small_subject, tmp_path):
-    cut = voxflat.surface(small_subject / "lh.white").cut(
-        cuts="automatic", sphere=small_subject / "lh.sphere.reg", relax=150.0
-    )
+    how = {"cuts": "automatic", "sphere": small_subject / "lh.sphere.reg", "relax": 150.0}
+    cut = voxflat.surface(small_subject / "lh.white").cut(**how)
     cut.save_template(tmp_path / "lines.json")
     template = read_template(tmp_path / "lines.json")
     assert template.outlines == ()

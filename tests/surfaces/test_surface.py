@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import shapes
-from click.testing import CliRunner
+from command_line import succeed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 
 import voxflat
-from voxflat import cli
 from voxflat.io.meshes import read_mesh
 from voxflat.methods import Voxflat
 
@@ -91,8 +90,7 @@ class TestFromVoxels:
         np.save(tmp_path / "torus.npy", torus)
         written = tmp_path / "changed.nii.gz"
         arguments = ["surface", tmp_path / "torus.npy", "--repair", "voxels", "--repaired", written]
-        result = CliRunner().invoke(cli.main, [*map(str, arguments), "-o", str(tmp_path / "out.surf.gii")])
-        assert result.exit_code == 0, result.output
+        succeed(*arguments, "-o", tmp_path / "out.surf.gii")
         np.testing.assert_array_equal(voxflat.io.read_volume(written).data, changed)
         np.testing.assert_allclose(read_mesh(tmp_path / "out.surf.gii").points, repaired.points, atol=1e-5)
 
@@ -132,8 +130,7 @@ class TestSheets:
         assert surface.metadata["sheet"]
         assert (len(surface), len(surface.faces)) == (600, 2 * 19 * 29)
         assert np.linalg.norm(surface.points - surface.ids, axis=1).max() < 1e-6
-        pillow = shapes.two_sided(shapes.sheet((20, 30)))
-        assert pillow.core.topology()["euler"] == 2
+        assert shapes.two_sided(shapes.sheet((20, 30))).core.topology()["euler"] == 2
 
     def test_a_sheet_on_a_slope_may_be_a_strip_of_edges(self):
         i, _, k = np.indices((20, 20, 20))

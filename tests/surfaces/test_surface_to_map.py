@@ -105,8 +105,7 @@ class TestFlatten:
         np.testing.assert_allclose(moved.uv, flat.uv, atol=1e-4)
 
     def test_measured_midway_between_white_and_pial(self, fsaverage, white):
-        pial = (fsaverage["pial"], fsaverage["faces"])
-        surface = voxflat.surface(white, pial=pial)
+        surface = voxflat.surface(white, pial=(fsaverage["pial"], fsaverage["faces"]))
         np.testing.assert_allclose(surface.points, fsaverage["mid"], atol=1e-5)
         assert surface.metadata["measured_on"].startswith("midthickness")
         np.testing.assert_array_equal(surface.ids, np.arange(len(fsaverage["white"])))
@@ -127,8 +126,7 @@ class TestFlatten:
     def test_voxels_of_real_anatomy(self):
         labels, affine, probability = anatomy.mni152_white_matter("left")
         surface = voxflat.surface(labels, affine=affine, probability=probability, repair="voxels")
-        changed = np.count_nonzero(surface.changed_voxels())
-        assert changed <= 0.0015 * labels.sum()
+        assert np.count_nonzero(surface.changed_voxels()) <= 0.0015 * labels.sum()
         assert surface.core.topology()["euler"] == 2
         seed = (60, 150, 120)  # and a patch of what lies around it: sulcal depth is measured on all of a surface
         near, ends = tuple(slice(at - 40, at + 40) for at in seed), tuple(slice(at + 44) for at in seed)
@@ -218,8 +216,7 @@ def test_a_sheet_of_grey_matter_becomes_a_map():
 class TestMeasure:
     @pytest.mark.slow
     def test_a_map_of_our_own(self, white, shipped, flat_map):
-        seed = flat_map.metadata["seed"]
-        again = voxflat.measure(white, flat_map, sources=200, seed=seed, reference="graph")
+        again = voxflat.measure(white, flat_map, sources=200, seed=flat_map.metadata["seed"], reference="graph")
         assert again.raw.relative_error == pytest.approx(flat_map.distortion.raw.relative_error, rel=1e-5)
         assert again.raw.stress_1 == pytest.approx(flat_map.distortion.raw.stress_1, rel=1e-5)
         assert again.triangles.flipped == flat_map.distortion.triangles.flipped
@@ -234,5 +231,4 @@ class TestMeasure:
         told = workbench("-file-information", paths[1])
         assert re.search(r"Structure: +CortexLeft.*Surface Type \(Primary\): +Flat", told, re.DOTALL)
         theirs = voxflat.io.read_overlay(paths[2], len(white[0]))[np.unique(faces)]
-        ours = voxflat.measure(paths[0], paths[1], sources=1).triangles.areal
-        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+        np.testing.assert_allclose(voxflat.measure(paths[0], paths[1], sources=1).triangles.areal, theirs, atol=1e-4)

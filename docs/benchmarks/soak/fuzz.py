@@ -126,14 +126,8 @@ class Cases:
             outcome = "raw"
             where, trace = f"{type(error).__name__} from {_place(error)}", traceback.format_exc()
             what = f"{what}\n        {' '.join(str(error).split())[:150]}"
-        return {
-            "outcome": outcome,
-            "what": what,
-            "where": where,
-            "trace": trace,
-            "seconds": time.perf_counter() - start,
-            "memory": max(0, _memory(peak=True) - before),
-        }
+        told = {"outcome": outcome, "what": what, "where": where, "trace": trace}
+        return told | {"seconds": time.perf_counter() - start, "memory": max(0, _memory(peak=True) - before)}
 
 
 def _place(error: BaseException) -> str:
@@ -193,13 +187,8 @@ class Worker:
 
     def start(self) -> None:
         """Start a process, and wait until it is ready."""
-        self.process = subprocess.Popen(
-            self.command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "MPLBACKEND": "agg"},
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(self.command, **pipes, env={**os.environ, "MPLBACKEND": "agg"})
         if self._line(300) != "ready\n":
             raise SystemExit(f"a worker does not start: {' '.join(self.command)}")
 
@@ -261,19 +250,14 @@ def run(kind: str, numbers: range, seed: int, workers: int) -> list[str]:
         list(pool.map(turn, range(workers)))
     bar.close()
     took = time.monotonic() - start
-    print(
-        f"{len(numbers):,} {kind} in {took:.0f} s: {', '.join(f'{n:,} {name}' for name, n in outcomes.most_common())}"
-    )
-    print(
-        f"  the slowest took {slowest[0]:.1f} s ({kind} {slowest[1]}), "
-        f"the greatest {greatest[0] >> 20} MiB ({greatest[1]})"
-    )
+    counted = ", ".join(f"{n:,} {name}" for name, n in outcomes.most_common())
+    print(f"{len(numbers):,} {kind} in {took:.0f} s: {counted}")
+    print(f"  the slowest took {slowest[0]:.1f} s ({kind} {slowest[1]}), ", end="")
+    print(f"the greatest {greatest[0] >> 20} MiB ({greatest[1]})")
     for name, cases in sorted(findings.items(), key=lambda item: -len(item[1])):
         number, what = cases[0]
-        print(
-            f"{len(cases):5} x {name}\n        {what}\n"
-            f"        python {sys.argv[0]} --seed {seed} --case {kind} {number}"
-        )
+        again = f"python {sys.argv[0]} --seed {seed} --case {kind} {number}"
+        print(f"{len(cases):5} x {name}\n        {what}\n        {again}")
     return list(findings)
 
 
@@ -308,9 +292,8 @@ def again(kind: str, number: int, seed: int) -> None:
     print(f"in {folder}", flush=True)
     print(cases.drawn(number)[0], flush=True)
     found = cases.run(number)
-    print(
-        f"{found['outcome']}: {found['where']}, {found['seconds']:.2f} s, {found['memory'] >> 20} MiB\n{found['trace']}"
-    )
+    print(f"{found['outcome']}: {found['where']}, {found['seconds']:.2f} s, {found['memory'] >> 20} MiB")
+    print(found["trace"])
 
 
 if __name__ == "__main__":

@@ -29,14 +29,8 @@ ODD: list[Any] = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, 
 ODD += [float("inf"), 1j, "", "x", "1", "../x", "a\0b", "\ud800", b"x", "x" * 300, [], (), {}, [[]], [1, [2, 3]]]
 ODD += [[None], ["a"], {"a": 1}, {1, 2}, object(), int, range(3), np.float32(1), np.datetime64("2020-01-01")]
 ODD += [np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.full(3, np.nan), np.array("x"), np.array([None])]
-ODD += [
-    np.zeros(3),
-    np.ma.masked_array([1.0, 2.0], [True, False]),
-    np.arange(4),
-    np.ones((2, 2, 2)),
-    np.eye(4) * np.nan,
-    Path("x"),
-]
+ODD += [np.zeros(3), np.ma.masked_array([1.0, 2.0], [True, False]), np.arange(4), np.ones((2, 2, 2))]
+ODD += [np.eye(4) * np.nan, Path("x")]
 
 
 def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[Any]]]:
@@ -52,23 +46,13 @@ def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[A
     flat_map.save(folder / "map.npz")
     atlas.save(folder / "atlas.npz")
     surface.geodesic(9, store=folder / "store")
-    made: dict[str, Any] = {
-        "surface": surface,
-        "of_mesh": of_mesh,
-        "map": flat_map,
-        "of_mesh_map": of_mesh_map,
-        "atlas": atlas,
-        "glued": atlas.glue(),
-        "page": atlas.page(),
-        "cut": voxflat.surface(of_mesh).cut(relax=False),
-        "rows": surface.geodesic(9),
-        "image": flat_map.heat_map(),
-        "images": flat_map.images(np.ones((*sheet().shape, 2))),
-        "regions": flat_map.regions({"a": flat_map.uv.mean(axis=0) + np.array([[-2, -2], [2, -2], [0, 2]])}),
-        "textured": flat_map.textured(np.zeros((4, 4, 3), np.uint8)),
-        "comparison": voxflat.compare(of_mesh, {"a": of_mesh_map}, sources=9),
-        "distortion": flat_map.distortion,
-    }
+    made: dict[str, Any] = {"surface": surface, "of_mesh": of_mesh, "map": flat_map, "of_mesh_map": of_mesh_map}
+    made |= {"atlas": atlas, "glued": atlas.glue(), "page": atlas.page()}
+    made |= {"cut": voxflat.surface(of_mesh).cut(relax=False), "rows": surface.geodesic(9)}
+    made |= {"image": flat_map.heat_map(), "images": flat_map.images(np.ones((*sheet().shape, 2)))}
+    made |= {"regions": flat_map.regions({"a": flat_map.uv.mean(axis=0) + np.array([[-2, -2], [2, -2], [0, 2]])})}
+    made |= {"textured": flat_map.textured(np.zeros((4, 4, 3), np.uint8))}
+    made |= {"comparison": voxflat.compare(of_mesh, {"a": of_mesh_map}, sources=9), "distortion": flat_map.distortion}
     found: dict[str, Callable[..., Any]] = {}
     for module in (voxflat, io, figures):
         for name in module.__all__:
@@ -89,66 +73,28 @@ def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any
     volume, points = sheet(), made["of_mesh_map"].uv
     any_surface = [made["surface"], made["of_mesh"], volume, mesh, folder / "v.nii", folder / "s.surf.gii"]
     picture = np.zeros((5, 4, 3), np.uint8)
-    values: dict[str, list[Any]] = {
-        "surface": any_surface,
-        "source": any_surface,
-        "obj": [volume, folder / "v.nii"],
-        "method": ["voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"],
-        "label": [1],
-        "threshold": [0.5],
-        "spacing": [(1, 1, 2), 1.0],
-        "affine": [np.eye(4), np.diag([1, 1, 2, 1])],
-        "seed_point": [(3, 3, 2), 9],
-        "radius": [4.0, 12.0],
-        "cuts": ["automatic", [[0, 1, 2]], [[(0, 3, 2), (1, 3, 2)]]],
-        "relax": [False, True, 0.1],
-        "adapt": [10.0],
-        "sources": [9, 20, [0, 5, 60], [(0, 0, 2), (7, 7, 2), (0, 7, 2)]],
-        "sampling": ["farthest", "random"],
-        "geodesic": ["graph", "exact", "fast-marching"],
-        "link_lengths": ["euclidean"],
-        "bound": [1.5],
-        "seed": [0, 7],
-        "threads": [1, 2],
-        "memory_limit": [10**8, 10**9],
-        "store": [folder / "new"],
-        "repair": ["none", "smallest"],
-        "sheet": [True, False],
-        "max_angle": [30.0],
-        "count": [2],
-        "seeds": ["curvature", "farthest"],
-        "flat": [made["map"], made["of_mesh_map"], points, folder / "map.npz"],
-        "maps": [{"a": made["map"]}, {"a": made["of_mesh_map"], "b": points}],
-        "reference": ["exact", "graph"],
-        "depth": [0.0, 1.0, np.zeros((9, 9)) + np.arange(9), [0.0, 1.0]],
-        "mask": [np.ones((9, 9), bool)],
-        "volume": [volume, np.ones(N), folder / "v.nii", np.ones((*volume.shape, 2))],
-        "pixel_size": [1.0, 0.5],
-        "channel": [0, "a"],
-        "interpolation": ["linear", "nearest"],
-        "period": [3.0],
-        "time_step": [1.0],
-        "fraction": [0.5],
-        "layering": ["equivolume", "equidistant"],
-        "places": [points[:3], [[0.0, 0.0]]],
-        "points": [np.zeros((3, 3)), N, grid().points],
-        "faces": [grid().faces],
-        "vertices": [np.arange(9)],
-        "n": [N],
-        "values": [np.ones(N), np.ones((N, 2))],
-        "picture": [picture, np.zeros((5, 4))],
-        "texel_size": [1.0],
-        "rois": [{"a": points[:4]}, np.ones(np.shape(made["image"].data), np.uint8)],
-        "mesh": [grid()],
-        "data": [volume],
-        "ids": [[0, 1], [(0, 0, 2)], 3],
-        "place": [(0, 0, 2)],
-        "atlas": [made["atlas"], made["glued"]],
-        "flat_map": [made["map"], made["of_mesh_map"]],
-        "overwrite": [True],
-        "sidecar": [True, False],
-        "tolerance": [16.0],
-    }
+    values: dict[str, list[Any]] = {"surface": any_surface, "source": any_surface, "obj": [volume, folder / "v.nii"]}
+    values |= {"method": ["voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"], "label": [1]}
+    values |= {"threshold": [0.5], "spacing": [(1, 1, 2), 1.0], "affine": [np.eye(4), np.diag([1, 1, 2, 1])]}
+    values |= {"seed_point": [(3, 3, 2), 9], "radius": [4.0, 12.0]}
+    values |= {"cuts": ["automatic", [[0, 1, 2]], [[(0, 3, 2), (1, 3, 2)]]], "relax": [False, True, 0.1]}
+    values |= {"adapt": [10.0], "sources": [9, 20, [0, 5, 60], [(0, 0, 2), (7, 7, 2), (0, 7, 2)]]}
+    values |= {"sampling": ["farthest", "random"], "geodesic": ["graph", "exact", "fast-marching"]}
+    values |= {"link_lengths": ["euclidean"], "bound": [1.5], "seed": [0, 7], "threads": [1, 2]}
+    values |= {"memory_limit": [10**8, 10**9], "store": [folder / "new"], "repair": ["none", "smallest"]}
+    values |= {"sheet": [True, False], "max_angle": [30.0], "count": [2], "seeds": ["curvature", "farthest"]}
+    values |= {"flat": [made["map"], made["of_mesh_map"], points, folder / "map.npz"]}
+    values |= {"maps": [{"a": made["map"]}, {"a": made["of_mesh_map"], "b": points}], "reference": ["exact", "graph"]}
+    values |= {"depth": [0.0, 1.0, np.zeros((9, 9)) + np.arange(9), [0.0, 1.0]], "mask": [np.ones((9, 9), bool)]}
+    values |= {"volume": [volume, np.ones(N), folder / "v.nii", np.ones((*volume.shape, 2))], "pixel_size": [1.0, 0.5]}
+    values |= {"channel": [0, "a"], "interpolation": ["linear", "nearest"], "period": [3.0], "time_step": [1.0]}
+    values |= {"fraction": [0.5], "layering": ["equivolume", "equidistant"], "places": [points[:3], [[0.0, 0.0]]]}
+    values |= {"points": [np.zeros((3, 3)), N, grid().points], "faces": [grid().faces], "vertices": [np.arange(9)]}
+    values |= {"n": [N], "values": [np.ones(N), np.ones((N, 2))], "picture": [picture, np.zeros((5, 4))]}
+    values |= {"texel_size": [1.0], "rois": [{"a": points[:4]}, np.ones(np.shape(made["image"].data), np.uint8)]}
+    values |= {"mesh": [grid()], "data": [volume], "ids": [[0, 1], [(0, 0, 2)], 3], "place": [(0, 0, 2)]}
+    values |= {"atlas": [made["atlas"], made["glued"]], "flat_map": [made["map"], made["of_mesh_map"]]}
+    values |= {"overwrite": [True], "sidecar": [True, False], "tolerance": [16.0]}
     files = [folder / name for name in ("map.npz", "atlas.npz", "store", "v.nii", "s.surf.gii")]
     values["path"] = [*_PATHS, *files, *(folder / name for name in ("lh.white", "p.patch.flat"))]
     return values

@@ -107,25 +107,14 @@ def _store(path: Path) -> None:
     rows.chunks  # noqa: B018
 
 
-OPENERS: dict[str, Callable[[Path], object]] = {
-    "volume": read_volume,
-    "series": _series,
-    "mesh": _mesh,
-    "values": _values,
-    "labels": _labels,
-    "region": lambda path: read_region(path, N),
-    "patch": lambda path: (is_patch(path), read_patch(path)),
-    "table": read_table,
-    "points": read_points,
-    "map": _map,
-    "atlas": _atlas,
-    "store": _store,
-    "cuts": lambda path: voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False),
-    "template": lambda path: (is_template(path), read_template(path)),
-    "regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))),
-    "picture": as_picture,
-    "contents": contents,
-}
+OPENERS: dict[str, Callable[[Path], object]] = {"volume": read_volume, "series": _series, "mesh": _mesh}
+OPENERS |= {"values": _values, "labels": _labels, "region": lambda path: read_region(path, N)}
+OPENERS |= {"patch": lambda path: (is_patch(path), read_patch(path)), "table": read_table, "points": read_points}
+OPENERS |= {"map": _map, "atlas": _atlas, "store": _store}
+OPENERS |= {"cuts": lambda path: voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False)}
+OPENERS |= {"template": lambda path: (is_template(path), read_template(path))}
+OPENERS |= {"regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))), "picture": as_picture}
+OPENERS |= {"contents": contents}
 
 _MADE: dict[str, Any] = {}
 """What openers need beside their file."""
@@ -234,16 +223,12 @@ def _on_points(entry: Callable[..., None]) -> None:
         label = gifti.GiftiLabel(key, 0.1, 0.2, 0.3, 1.0)
         label.label = name
         table.labels.append(label)
-    of_labels = gifti.GiftiDataArray(labels, "NIFTI_INTENT_LABEL")
-    entry("v.label.gii", "labels", lambda path: nib.save(gifti.GiftiImage(darrays=[of_labels], labeltable=table), path))
+    parcels = gifti.GiftiImage(darrays=[gifti.GiftiDataArray(labels, "NIFTI_INTENT_LABEL")], labeltable=table)
+    entry("v.label.gii", "labels", lambda path: nib.save(parcels, path))
     entry("lh.curv", "values", lambda path: nib.freesurfer.write_morph_data(path, values))
     colours = np.array([[10, 20, 30, 0], [40, 50, 60, 0], [70, 80, 90, 0]])
-    names = ["unknown", "V1", "V2"]
-    entry(
-        "lh.annot",
-        "labels",
-        lambda path: nib.freesurfer.write_annot(path, labels, np.c_[colours, [0, 0, 0]], names, fill_ctab=True),
-    )
+    annot = labels, np.c_[colours, [0, 0, 0]], ["unknown", "V1", "V2"]
+    entry("lh.annot", "labels", lambda path: nib.freesurfer.write_annot(path, *annot, fill_ctab=True))
     entry("v.mgh", "values", lambda path: nib.save(nib.MGHImage(values.reshape(-1, 1, 1), np.eye(4)), path))
     points = nib.Nifti1Image(np.tile(values, (2, 1)).T.reshape(N, 1, 1, 2).copy(), np.eye(4))
     entry("v.nii", "values", lambda path: nib.save(points, path))
@@ -262,9 +247,7 @@ def _on_points(entry: Callable[..., None]) -> None:
     entry("lh.cortex.patch.3d", "patch", lambda path: write_patch(path, patch))
     entry("lut.txt", "table", lambda path: path.write_text("# No. Name R G B A\n0 Unknown 0 0 0 0\n1 V1 255 0 9 0\n"))
     entry("lut.tsv", "table", lambda path: path.write_text("index\tname\tcolor\n0\tnone\t#000000\n1\tV1\t#ff0a0b\n"))
-    entry(
-        "lut.label.gii", "table", lambda path: nib.save(gifti.GiftiImage(darrays=[of_labels], labeltable=table), path)
-    )
+    entry("lut.label.gii", "table", lambda path: nib.save(parcels, path))
     entry("points.csv", "points", lambda path: path.write_text("name,x,y,z\na,1,2,3\nb,4,5,6\n"))
     entry("points.tsv", "points", lambda path: path.write_text("x\ty\tz\n1\t2\t3\n4\t5\t6\n"))
 
@@ -472,8 +455,7 @@ def _numbers(data: bytes, chance: random.Random, _: object) -> bytes:
         if width >= 4 and chance.random() < 0.4:
             new = struct.pack(order + {4: "f", 8: "d"}[width], chance.choice(_FLOATS))
         else:
-            value = chance.choice(_INTEGERS) % 256**width
-            new = value.to_bytes(width, "little" if order == "<" else "big")
+            new = (chance.choice(_INTEGERS) % 256**width).to_bytes(width, "little" if order == "<" else "big")
         changed[at : at + width] = new
     return bytes(changed)
 

@@ -129,9 +129,7 @@ def maps(times: int, points: int) -> None:
     for what, values in zip(("resident", "allocated"), zip(*taken, strict=True), strict=True):
         print(f"{times} maps of {points:,} points, MB {what} after each: {' '.join(f'{mb:.0f}' for mb in values)}")
         settled = [100 * (mb / values[min(2, times - 1)] - 1) for mb in values[2:]]
-        print(
-            f"  from the third on: {settled[-1]:+.1f} % at the end, {min(settled):+.1f} to {max(settled):+.1f} between"
-        )
+        print(f"  from the third: {settled[-1]:+.1f} % at the end, {min(settled):+.1f} to {max(settled):+.1f} between")
     print(f"  layers: {len(viewer.layers)}, widgets: {len(QApplication.allWidgets())}")
     viewer.close()
 
