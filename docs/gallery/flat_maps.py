@@ -1,4 +1,4 @@
-"""Pictures of `docs/gallery.md`: folds, a statistic, what is no white matter, depths, thickness of both hemispheres, an atlas with names.
+"""Pictures of `docs/gallery.md`: folds, a statistic, no white matter, depths, thickness, an atlas with names.
 
     python docs/gallery/flat_maps.py .tools/t1prep docs/pictures
 
