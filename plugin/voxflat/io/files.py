@@ -24,7 +24,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import amount, checked_path, log, shown
+from voxflat.arguments import amount, checked_path, log
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST
 from voxflat.io.reading import allowed_memory, note
@@ -106,7 +106,7 @@ def one_line(error: Exception) -> str:
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
     """Turn whatever is wrong, but the system's errors, into one line that begins with a file's or object's name."""
-    name = name if isinstance(name, str | os.PathLike) else shown(name)
+    name = name if isinstance(name, str | os.PathLike) else type(name).__name__
     try:
         yield
     except MemoryError:

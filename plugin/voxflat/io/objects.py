@@ -125,10 +125,7 @@ _MESHES: tuple[_Reader, ...] = (
     (_has_parts, _of_parts),  # PolyMesh
     (lambda given: is_gifti(given) and gifti._has_triangles(given), lambda image: Mesh(**gifti.surface(image))),
     (_has("points", "cells", "cells_dict"), _of_meshio),
-    (
-        _has("vertices", "faces", "face_normals"),
-        lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=False),
-    ),
+    (_has("vertices", "faces", "face_normals"), _of_trimesh),
 )
 
 
