@@ -55,6 +55,8 @@ def told_of(surface, tmp_path, caplog):
     again = voxflat.load(tmp_path / "map.npz")
     judged = voxflat.measure(surface, again)
     texts = [repr(surface), surface._repr_html_(), opened._repr_html_(), repr(flat_map), repr(again)]
+    worst, atlas = voxflat.worst_places(again, beyond=1.01), surface.patches(max_angle=30)
+    texts += [worst.table(), atlas.table(), atlas.glue(bound=1.5).table(), *map(repr, (worst, atlas, atlas.page()))]
     texts += [again.distortion.table(), judged.table(), *(record.message for record in caplog.records)]
     for figure in (figures.scatter(again), figures.heat_map(again), figures.flat_map(again)):
         texts += [text.get_text() for text in figure.findobj(Text)]

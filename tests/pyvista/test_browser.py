@@ -149,7 +149,7 @@ def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
     content, arrays, faces = shown_by((tmp_path / "ball.html").read_text())
     of_mesh, same, triangles = shown_by(flat.voxflat.show("Ball").html)
     assert_array_equal(faces, triangles)
-    assert (content["unit"], of_mesh["unit"]) == ("mm", "")
+    assert (content["unit"], of_mesh["unit"]) == ("", "")
     for name in ("uv", "folded", "distance_error", "areal", "angle", "isometric", "quasi_conformal", "flipped"):
         assert_allclose(arrays[name], same[name], atol=2e-3)
     assert_allclose(arrays["curvature"], flat_map.curvature, atol=1e-4)

@@ -91,7 +91,7 @@ class BlocksAccessor:
         --------
         >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
         >>> both.voxflat.flatten()["left"]
-        <FlatMap: 121 points, 1 x 1 mm, relative error 0.0 %>
+        <FlatMap: 121 points, 1 x 1, relative error 0.0 %>
         """
         return self._named(lambda of: of.flatten(scalars, progress_bar=progress_bar, **options))
 

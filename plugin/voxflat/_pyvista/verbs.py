@@ -126,7 +126,7 @@ class Verbs(Given):
         Examples
         --------
         >>> pv.Plane(i_size=20, j_size=20).voxflat.flatten()
-        <FlatMap: 121 points, 20 x 20 mm, relative error 0.0 %>
+        <FlatMap: 121 points, 20 x 20, relative error 0.0 %>
         """
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:

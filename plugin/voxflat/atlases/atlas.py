@@ -29,7 +29,7 @@ from voxflat.io.files import (
     in_types,
     naming,
 )
-from voxflat.io.grid import FARTHEST
+from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, as_text, saving
 from voxflat.io.readers import read_arrays
@@ -160,7 +160,7 @@ class Atlas(FlatPieces, ABC):
         --------
         >>> atlas = voxflat.samples.hill().patches(max_angle=20)
         >>> atlas.page()
-        <FlatPage: 8 pieces, 55 x 71 mm, 44 % of it used>
+        <FlatPage: 8 pieces, 55 x 71, 44 % of it used>
         """
         chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
         key = (chosen, checked_choice(packing, "packing", PACKINGS))
@@ -216,7 +216,7 @@ class Atlas(FlatPieces, ABC):
         --------
         >>> atlas = voxflat.samples.hill().patches(max_angle=20)
         >>> atlas.image(np.arange(441.0))
-        <FlatImage: overlay, 116 x 151 pixels of 0.477758 mm>
+        <FlatImage: overlay, 116 x 151 pixels of 0.477758>
         """
         how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "period": period, "name": name}
         return self.page().image(volume, pixel_size, channel=channel, **how)
@@ -272,7 +272,7 @@ class Atlas(FlatPieces, ABC):
         --------
         >>> atlas = voxflat.samples.hill().patches(max_angle=20)
         >>> atlas.heat_map(pixel_size=1.0)
-        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1 mm>
+        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1>
         """
         return self.page().heat_map(pixel_size, of=of)
 
@@ -330,7 +330,7 @@ class Atlas(FlatPieces, ABC):
 
     def _largest(self, columns: Sequence[tuple[str, str]], measured: NDArray[np.float64]) -> list[str]:
         """Return the lines of a table of the largest pieces: number, triangles, and what is measured."""
-        lines = ["".join(name.rjust(int(form[1:].split(".")[0])) for name, form in columns)]
+        lines = ["".join(in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns)]
         for n, values in enumerate(measured[:_SHOWN].tolist()):
             row = zip((n, self._sizes[n], *values), columns, strict=True)
             lines.append("".join(format(value, form) for value, (_, form) in row))

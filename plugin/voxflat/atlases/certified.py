@@ -109,7 +109,7 @@ class FlatPatch(Piece):
     Examples
     --------
     >>> voxflat.samples.hill().patches(max_angle=20)[0]
-    <FlatPatch: 479 triangles, 971.2 mm², C = 1.0641>
+    <FlatPatch: 479 triangles, area 971.2, C = 1.0641>
     """
 
     plane: Plane

@@ -14,6 +14,7 @@ from voxflat.atlases.atlas import Atlas, figures_of
 from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
 from voxflat.unique_rows import distinct
 
 _COLUMNS = (("piece", ">6"), ("triangles", ">11"), ("area, mm²", ">12.4g"), ("C", ">9.4f"), ("K", ">9.4f"))
@@ -84,7 +85,7 @@ class GluedPiece(Piece):
     --------
     >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
     >>> glued[0]
-    <GluedPiece: 800 triangles, 1740 mm², C = 1.2047>
+    <GluedPiece: 800 triangles, area 1740, C = 1.2047>
     """
 
 
@@ -201,7 +202,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
             f"{'triangles':34}{len(self.faces):>10}",
             f"{'area of the largest piece':34}{100 * of['largest_area_share']:>8.2f} %",
             "",
-            f"{'seams':34}{'mm':>10}",
+            f"{'seams':34}{in_unit('mm', self.metadata):>10}",
             f"{'all':34}{seams.length:>10.1f}",
             f"{'closed':34}{seams.closed:>10.1f}{share(seams.closed)}",
             f"{'cut, for the curvature inside':34}{seams.holonomy:>10.1f}{share(seams.holonomy)}",

@@ -65,7 +65,7 @@ def patches(
     return atlas
 
 
-_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space")
+_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space", "unit")
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 

@@ -36,7 +36,7 @@ class FlatPage(Planar):
     --------
     >>> page = voxflat.samples.hill().patches(max_angle=20).page()
     >>> page
-    <FlatPage: 8 pieces, 55 x 71 mm, 44 % of it used>
+    <FlatPage: 8 pieces, 55 x 71, 44 % of it used>
     """
 
     atlas: FlatPieces
@@ -131,7 +131,7 @@ class FlatPage(Planar):
         --------
         >>> page = voxflat.samples.hill().patches(max_angle=20).page()
         >>> page.heat_map(pixel_size=1.0)
-        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1 mm>
+        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1>
         """
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
@@ -154,7 +154,7 @@ class FlatPage(Planar):
         --------
         >>> page = voxflat.samples.hill().patches(max_angle=20).page()
         >>> page.label_image(pixel_size=1.0)
-        <FlatImage: number of the patch, 56 x 73 pixels of 1 mm>
+        <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
         numbers = self.atlas.patch_ids + 1  # 0 is grey: unlabelled
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)

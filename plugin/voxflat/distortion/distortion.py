@@ -123,7 +123,7 @@ class Distortion:
             *_distance_rows([(self.raw, errors.raw), (self.best_scale, errors.best_scale)], self.voxel_size),
             *_other_rows([self]),
         ]
-        return in_unit(_aligned([self], rows), {"unit": self.unit})
+        return _aligned([self], rows)
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
@@ -192,8 +192,7 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
         ["OF THE MAP AS IT IS"],
         *_other_rows(of),
     ]
-    units = {one.unit for one in of}
-    return in_unit(_aligned(of, rows), {"unit": units.pop() if len(units) == 1 else "unknown"})
+    return _aligned(of, rows)
 
 
 def _distance_rows(columns: Sequence[tuple[Figures, Figures]], voxel_size: float | None) -> list[list[str]]:
@@ -241,5 +240,7 @@ def _aligned(of: Sequence[Distortion], rows: list[list[str]]) -> str:
     sources = ", ".join(sorted({str(one.sources) for one in of}))
     references = "; ".join(sorted({_REFERENCES[one.reference] for one in of}))
     about = f"from {sources} random sources, ± standard error; {references}"
-    lines = [row[0].ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
+    units = {one.unit for one in of}
+    unit = {"unit": units.pop() if len(units) == 1 else "unknown"}
+    lines = [in_unit(row[0], unit).ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
     return "\n".join([about, *(line.rstrip() for line in lines)])

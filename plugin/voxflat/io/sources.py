@@ -8,7 +8,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import array_of
+from voxflat.arguments import array_of, check_memory
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.grid import given_affine
@@ -17,16 +17,24 @@ from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
+_BYTES_PER_VOXEL = 12  # of a surface in the making: mask, its copy, and the grids of vertices and of cavities
+
 
 def taken(
-    source: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None, unit: str | None = None
+    source: object,
+    *,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    unit: str | None = None,
+    memory_limit: int | None = None,
 ) -> Mesh | Volume:
-    """Take a mesh as a `Mesh`, and all else as a `Volume`, of which spacing or affine may be told (`as_volume`)."""
+    """Take a mesh as a `Mesh`, and all else as a `Volume` (`as_volume`) of which there is room to make a surface."""
     mesh = as_mesh(source)
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
         if unit not in (None, "mm") and spacing is None and affine is None and volume.is_placed:
             raise InputError(f"unit is {unit!r}, but this volume says how large it is, in mm: leave unit out")
+        check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
     if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
         return mesh

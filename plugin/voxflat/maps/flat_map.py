@@ -173,7 +173,7 @@ class FlatMap(Planar):
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
         >>> flat_map.heat_map(pixel_size=1.0)
-        <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1 mm>
+        <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1>
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)

@@ -326,7 +326,7 @@ class Planar(ABC):
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
         >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0)  # heights, a value a vertex
-        <FlatImage: overlay, 43 x 43 pixels of 1 mm>
+        <FlatImage: overlay, 43 x 43 pixels of 1>
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}

@@ -89,7 +89,7 @@ class FlatImage(Recorded):
     >>> flat_map = voxflat.samples.hill().flatten()
     >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
     >>> image
-    <FlatImage: overlay, 43 x 43 pixels of 1 mm>
+    <FlatImage: overlay, 43 x 43 pixels of 1>
     >>> image.data.shape
     (43, 43)
     """

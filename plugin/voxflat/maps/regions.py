@@ -149,7 +149,7 @@ class Regions(Recorded):
         >>> flat_map = voxflat.samples.hill().flatten()
         >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.image(pixel_size=1.0)
-        <FlatImage: regions, 43 x 43 pixels of 1 mm>
+        <FlatImage: regions, 43 x 43 pixels of 1>
         """
         raster = self.of.raster(pixel_size)
         rows, columns = np.indices(raster.shape)

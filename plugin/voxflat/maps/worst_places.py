@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_path, is_whole
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import Record, Recorded, as_text, saving
 from voxflat.maps.flat_map import FlatMap
 
@@ -42,7 +43,7 @@ class RelievingCut:
     --------
     >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
     >>> worst.places[0].cut
-    <RelievingCut along 19 vertices, 38.5 mm, gain -0.97 %>
+    <RelievingCut along 19 vertices, length 38.5, gain -0.97 %>
     """
 
     ids: NDArray[np.int64]
@@ -295,7 +296,8 @@ class WorstPlaces(Recorded):
         about = f"{self.found} places where areas change beyond {self.beyond:g} times, {share}"
         if not self.places:
             return about
-        rows = [["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain, %"]]
+        names = ["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain, %"]
+        rows = [[in_unit(name, self.flat_map.metadata) for name in names]]
         rows += [_row(place) for place in self.places]
         if any(place.parcel is not None for place in self.places):
             for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):

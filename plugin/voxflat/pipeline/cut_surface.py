@@ -43,7 +43,7 @@ class Cut:
     --------
     >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
     >>> cut_open.cuts[0]
-    <Cut along 21 vertices, 26.3 mm, closed sphere>
+    <Cut along 21 vertices, length 26.3, closed sphere>
     """
 
     ids: NDArray[np.int64]

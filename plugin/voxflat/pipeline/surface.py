@@ -693,7 +693,8 @@ def surface(
         _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
         _refuse_options("a Surface", unit=unit, probability=probability, repair=repair)
         return source
-    given = taken(source, spacing=spacing, affine=affine, unit=None if unit is None else named_unit(unit))
+    unit = None if unit is None else named_unit(unit)
+    given = taken(source, spacing=spacing, affine=affine, unit=unit, memory_limit=memory_limit)
     if isinstance(given, Mesh):
         _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
         _refuse_options("a mesh", probability=probability)
@@ -702,10 +703,10 @@ def surface(
         made = of_mesh(given, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
-        inside = foreground_of(given, label=label, threshold=threshold, memory_limit=memory_limit)
+        inside = foreground_of(given, label=label, threshold=threshold)
         made = of_volume(inside, probability=probability, repair=repair, threads=threads, progress=progress)
     if unit is not None:
-        made = replace(made, metadata={**made.metadata, "unit": named_unit(unit)})
+        made = replace(made, metadata={**made.metadata, "unit": unit})
     return Surface._of(cut_handles(made, threads, progress) if repair == "cuts" else made)
 
 

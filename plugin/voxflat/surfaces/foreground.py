@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import check_memory, is_whole, optional_number, shown
+from voxflat.arguments import is_whole, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
@@ -15,7 +15,6 @@ from voxflat.io.volumes import Volume
 
 _SHOWN = 20  # labels named in a message
 _WIDEST = 2**16  # range of integers that are counted one by one
-_BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of cavities
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +39,12 @@ class PackedMask:
         return np.asarray(np.unpackbits(self.bits, count=int(np.prod(shape))).reshape(shape).view(np.bool_))
 
 
-def foreground_of(
-    volume: Volume, *, label: int | None = None, threshold: float | None = None, memory_limit: int | None = None
-) -> Foreground:
+def foreground_of(volume: Volume, *, label: int | None = None, threshold: float | None = None) -> Foreground:
     """Choose the foreground of a volume: where every way from one begins."""
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
     check_scalar(volume)
-    check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
     mask = foreground(volume.data, label=label, threshold=threshold)
     metadata = {
         "kind": "voxels",
