@@ -163,7 +163,7 @@ class FlatPage(Planar):
         """Carry values of the triangles to their pixels."""
         raster, shown = self.raster(pixel_size), self.face_ids(pixel_size)
         data = np.where(shown < 0, np.nan, values.astype(np.float64)[shown])
-        return FlatImage(data, raster.pixel_size, raster.origin, name)
+        return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
     def texture_coordinates(self, image: FlatImage | None = None) -> NDArray[np.float64]:
         """Return where the pieces lie in an image of the page.

@@ -126,7 +126,12 @@ def volume_of_file(path: str | os.PathLike[str]) -> Volume:
 
 
 def write_volume(
-    path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLike, record: Record | None = None
+    path: str | os.PathLike[str],
+    data: ArrayLike,
+    affine: ArrayLike,
+    record: Record | None = None,
+    *,
+    has_unit: bool = True,
 ) -> None:
     """Write a volume to a file, all of it or nothing.
 
@@ -141,6 +146,8 @@ def write_volume(
         Voxel index to RAS+ mm.
     record : dict, optional
         What made it, for NIfTI's header: an extension of code 6, a comment. No other format has a place for it.
+    has_unit : bool
+        Whether the affine leads to mm; if not, NIfTI's header says that the unit is unknown.
 
     Raises
     ------
@@ -156,7 +163,11 @@ def write_volume(
     path = checked_path(path)
     write = check_volume_name(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
-        write(temporary, Volume(array_of(data, "values"), check_affine(affine)), record)
+        volume = Volume(array_of(data, "values"), check_affine(affine))
+        if has_unit or write is not _write_nifti:
+            write(temporary, volume, record)
+        else:
+            _write_nifti(temporary, volume, record, "unknown")
 
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
@@ -195,7 +206,7 @@ def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel.save(nibabel.MGHImage(data, volume.affine), path)
 
 
-def _write_nifti(path: Path, volume: Volume, record: Record | None) -> None:
+def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = "mm") -> None:
     try:
         nibabel = require("nibabel")
     except InputError:
@@ -209,7 +220,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None) -> None:
     image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
     image.set_sform(volume.affine, "scanner")
     image.set_qform(volume.affine, "scanner")
-    image.header.set_xyzt_units("mm")
+    image.header.set_xyzt_units(unit)
     if record is not None:
         image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", as_text(record).encode()))
     nibabel.save(image, path)

@@ -177,7 +177,9 @@ class FlatMap(Planar):
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)
-        return FlatImage(data, raster.pixel_size, raster.origin, "distortion: mean relative error of distances")
+        return FlatImage(
+            data, raster.pixel_size, raster.origin, "distortion: mean relative error of distances", unit=raster.unit
+        )
 
     def texture(self, picture: ArrayLike) -> NDArray[Any]:
         """Carry a picture back to the surface (Grossmann et al. 2002, figures 11 to 13).

@@ -16,6 +16,7 @@ from voxflat.arguments import Progress, checked_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
 from voxflat.io.files import atomic_directory, atomic_path, require, save_array
+from voxflat.io.grid import millimetres
 from voxflat.io.provenance import Record, as_text, portable
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
@@ -34,17 +35,23 @@ def write_image(
     *,
     labels: bool,
     record: Record | None = None,
+    unit: str = "mm",
 ) -> None:
     """Write a flat image to a file, all of it or nothing; see `FlatImage.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         raise InputError(f"cannot write an image as {path.name}; give a name that ends in {', '.join(IMAGE_ENDINGS)}")
-    write(path, data, affine, name, labels, record or {})
+    write(path, data, _in_mm(affine, unit), name, labels, record or {}, unit != "unknown")
+
+
+def _in_mm(affine: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+    """Return an affine to a unit as one to mm; that to an unknown one as it is."""
+    return affine if unit == "unknown" else np.asarray(np.diag([millimetres(unit)] * 3 + [1.0]) @ affine)
 
 
 def _write_png(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
 ) -> None:
     from PIL import Image, PngImagePlugin
 
@@ -55,41 +62,41 @@ def _write_png(
         pixels, values = label_colours(data), "labels, each in a colour of its own"
     else:
         pixels, values = _grey(data)
-    for key, value in {**_description(affine, name, record), "Values": values}.items():
+    for key, value in {**_description(affine, name, record, has_unit), "Values": values}.items():
         text.add_itxt(key, value)
     per_inch = 25.4 / affine[2, 2]  # stored as whole pixels per metre, hence the pixel size as text, too
+    resolution = {"dpi": (per_inch, per_inch)} if has_unit else {}
     with atomic_path(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", dpi=(per_inch, per_inch), pnginfo=text)
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=text, **resolution)
 
 
 def _write_tiff(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
 ) -> None:
     from PIL import Image, TiffImagePlugin
 
     tags = TiffImagePlugin.ImageFileDirectory_v2()
-    tags[_TIFF_DESCRIPTION] = "; ".join(f"{key}: {value}" for key, value in _description(affine, name, record).items())
-    per_cm = 10 / float(affine[2, 2])
-    resolution = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+    tags[_TIFF_DESCRIPTION] = _described(affine, name, record, has_unit)
+    resolution = _resolution(affine, has_unit)
     pixels = _measured(data)
     with atomic_path(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="TIFF", tiffinfo=tags, **resolution)
 
 
 def _write_nifti(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
 ) -> None:
-    write_volume(path, _measured(data)[:, :, None], affine, record)
+    write_volume(path, _measured(data)[:, :, None], affine, record, has_unit=has_unit)
 
 
 def _write_npy(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
 ) -> None:
     with atomic_path(path) as temporary:
         save_array(temporary, data)
 
 
-_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool, Record], None]] = {
+_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool, Record, bool], None]] = {
     ".png": _write_png,
     ".tif": _write_tiff,
     ".tiff": _write_tiff,
@@ -110,6 +117,8 @@ class _Image(Protocol):
     def data(self) -> NDArray[Any]: ...
     @property
     def affine(self) -> NDArray[np.float64]: ...
+    @property
+    def unit(self) -> str: ...
 
 
 class _Stack(Protocol):
@@ -174,8 +183,7 @@ def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values,
 
     if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
         raise InputError(f"{len(stack)} images are more than the 4 GiB that a TIFF holds: use .nii, .zarr or .npy")
-    per_cm = 10 / float(first.affine[2, 2])
-    resolution = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+    resolution = _resolution(_in_mm(first.affine, first.unit), first.unit != "unknown")
     with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
         for n, pixels in enumerate(values):
             tags = TiffImagePlugin.ImageFileDirectory_v2()
@@ -190,17 +198,16 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     """Return the description of an OME-TIFF: what Bio-Formats, Fiji and tifffile know the axes and their units by."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
-    size = f"{first.affine[2, 2]:.9g}"
+    affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
     pixels = {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
     pixels |= {"SizeC": str(channels), "SizeZ": "1", "SizeT": str(frames)}
-    for axis in "XY":
-        pixels |= {f"PhysicalSize{axis}": size, f"PhysicalSize{axis}Unit": "mm"}
+    for axis in "XY" if has_unit else "":
+        pixels |= {f"PhysicalSize{axis}": f"{affine[2, 2]:.9g}", f"PhysicalSize{axis}Unit": "mm"}
     if stack.timing is not None:
         pixels |= {"TimeIncrement": f"{stack.timing.step:.9g}", "TimeIncrementUnit": "s"}
     root = ElementTree.Element("OME", {"xmlns": _OME})
     image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": stack.name})
-    told = _description(first.affine, stack.name, record).items()
-    ElementTree.SubElement(image, "Description").text = "; ".join(f"{key}: {value}" for key, value in told)
+    ElementTree.SubElement(image, "Description").text = _described(affine, stack.name, record, has_unit)
     body = ElementTree.SubElement(image, "Pixels", pixels)
     for n, name in enumerate(_channel_names(stack)):
         named = {"Name": name} if name else {}
@@ -218,11 +225,12 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
     depths, timing = max(1, len(stack.layers)), stack.timing
+    affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
     header.set_data_shape((height, width, depths, len(stack) // depths))
-    header.set_zooms((*[float(first.affine[2, 2])] * 3, 1.0 if timing is None else timing.step))
-    header.set_sform(first.affine, "scanner")
-    header.set_qform(first.affine, "scanner")
-    header.set_xyzt_units("mm", None if timing is None else "sec")
+    header.set_zooms((*[float(affine[2, 2])] * 3, 1.0 if timing is None else timing.step))
+    header.set_sform(affine, "scanner")
+    header.set_qform(affine, "scanner")
+    header.set_xyzt_units("mm" if has_unit else "unknown", None if timing is None else "sec")
     header["toffset"] = 0 if timing is None else timing.start
     header["scl_slope"], header["scl_inter"] = 1, 0
     told: dict[str, Any] = {"names": list(stack.names)} if any(stack.names) else {}
@@ -254,15 +262,16 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only one before
     frames, channels = _frames_and_channels(stack)
-    timing, size = stack.timing, float(first.affine[2, 2])
-    u, v = first.affine[:2, 3].tolist()
+    affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
+    timing, size = stack.timing, float(affine[2, 2])
+    u, v = affine[:2, 3].tolist()
     leading: list[tuple[dict[str, str], int, float, float]] = []
     if timing is not None:
         leading.append(({"name": "t", "type": "time", "unit": "second"}, frames, timing.step, timing.start))
     if timing is None or channels > 1:
         leading.append(({"name": "c", "type": "channel"}, channels, 1.0, 0.0))
     lengths = tuple(length for _, length, _, _ in leading)
-    space = [{"name": name, "type": "space", "unit": "millimeter"} for name in "yx"]
+    space = [{"name": name, "type": "space", **({"unit": "millimeter"} if has_unit else {})} for name in "yx"]
     transforms = [
         {"type": "scale", "scale": [*(step for _, _, step, _ in leading), size, size]},
         {"type": "translation", "translation": [*(start for _, _, _, start in leading), -v, u]},
@@ -277,7 +286,7 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
         }
     ]
     group.attrs["voxflat"] = {
-        "affine": first.affine.tolist(),
+        "affine": affine.tolist(),
         "names": list(_channel_names(stack)),
         "provenance": portable(record),
     }
@@ -306,12 +315,24 @@ _STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None
 STACK_ENDINGS = tuple(_STACK_WRITERS)  # endings of what `FlatStack.save` writes
 
 
-def _description(affine: NDArray[np.float64], name: str, record: Record) -> dict[str, str]:
-    u, v = affine[:2, 3]
+def _described(affine: NDArray[np.float64], name: str, record: Record, has_unit: bool) -> str:
+    return "; ".join(f"{key}: {value}" for key, value in _description(affine, name, record, has_unit).items())
+
+
+def _resolution(affine: NDArray[np.float64], has_unit: bool) -> dict[str, float]:
+    """Return TIFF's resolution."""
+    per_cm = 10 / float(affine[2, 2])
+    if not has_unit:
+        return {}
+    return {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+
+
+def _description(affine: NDArray[np.float64], name: str, record: Record, has_unit: bool) -> dict[str, str]:
+    (u, v), mm = affine[:2, 3], " mm" if has_unit else ""
     return {
         "Title": name,
-        "Pixel size": f"{affine[2, 2]:.9g} mm",
-        "Centre of the upper left pixel": f"u = {u:.9g} mm, v = {v:.9g} mm",
+        "Pixel size": f"{affine[2, 2]:.9g}{mm}",
+        "Centre of the upper left pixel": f"u = {u:.9g}{mm}, v = {v:.9g}{mm}",
         "Software": "voxflat",
         "Provenance": as_text(record),
     }

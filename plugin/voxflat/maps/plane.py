@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -126,7 +126,8 @@ class Planar(ABC):
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:
             of = self._triangles
-            self._rasters[size] = draw(of.uv, of.faces, of.torn, size)
+            drawn = draw(of.uv, of.faces, of.torn, size)
+            self._rasters[size] = replace(drawn, unit=of.on_surface.metadata.get("unit", "mm"))
         return self._rasters[size]
 
     def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -31,6 +31,7 @@ class Raster:
     weights: NDArray[np.float32]  # (H, W, 3), barycentric coordinates in it; NaN outside the map
     origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
     pixel_size: float  # mm
+    unit: str = "mm"  # of lengths, as `Surface.metadata` has it
 
     def __repr__(self) -> str:
         height, width = self.shape
@@ -83,6 +84,8 @@ class FlatImage(Recorded):
         form areas.
     provenance : dict
         What made it: the volume and how it was sampled, and the record of the map or atlas.
+    unit : str
+        Of lengths on the map: that of the surface, "unknown" if nothing tells. Files have mm, or no unit.
 
     Examples
     --------
@@ -100,6 +103,7 @@ class FlatImage(Recorded):
     name: str
     labels: bool | None = None
     provenance: Record = field(default_factory=dict)
+    unit: str = "mm"
 
     _used = ("pixel_size",)
 
@@ -189,7 +193,9 @@ class FlatImage(Recorded):
         >>> image.save("heights.tif")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_image(path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance)
+            write_image(
+                path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance, unit=self.unit
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +216,8 @@ class FlatStack(Sequence[FlatImage], Recorded):
         As of `FlatImage`.
     layers : tuple of str
         The names of the depths, where each channel is shown at several: all those of the first channel come first.
+    unit : str
+        As of `FlatImage`.
 
     Examples
     --------
@@ -225,6 +233,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     name: str
     provenance: Record = field(default_factory=dict)
     layers: tuple[str, ...] = ()
+    unit: str = "mm"
 
     _used = ("pixel_size",)
 
@@ -351,7 +360,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
             of, layer = divmod(n, len(self.layers)) if self.layers else (n, None)
             own = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
             record = {**record, "parameters": {**record["parameters"], **own}}
-        return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record)
+        return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record, unit=self.unit)
 
     def save(
         self,

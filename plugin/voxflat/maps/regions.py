@@ -156,7 +156,7 @@ class Regions(Recorded):
         u, v = raster.origin
         centres = np.stack([u + columns * raster.pixel_size, v - rows * raster.pixel_size], axis=-1)
         data = np.where(raster.inside, self.at(centres), np.nan)
-        return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance)
+        return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance, raster.unit)
 
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Carry the regions through the cortex into the voxels of a volume.

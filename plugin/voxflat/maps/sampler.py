@@ -176,7 +176,7 @@ class Sampler:
                 layers = depths.names
                 channels = _one_by_one(channels, layers)
         channels = _timed(channels, time_step, title)
-        stack = FlatStack(channels, raster.pixel_size, raster.origin, title, layers=layers)
+        stack = FlatStack(channels, raster.pixel_size, raster.origin, title, layers=layers, unit=raster.unit)
         return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
 
     @staticmethod

@@ -19,6 +19,7 @@ from voxflat.unique_rows import distinct
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
 _SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
+_SMALL_HOLE_SHARE = 0.3  # at most, of the longest side of a surface in unknown units: a hole a tenth as wide
 _LEAST_RELIEF = 0.1  # share of the error of distances that cuts take off which nobody asked for
 _FINE = 0.04  # error of distances up to which no more is asked for
 _BEARABLE = 0.15  # and up to which a disk is left as it was given
@@ -158,7 +159,8 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     elif part.metadata.get("unit", "mm") != "mm":
-        longest = _SMALL_HOLE_VOXELS * part.usual_edge
+        across = float(np.ptp(part.points, axis=0).max())
+        longest = min(_SMALL_HOLE_VOXELS * part.usual_edge, _SMALL_HOLE_SHARE * across)
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
         return part, part.faces, []
