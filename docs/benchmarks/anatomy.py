@@ -25,6 +25,8 @@ BATCH = 1 << 20
 
 def fsaverage5_file(kind, side):
     """Return a file of fsaverage5."""
+    if side not in SIDES:
+        raise ValueError(f"side is {side!r}; give 'left' or 'right'")
     return Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5" / f"{kind}_{side}.gii.gz"
 
 
@@ -64,6 +66,8 @@ def mni152_white_matter(side):
     Returns labels, uint8, voxels of 1 mm; their affine; and the template, 0 where it is above the threshold but not in
     the labels.
     """
+    if side not in SIDES:
+        raise ValueError(f"side is {side!r}; give 'left' or 'right'")
     white_matter, _, _ = demo.demo_cortex()
     affine, white = white_matter.affine, white_matter.data > demo.THRESHOLD
     x, y, z = (affine[axis, 3] + affine[axis, axis] * np.arange(length) for axis, length in enumerate(white.shape))
