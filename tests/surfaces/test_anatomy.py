@@ -108,6 +108,8 @@ def test_what_cannot_be_voxelised_is_refused():
         anatomy.voxelise(points, faces[1:], 0.5)
     with pytest.raises(ValueError, match="columns is 4"):
         anatomy.voxelise(points, faces, 0.5, columns=4)
+    with pytest.raises(ValueError, match="'both'"):
+        anatomy.fsaverage5("both")
 
 
 @pytest.fixture(scope="module", params=["left", "right"])
