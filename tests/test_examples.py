@@ -26,8 +26,8 @@ NAMES = {
     "voxflat.distortion.figures": ["Figures", "StandardErrors", "TriangleFigures"],
     "voxflat.judging.measure": ["Comparison", "JudgedMap"],
     "voxflat.lab.map_page": ["MapPage"],
-    "voxflat.maps.plane": ["FlatTriangles"],
-    "voxflat.maps.raster": ["FlatImage", "FlatStack"],
+    "voxflat.maps.plane": ["FlatTriangles", "Places"],
+    "voxflat.maps.raster": ["FlatImage", "FlatStack", "Raster"],
     "voxflat.maps.regions": ["Regions"],
     "voxflat.maps.textures.textured": ["TexturedSurface"],
     "voxflat.maps.worst_places": ["RelievingCut", "WorstPlace", "WorstPlaces"],
@@ -43,7 +43,7 @@ def public():
     for module, names in NAMES.items():
         for name in names:
             thing = getattr(importlib.import_module(module), name)
-            bases = [base for base in getattr(thing, "__mro__", ()) if not base.__name__.startswith("_")]
+            bases = getattr(thing, "__mro__", ())
             members = (one for base in bases for one in vars(base).items())
             methods = [getattr(value, "__func__", value) for key, value in members if not key.startswith("_")]
             for one in (thing, *(one for one in methods if inspect.isfunction(one))):

@@ -77,15 +77,36 @@ class _Filter(VTKPythonAlgorithmBase):
 
     @classmethod
     def options(cls) -> list[str]:
-        """Return the names of the options."""
+        """Return the names of the options.
+
+        Examples
+        --------
+        >>> "method" in voxflat.vtk.FlattenSurface.options()
+        True
+        """
         return [name for name in dir(cls) if isinstance(getattr(cls, name), _Option)]
 
     def SetInputData(self, data: Any) -> None:  # noqa: N802
-        """Take a dataset as the input, instead of the output of another filter."""
+        """Take a dataset as the input, instead of the output of another filter.
+
+        Examples
+        --------
+        >>> flatten = voxflat.vtk.FlattenSurface()
+        >>> flatten.SetInputData(pv.Plane())
+        """
         self.SetInputDataObject(0, data)
 
     def GetOutput(self) -> Any:  # noqa: N802
-        """Return the output, which `Update` fills."""
+        """Return the output, which `Update` fills.
+
+        Examples
+        --------
+        >>> flatten = voxflat.vtk.FlattenSurface()
+        >>> flatten.SetInputData(pv.Plane())
+        >>> _ = flatten.Update()
+        >>> flatten.GetOutput().GetNumberOfPoints()
+        121
+        """
         return self.GetOutputDataObject(0)
 
     def RequestData(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802

@@ -34,6 +34,12 @@ class Places:
         The place on the surface, RAS+ mm in its `space`; NaN for none.
     piece_ids : ndarray of int64, shape (...)
         The piece of an atlas; 0 on a map, which has one; −1 for none.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> flat_map.look_up([flat_map.uv[0], (1e3, 1e3)])
+    <Places: 1 of 2 on a triangle>
     """
 
     face_ids: NDArray[np.int64]

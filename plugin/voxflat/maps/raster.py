@@ -25,6 +25,12 @@ class Raster:
     """The pixels of a flat map and the inverse look-up: pixel → surface voxel → RAS+ mm.
 
     Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> flat_map.raster(pixel_size=1.0)
+    <Raster: 43 x 43 pixels of 1>
     """
 
     corners: NDArray[np.uint32]  # (H, W, 3), the map's points whose triangle covers the pixel's centre; 2³² − 1 outside
@@ -55,7 +61,14 @@ class Raster:
         return np.where(self.inside, nearest, -1)
 
     def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Carry values of the points, (N,) or (N, C), to the pixels, linearly within triangles; NaN outside the map."""
+        """Carry values of the points, (N,) or (N, C), to the pixels, linearly within triangles; NaN outside the map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.raster(pixel_size=1.0).interpolate(flat_map.points[:, 2]).shape
+        (43, 43)
+        """
         values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
