@@ -133,6 +133,18 @@ def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
             assert told == ("0.5", "0.5")
 
 
+def test_tables_and_json_have_the_unit_in_their_names(maps):
+    for flat_map, name in zip(maps, ("area_um2", "area"), strict=True):
+        (place, *_) = voxflat.worst_places(flat_map, 1, beyond=1.01).places
+        told = place.figures()
+        assert told[name] == place.area
+        assert not [key for key in told if "mm" in key]
+        assert flat_map.description()["unit"] == {"area": "unknown"}.get(name, "µm")
+    mesh = pv.Sphere(radius=300)
+    assert not MM.search(voxflat.check(mesh).table())
+    assert "600 nm" in voxflat.surface(mesh, unit="nm").check().table()
+
+
 def test_stacks_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
     for flat_map, size in zip(maps, (SIZE, None), strict=True):
         shape = flat_map.volume_shape if flat_map.is_voxels else (flat_map.metadata["vertices"],)

@@ -80,6 +80,11 @@ class Mesh:
         return not self.has_unit or by_name in _WITHOUT_UNIT or self.unit_remark is not None
 
     @property
+    def unit(self) -> str:
+        """That of its points: "mm" or "unknown"."""
+        return "unknown" if self.has_unknown_unit else "mm"
+
+    @property
     def unit_remark(self) -> str | None:
         """A remark on a surface that seems not to be in mm: the longest side of its box is below 1."""
         across = float(np.ptp(self.points, axis=0).max())

@@ -1,7 +1,8 @@
 """The worst places of a map, as they are told and saved, and the cuts that relieve them."""
 
 import os
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -87,6 +88,8 @@ class WorstPlace:
         The parcel that holds most of it, where parcels were given.
     cut : RelievingCut or None
         Which cut relieves it; None where none was asked for, or no way leads from it to the border.
+    unit : str
+        Of lengths; "unknown" if nothing tells it.
 
     Examples
     --------
@@ -108,12 +111,13 @@ class WorstPlace:
     triangles: NDArray[np.int64]
     parcel: str | None = None
     cut: RelievingCut | None = None
+    unit: str = "mm"
 
     def __repr__(self) -> str:
         return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, changed {self.worst_ratio:.2f} at worst>"
 
     def figures(self) -> dict[str, Any]:
-        """Return it ready for JSON, without its triangles, with units in the names.
+        """Return it ready for JSON, without its triangles, with units in the names, such as ``area_mm2``.
 
         Examples
         --------
@@ -136,7 +140,8 @@ class WorstPlace:
         }
         gain = None if self.cut is None or np.isnan(self.cut.gain) else self.cut.gain
         told |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
-        return told
+        suffix = "" if self.unit == "unknown" else "_" + self.unit.replace("µ", "u")
+        return {re.sub("_mm(2?)$", rf"{suffix}\1" if suffix else "", name): value for name, value in told.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,7 +351,8 @@ class WorstPlaces(Recorded):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:
             rows = [place.figures() for place in self.places]
-            columns = list(rows[0] if rows else _NO_PLACE.figures())
+            unit = self.flat_map.metadata.get("unit", "mm")
+            columns = list(rows[0] if rows else replace(_NO_PLACE, unit=unit).figures())
             cells = [["n/a" if row[name] is None else _cell(row[name]) for name in columns] for row in rows]
             text = "\n".join("\t".join(row) for row in [columns, *cells])
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:

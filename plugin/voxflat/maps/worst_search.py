@@ -155,6 +155,7 @@ def _place(
         flat_map.ids[centre],
         group,
         parcel,
+        unit=flat_map.metadata.get("unit", "mm"),
     )
 
 

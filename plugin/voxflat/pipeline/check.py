@@ -117,7 +117,7 @@ def _of_part(
 
 
 def _of_mesh(mesh: Mesh) -> Check:
-    contents = size_and_space(mesh.points, len(mesh.faces), mesh.structure, mesh.space)
+    contents = size_and_space(mesh.points, len(mesh.faces), mesh.structure, mesh.space, mesh.unit)
     defects = _core.defects(mesh.points, mesh.faces)
     return Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
 

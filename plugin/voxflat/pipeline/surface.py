@@ -550,7 +550,8 @@ class Surface(Manifold):
         """
         with reading(memory_limit):
             of = self if self.whole is None else self.whole
-            contents = size_and_space(of.points, len(of.faces), of.metadata.get("structure"), of.space)
+            structure, unit = of.metadata.get("structure"), of.metadata.get("unit", "mm")
+            contents = size_and_space(of.points, len(of.faces), structure, of.space, unit)
             found = Check(self.metadata["input"], "mesh", contents)
             return check_surface(self, found, Where(cuts, sphere), checked_threads(threads), progress)
 

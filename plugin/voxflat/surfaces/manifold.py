@@ -457,10 +457,12 @@ class Manifold:
         write_patch(path, patch_of(points, self.vertices, self.faces, self._bridges(), self.count, self.merged))
 
 
-def size_and_space(points: NDArray[Any], triangles: int, structure: str | None, space: Space) -> dict[str, Any]:
+def size_and_space(
+    points: NDArray[Any], triangles: int, structure: str | None, space: Space, unit: str
+) -> dict[str, Any]:
     """Return what a check says of a mesh: its size, which hemisphere it is, and the space of its points."""
     size = tuple(float(side) for side in np.ptp(points, axis=0))
-    about = {"structure": structure, "space": space._described()}
+    about = {"structure": structure, "space": space._described(), "unit": unit}
     return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 
