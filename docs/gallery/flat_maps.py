@@ -45,19 +45,22 @@ def main(packages, output):
     for number, depth in enumerate(DEPTHS):
         look = figures.Overlay(t1, colour_map="gray", limits=(0.2, 0.9), label=f"T1, {depth:+g} mm")
         draw(figures.flat_map(flat, look, depth=depth, width=60), output / f"gallery_depth_{number}.png")
-    draw(thickness(data / "fsaverage5"), output / "gallery_thickness.png")
+    maps, thick = fsaverage(data / "fsaverage5")
+    look = figures.Overlay(thick, limits=(1.5, 3.5), label="thickness (mm)")
+    draw(figures.flat_map(maps, look), output / "gallery_thickness.png")
+    draw(figures.flat_map(maps, statistic, fraction=0.5), output / "gallery_fsaverage.png")
     draw(atlas(packages), output / "gallery_atlas.png")
 
 
-def thickness(folder):
-    """Flatten both hemispheres of fsaverage5 without their medial walls, and show their thickness."""
+def fsaverage(folder):
+    """Flatten both hemispheres of fsaverage5 without their medial walls; return the files of their thickness, too."""
     maps, values = [], []
     for side in SIDES:
         white, pial, sphere, thick = (folder / f"{name}_{side}.gii.gz" for name in ("white", "pial", "sphere", "thick"))
         surface = voxflat.surface(white, pial=pial).drop("medial wall")
         maps.append(surface.flatten(cuts="standard", sphere=sphere))
         values.append(thick)
-    return figures.flat_map(maps, figures.Overlay(values, limits=(1.5, 3.5), label="thickness (mm)"))
+    return maps, values
 
 
 def atlas(packages):
