@@ -133,6 +133,14 @@ def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
             assert told == ("0.5", "0.5")
 
 
+@pytest.mark.parametrize(("name", "warned"), [("map.surf.gii", True), ("map.ply", False)])
+def test_a_format_that_means_mm_is_doubted(maps, tmp_path, caplog, name, warned):
+    for value in (maps[0], voxflat.surface(shapes.ball(8), unit="µm"), maps[1]):
+        caplog.clear()
+        value.save(tmp_path / name, overwrite=True)
+        assert ("are written in µm, but" in caplog.text) == (warned and value is not maps[1])
+
+
 def test_tables_and_json_have_the_unit_in_their_names(maps):
     for flat_map, name in zip(maps, ("area_um2", "area"), strict=True):
         (place, *_) = voxflat.worst_places(flat_map, 1, beyond=1.01).places

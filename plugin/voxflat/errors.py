@@ -74,7 +74,7 @@ class HemisphereError(InputError):
     Parameters
     ----------
     message : str
-        Which step failed, and what helps.
+        The step that failed, and what helps.
     white : ndarray of bool, shape (X, Y, Z)
         What was taken for white matter.
     affine : ndarray, shape (4, 4)

@@ -167,6 +167,11 @@ def test_what_failed_is_shown(tmp_path):
     with Image.open(tmp_path / "lh.npz.failed.png") as picture:
         assert np.asarray(picture.convert("L")).std() > 50
     assert not (tmp_path / "lh.npz").exists()
+    arguments = ("flatten", tmp_path / "ball.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz")
+    assert "lh.npz.failed.png shows" in run(*arguments).output  # our own picture is replaced
+    (tmp_path / "lh.npz.failed.png").write_text("of someone else")
+    assert "does not fit" in run(*arguments).output
+    assert (tmp_path / "lh.npz.failed.png").read_text() == "of someone else"
     with pytest.raises(voxflat.HemisphereError) as failed:
         voxflat.hemisphere(tmp_path / "ball.nii.gz", "left")
     again = pickle.loads(pickle.dumps(failed.value))

@@ -6,9 +6,11 @@ from typing import Any
 
 import click
 
+from voxflat._core import __version__
 from voxflat.arguments import Progress
 from voxflat.cli.output import WRITTEN
 from voxflat.errors import HemisphereError, InputError
+from voxflat.io.provenance import check_beside
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 
@@ -33,7 +35,11 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
         if output is None:
             raise
         picture = output.with_name(f"{output.name}.failed.png")
-        figures.save(error.figure(), picture)
+        try:
+            check_beside(output, picture)
+            figures.save(error.figure(), picture, {"voxflat": __version__})
+        except (InputError, OSError):  # why there is no hemisphere matters more
+            raise error from None
         raise InputError(f"{error}; {picture} shows what was taken for it") from error
     return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
 

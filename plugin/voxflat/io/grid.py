@@ -127,6 +127,13 @@ def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
     return re.sub(r" \(mm²?\)|,? ?(?<![A-Za-z])mm²?(?![A-Za-z])", "", text)
 
 
+def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
+    """Warn that coordinates go into a format of which other programs take mm, although they are in another unit."""
+    unit = metadata.get("unit", "mm")
+    if unit not in ("mm", "unknown"):
+        log.warning("%s: coordinates are written in %s, but other programs read this format in mm", path, unit)
+
+
 def millimetres(unit: str) -> float:
     """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)

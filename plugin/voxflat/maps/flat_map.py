@@ -18,7 +18,7 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, require
 from voxflat.io.formats import gifti
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, warn_of_unit
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
@@ -391,8 +391,10 @@ class FlatMap(Planar):
         if name.endswith(SAVED_ENDINGS):
             self._save_all(path)
         elif name.endswith(FLAT_PATCH_ENDINGS):
+            warn_of_unit(path, self.metadata)
             write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
+            warn_of_unit(path, self.metadata)
             write_mesh(path, self._flat_mesh(), self.provenance)
         elif name.endswith(".vtp"):
             write_mesh(path, self._mesh(with_torn=True))

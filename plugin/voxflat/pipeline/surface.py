@@ -645,9 +645,8 @@ def surface(
         unit of other meshes is unknown.
     probability : ndarray, path, image object or Volume, optional
         For volumes: an image of the same shape whose value is `threshold`, or 0.5, on the surface. Points are placed
-        there. By
-        default they are placed by the volume itself where `threshold` is given and its values change smoothly, and else
-        by a fit to the voxels.
+        there. By default they are placed by the volume itself where `threshold` is given and its values change
+        smoothly, and else by a fit to the voxels.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface of a white one, with the same vertices: distances are measured midway. A pial surface that does
         not lie outside it, vertex by vertex, is refused.

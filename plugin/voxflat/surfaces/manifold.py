@@ -23,7 +23,7 @@ from voxflat.arguments import (
     shown,
 )
 from voxflat.errors import InputError
-from voxflat.io.grid import in_unit, voxel_size
+from voxflat.io.grid import in_unit, voxel_size, warn_of_unit
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
@@ -439,6 +439,8 @@ class Manifold:
             space = Space("scanner", volume)
         if space.doubt:
             log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
+        if not os.fspath(path).lower().endswith((".vtp", ".ply", ".obj")):
+            warn_of_unit(path, self.metadata)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
                 self._save_patch(path, space)
