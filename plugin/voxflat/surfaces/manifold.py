@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import (
+    checked_path,
     Progress,
     array_of,
     checked_kind,
@@ -431,6 +432,7 @@ class Manifold:
         >>> surface = voxflat.samples.hill()
         >>> surface.save("hill.ply")
         """
+        path = checked_path(path)
         space, structure = self.space, self.metadata.get("structure")
         if space.name == "scanner" and self.is_voxels:
             volume = VolumeGeometry.of_volume(
@@ -439,10 +441,10 @@ class Manifold:
             space = Space("scanner", volume)
         if space.doubt:
             log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
-        if not os.fspath(path).lower().endswith((".vtp", ".ply", ".obj")):
+        if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
             warn_of_unit(path, self.metadata)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+            if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
                 self._save_patch(path, space)
             else:
                 mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
