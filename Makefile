@@ -141,8 +141,9 @@ template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat
 fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
 	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
 
-docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker paper-saucan ## pictures, paper reproduction and the core's reference
-	cargo doc --release --no-deps --workspace
+docs: setup $(T1PREP) ## the documentation site, into build/docs
+	VOXFLAT_DOCS_DATA=$(CURDIR)/$(T1PREP) $(SCREEN) $(RUN) --group docs sphinx-build -W --keep-going -q docs build/docs
+	$(RUN) python docs/check_links.py build/docs
 
 format: setup ## format everything
 	cargo fmt --all

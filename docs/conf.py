@@ -1,0 +1,133 @@
+"""The documentation site: `make docs` builds it."""
+
+import os
+import urllib.request
+from pathlib import Path
+
+from sphinx_click.ext import _format_option as format_option
+
+import voxflat
+from voxflat.cli.program import main as program
+
+HERE = Path(__file__).parent
+GENERATED = HERE / "_generated"
+os.environ["VOXFLAT_DOCS"] = "1"
+
+project = "voxflat"
+author = "The voxflat developers"
+copyright = "2026, the voxflat developers"
+version = release = voxflat.__version__
+root_doc = "index"
+exclude_patterns = ["benchmarks", "cluster", "paper", "templates", "tutorials", "gallery", "pictures", "_build"]
+templates_path = ["_templates"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_click",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+]
+
+# Pages in Markdown
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+# Docstrings: every check of numpydoc, and a page for each class and function
+numpydoc_validation_checks = {"all"}
+numpydoc_show_class_members = False
+OTHERS = "object BaseException Exception Sequence ValueError VTKPythonAlgorithmBase"
+OTHERS += " vtkPythonAlgorithm vtkAlgorithm vtkObject vtkObjectBase"
+autodoc_default_options = {"members": True, "inherited-members": OTHERS.replace(" ", ",")}
+autodoc_typehints = "none"  # the docstrings name the types
+autosummary_generate = True
+
+# Scripts that run while the site is built
+sphinx_gallery_conf = {
+    "examples_dirs": ["tutorials", "gallery"],
+    "gallery_dirs": ["_generated/tutorials", "_generated/gallery"],
+    "filename_pattern": "/plot_",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "within_subsection_order": "FileNameSortKey",
+    "remove_config_comments": True,
+    "show_memory": False,
+    "plot_gallery": os.environ.get("VOXFLAT_DOCS_RUN", "1") == "1",
+}
+
+smartquotes = False  # they would change the dashes of options
+
+html_theme = "pydata_sphinx_theme"
+html_title = "voxflat"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_logo = html_favicon = "_static/logo.svg"
+html_theme_options = {
+    "navbar_align": "left",
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "show_prev_next": True,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+html_sidebars = {"index": [], "get-started": []}
+html_show_sourcelink = False
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+
+
+def _reachable(projects):
+    """Return the inventories of other projects that the network gives; without a network the site links to none."""
+    found = {}
+    for name, url in projects.items():
+        try:
+            urllib.request.urlopen(f"{url}objects.inv", timeout=5).close()
+        except OSError:
+            continue
+        found[name] = (url, None)
+    return found
+
+
+intersphinx_mapping = _reachable(
+    {
+        "python": "https://docs.python.org/3/",
+        "numpy": "https://numpy.org/doc/stable/",
+        "nibabel": "https://nipy.org/nibabel/",
+        "nilearn": "https://nilearn.github.io/stable/",
+        "napari": "https://napari.org/stable/",
+        "pyvista": "https://docs.pyvista.org/",
+    }
+)
+
+
+def _write_commands():
+    """Write a page for each command of the program, from the program itself."""
+    folder = GENERATED / "cli"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, command in program.commands.items():
+        page = f".. click:: {command.callback.__module__}:command\n   :prog: voxflat {name}\n"
+        path = folder / f"{name}.rst"
+        if not path.exists() or path.read_text(encoding="utf-8") != page:
+            path.write_text(page, encoding="utf-8")
+
+
+def _in_sections(app, context, lines):
+    """Sort a command's options under the headings that `--help` has."""
+    lines.clear()
+    for section in (*context.command.option_groups, context.command.get_default_option_group(context)):
+        shown = [option for option in section.options if not option.hidden]
+        if shown:
+            lines += [
+                f".. rubric:: {section.title}",
+                "",
+                *(line for one in shown for line in (*format_option(context, one), "")),
+            ]
+
+
+def setup(app):
+    """Connect what this file adds to Sphinx."""
+    _write_commands()
+    app.connect("sphinx-click-process-options", _in_sections)
