@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import (
-    checked_path,
     Progress,
     array_of,
     checked_kind,
+    checked_path,
     checked_text,
     checked_threads,
     is_number,
