@@ -41,7 +41,11 @@ numpydoc_validation_checks = {"all"}
 numpydoc_show_class_members = False
 OTHERS = "object BaseException Exception Sequence ValueError VTKPythonAlgorithmBase"
 OTHERS += " vtkPythonAlgorithm vtkAlgorithm vtkObject vtkObjectBase"
-autodoc_default_options = {"members": True, "inherited-members": OTHERS.replace(" ", ",")}
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": OTHERS.replace(" ", ","),
+    "exclude-members": "RequestData,RequestDataObject",  # VTK calls these
+}
 autodoc_typehints = "none"  # the docstrings name the types
 autosummary_generate = True
 
