@@ -31,7 +31,7 @@ const NEAREST_PART: f32 = 1e-5;
 const APART: f32 = 1e-6;
 
 /// The part of what pairs bend upwards, along and across together, that holds a vertex where it is. The other vertex of a pair may come
-/// along, and in the motions that are left to the end most do (docs/decisions/0013).
+/// along, and in the motions that are left to the end most do (docs/decisions/0033).
 const HELD: f64 = 1.0 / 16.0;
 
 /// How far the bands reach, mm.
