@@ -1,332 +1,361 @@
-//! What can go wrong: every message names the value and says what to do.
+//! The errors of this crate. Every message names the value and tells the user what to do.
 
 use std::io;
 use std::path::Path;
 
 use crate::scales::{FARTHEST, SHORTEST_EDGE, SMALLEST};
 
-/// The result of everything in this crate that can fail.
+/// The result of every operation of this crate that can fail.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Why an input is refused or a computation stopped.
+/// The reason why an input is refused or a computation stopped.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs)] // the message of each variant is its description
 pub enum Error {
     #[error(
-        "there are {links} links between {vertices} vertices, more than 32 bits count; take a smaller patch, or fewer vertices"
+        "the graph would have {links} links between {vertices} vertices, more than 32-bit numbers can count. Flatten a \
+         smaller patch, or use a coarser surface"
     )]
     TooManyLinks { links: usize, vertices: usize },
 
     #[error(
-        "there are too many springs between {vertices} vertices for this machine; take a smaller patch, or fewer vertices"
+        "the map of {vertices} vertices would need more pairs than this machine can count. Flatten a smaller patch, or \
+         use a coarser surface"
     )]
     TooManySprings { vertices: usize },
 
-    #[error("edges are too uneven in length for the map to be computed; remesh the surface, or take a smaller patch")]
+    #[error(
+        "the lengths of the edges differ too much for a map to be computed. Remesh the surface, or flatten a smaller \
+         patch"
+    )]
     Uneven,
 
     #[error(
-        "{triangles} triangles are too thin, or enclosed by too short a boundary, for a map without folds; remesh the \
-         surface, cut it open further, or take a smaller patch"
+        "{triangles} triangles are too thin, or are enclosed by too short a boundary, for a map without folds. Remesh \
+         the surface, cut it open further, or flatten a smaller patch"
     )]
     Folded { triangles: usize },
 
-    #[error("the start has {places} places, the surface {points} vertices; give one place a vertex")]
+    #[error("the start has {places} positions, but the surface has {points} vertices. Give one position per vertex")]
     StartMismatch { places: usize, points: usize },
 
-    #[error("the start has no finite place for vertex {vertex}; give one for every vertex that is flattened")]
+    #[error("the start has no finite position for vertex {vertex}. Give a position for every vertex that is flattened")]
     StartNotFinite { vertex: usize },
 
     #[error(
-        "the start turns {triangles} triangles over in places that cannot be mended: give a map with fewer folds, or leave the \
-         start out"
+        "the start has {triangles} flipped triangles that cannot be unfolded. Give a map with fewer folds, or omit the \
+         start"
     )]
     StartFolded { triangles: usize },
 
     #[error(
-        "the start lies on itself (its boundary crosses or touches itself {crossings} times): give a map that does not, or leave \
-         the start out"
+        "the boundary of the start crosses or touches itself {crossings} times. Give a map that does not overlap \
+         itself, or omit the start"
     )]
     StartCrosses { crossings: usize },
 
-    #[error("the start has hardly any area, so that descent cannot leave it: give another map, or leave the start out")]
+    #[error("the start has almost no area, so it cannot be improved. Give another map, or omit the start")]
     StartStuck,
 
-    #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
+    #[error("the volume has {given} values, but its shape {shape:?} needs {needed}. Give one value per voxel")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 
-    #[error("the volume's shape {shape:?} is too large: an axis can have at most 2097152 voxels")]
+    #[error(
+        "the volume of shape {shape:?} is too large: an axis can have at most 2097152 voxels. Crop or downsample the \
+         volume"
+    )]
     VolumeTooLarge { shape: [usize; 3] },
 
     #[error(
-        "the voxels are {longest} mm long and {shortest} mm wide: above a ratio of {most} to 1 no link lengths measure a \
-         digital path; resample the volume to more even voxels"
+        "the voxels are {longest} mm long and {shortest} mm wide. Above a ratio of {most} to 1, lengths of digital \
+         paths cannot be measured. Resample the volume to more isotropic voxels"
     )]
     TooAnisotropic { longest: f64, shortest: f64, most: f64 },
 
-    #[error("no voxel of the volume (shape {shape:?}) is foreground: choose another label or threshold")]
+    #[error("no voxel of the volume (shape {shape:?}) is foreground. Choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 
-    #[error("the affine is {value} at row {row}, column {column}: give a finite affine or spacing")]
+    #[error("the affine is {value} at row {row}, column {column}. Give a finite affine or spacing")]
     AffineNotFinite { row: usize, column: usize, value: f64 },
 
-    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]: give an affine from voxel indices to mm")]
+    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]. Give an affine from voxel indices to mm")]
     AffineNotAffine { row: [f64; 4] },
 
-    #[error("the spacing of axis {axis} is {spacing} mm: give a positive spacing")]
+    #[error("the spacing of axis {axis} is {spacing} mm. Give a positive spacing")]
     SpacingNotPositive { axis: usize, spacing: f64 },
 
     #[error(
-        "the affine is {value} at row {row}, column {column}, beyond {FARTHEST:e} mm: give it in mm, or repair the header"
+        "the affine is {value} at row {row}, column {column}, more than {FARTHEST:e} mm. Give the affine in mm, or \
+         repair the header"
     )]
     AffineTooFar { row: usize, column: usize, value: f64 },
 
     #[error(
-        "the spacing of axis {axis} is {spacing:e} mm; voxels from {SMALLEST:e} mm on are taken: repair the header, or \
-         give it in mm"
+        "the spacing of axis {axis} is {spacing:e} mm, less than {SMALLEST:e} mm. Repair the header, or give the \
+         spacing in mm"
     )]
     SpacingTooSmall { axis: usize, spacing: f64 },
 
     #[error(
-        "voxel {voxel:?} of the volume lies at {at:?} mm, beyond {FARTHEST:e} mm: give the affine in mm, or crop the volume"
+        "voxel {voxel:?} of the volume lies at {at:?} mm, farther from the origin than {FARTHEST:e} mm. Give the \
+         affine in mm, or crop the volume"
     )]
     VoxelTooFar { voxel: [usize; 3], at: [f64; 3] },
 
     #[error(
-        "the affine is sheared: axes {first} and {second} have cosine {cosine:.4}; resample the volume to an \
+        "the affine is sheared: axes {first} and {second} have cosine {cosine:.4}. Resample the volume to an \
          orthogonal grid"
     )]
     AffineSheared { first: usize, second: usize, cosine: f64 },
 
     #[error(
-        "the surface has only {points} points; at least {needed} are needed to flatten: take a larger patch or label"
+        "the surface has only {points} points, but flattening needs at least {needed}. Choose a larger patch or \
+         another label"
     )]
     TooFewPoints { points: usize, needed: usize },
 
-    #[error("{sources} sources are too few to flatten; give at least {needed}")]
+    #[error("{sources} sources are too few. Give at least {needed}")]
     TooFewSources { sources: usize, needed: usize },
 
-    #[error("{sources} sources are more than the {points} points of the surface; give at most {points}")]
+    #[error("{sources} sources are more than the {points} points of the surface. Give at most {points}")]
     TooManySources { sources: usize, points: usize },
 
-    #[error("voxel {voxel:?} is not on the surface; the nearest surface voxel is {nearest:?}")]
+    #[error("voxel {voxel:?} is not on the surface. The nearest surface voxel is {nearest:?}")]
     NotOnSurface { voxel: [i64; 3], nearest: [u32; 3] },
 
     #[error("point {vertex} does not exist: the surface has {points} points, counted from 0")]
     NoSuchPoint { vertex: usize, points: usize },
 
-    #[error("point {vertex} is given twice among the sources; give each once")]
+    #[error("point {vertex} is given twice among the sources. Give each source once")]
     DuplicateSource { vertex: usize },
 
     #[error(
-        "the seed point {voxel:?} is {distance:.1} mm away from the surface (nearest surface voxel {nearest:?}), farther \
-         than the patch radius {radius} mm: choose a seed point on the surface"
+        "the seed point {voxel:?} is {distance:.1} mm away from the surface (nearest surface voxel {nearest:?}), \
+         farther than the patch radius of {radius} mm. Choose a seed point on the surface"
     )]
     SeedOffSurface { voxel: [i64; 3], nearest: [u32; 3], distance: f64, radius: f64 },
 
-    #[error("the patch radius is {radius} mm: give a positive, finite radius")]
+    #[error("the patch radius is {radius} mm. Give a positive, finite radius")]
     RadiusNotPositive { radius: f64 },
 
     #[error(
-        "the patch mask keeps no voxel of the surface ({points} surface voxels): check that it overlaps the label's border"
+        "the patch mask contains none of the {points} surface voxels. Check that the mask overlaps the border of the \
+         label"
     )]
     EmptyPatch { points: usize },
 
     #[error(
-        "point {vertex} cannot be reached from source {source_vertex}: they lie in different components; keep one \
-         component, or cut out a patch with a seed point and a radius"
+        "point {vertex} cannot be reached from source {source_vertex}, because they lie in different components. Keep \
+         one component, or flatten a patch around a seed point"
     )]
     Unreachable { source_vertex: usize, vertex: usize },
 
     #[error(
-        "the patch falls into {count} pieces that do not touch (of {sizes} voxels): keep one piece, or give a seed point \
-         and a radius"
+        "the patch consists of {count} separate pieces (of {sizes} voxels). Keep one piece, or give a seed point and a \
+         radius"
     )]
     Disconnected { count: usize, sizes: String },
 
     #[error(
-        "the surface is closed, like a sphere's: {touching} of its {points} surface voxels enclose an interior (Euler \
-         characteristic {euler}); it cannot be flattened without a cut. Cut out a patch: give a seed point and a radius in \
-         mm, or a mask of what to keep"
+        "the surface is closed: {touching} of its {points} surface voxels enclose an interior (Euler characteristic \
+         {euler}), so it cannot be flattened without a cut. Flatten a patch: give a seed point and a radius in mm, or \
+         a mask of the region to keep"
     )]
     Closed { points: usize, touching: usize, euler: i64 },
 
     #[error(
-        "the distances are not those of a surface: only {positive} eigenvalue(s) of the scaling are positive, two are \
-         needed; the patch is a line or a point, take a wider one"
+        "the distances do not describe a surface: only {positive} eigenvalue(s) of the scaling are positive, but two \
+         are needed. The patch is a line or a point; choose a wider one"
     )]
     NotPlanar { positive: usize },
 
-    #[error("the eigenvalue solver did not converge for {sources} sources; try another number of sources")]
+    #[error("the eigenvalue solver did not converge for {sources} sources. Try another number of sources")]
     EigenNotConverged { sources: usize },
 
-    #[error("the radial functions' system is singular for {sources} sources; try another number of sources or seed")]
+    #[error(
+        "the system of radial functions is singular for {sources} sources. Try another number of sources, or another \
+         seed"
+    )]
     RadialSingular { sources: usize },
 
-    #[error("the pixel size is {pixel_size} mm: give a positive, finite size")]
+    #[error("the pixel size is {pixel_size} mm. Give a positive, finite size")]
     PixelSizeNotPositive { pixel_size: f64 },
 
-    #[error("the flat image would have {width} x {height} pixels; give a pixel size above {pixel_size} mm")]
+    #[error("the flat image would have {width} x {height} pixels. Give a pixel size above {pixel_size} mm")]
     RasterTooLarge { width: f64, height: f64, pixel_size: f64 },
 
-    #[error("a surface of {points} points is too large for this graph: at most {most} are possible")]
+    #[error(
+        "a surface of {points} points is too large for this graph, which can have at most {most}. Flatten a smaller \
+         patch"
+    )]
     GraphTooLarge { points: usize, most: usize },
 
     #[error(
-        "the surface is no disk: it has {components} component(s), {loops} boundary loop(s), {handles} handle(s), Euler \
-         characteristic {euler} instead of 1. Cut out a patch, cut it open, or repair it; voxflat check tells what each changes"
+        "the surface is not a disk: it has {components} component(s), {loops} boundary loop(s), {handles} handle(s) \
+         and Euler characteristic {euler} instead of 1. Choose a patch, cut the surface open, or repair it; voxflat \
+         check reports what each remedy changes"
     )]
     NotADisk { components: usize, loops: usize, handles: usize, euler: i64 },
 
     #[error(
-        "the surface is no sphere: it has {components} component(s), {loops} boundary loop(s), {handles} handle(s). Keep one \
-         component, repair its handles, and close its holes"
+        "the surface is not a sphere: it has {components} component(s), {loops} boundary loop(s) and {handles} \
+         handle(s). Keep one component, repair its handles, and close its holes"
     )]
     NotASphere { components: usize, loops: usize, handles: usize },
 
-    #[error("no triangle around vertex {vertex} lies within {radius} mm: give a larger radius")]
+    #[error("no triangle around vertex {vertex} lies within {radius} mm. Give a larger radius")]
     EmptyDisk { vertex: usize, radius: f64 },
 
     #[error(
-        "the disk of {radius} mm ({own:.0} mm²) encloses a piece of {area:.0} mm² around ({:.0}, {:.0}, {:.0}) mm that \
-         reaches farther, such as a gyrus with a narrow neck: choose another seed point, or another radius",
+        "the disk of {radius} mm ({own:.0} mm²) encloses a region of {area:.0} mm² around ({:.0}, {:.0}, {:.0}) mm \
+         that extends beyond the radius, such as a gyrus with a narrow neck. Choose another seed point or another \
+         radius",
         at[0], at[1], at[2]
     )]
     DiskEncloses { radius: f64, area: f64, own: f64, at: [f64; 3] },
 
-    #[error("the decimation's {name} is {value}: give a positive number (evenness may be 0, but is finite)")]
+    #[error("the decimation option {name} is {value}. Give a positive number (evenness may be 0)")]
     DecimationOption { name: &'static str, value: f64 },
 
     #[error(
-        "no cell of the grid has a point at all of its four corners ({sources} sources lie on the grid): give more sources, \
-         or let decimation choose them"
+        "no cell of the grid has a point at all of its four corners ({sources} sources lie on the grid). Give more \
+         sources, or let decimation choose them"
     )]
     NoCell { sources: usize },
 
-    #[error("the angle is {angle}°: give one from {least}° to {most}°")]
+    #[error("the angle is {angle}°. Give an angle from {least}° to {most}°")]
     AngleOutOfRange { angle: f64, least: f64, most: f64 },
 
-    #[error("the bound C is {bound}: give one from {least} (an angle of 0.01°) to {most} (80°); 1 is an isometry")]
+    #[error("the bound C is {bound}. Give a bound from {least} (an angle of 0.01°) to {most} (80°); 1 is an isometry")]
     BoundOutOfRange { bound: f64, least: f64, most: f64 },
 
-    #[error("patches cannot be glued within a bound of {bound} on C; give one from {least} to {most}, such as 1.5")]
+    #[error("patches cannot be glued within a bound of {bound} on C. Give a bound from {least} to {most}, such as 1.5")]
     GlueBoundOutOfRange { bound: f64, least: f64, most: f64 },
 
     #[error(
-        "patches that change lengths by a factor of up to {before:.6} cannot be glued within a bound of {bound}; give a \
-         greater bound, or make the patches with an angle of at most {angle:.4}°"
+        "the patches already change lengths by a factor of up to {before:.6}, so they cannot be glued within a bound \
+         of {bound}. Give a greater bound, or make the patches with an angle of at most {angle:.4}°"
     )]
     PatchesBeyondBound { bound: f64, before: f64, angle: f64 },
 
     #[error(
-        "the patches cannot be glued to one piece within C ≤ {bound}: {pieces} remain. Give a greater bound, take a smaller \
-         patch, or keep the pieces: voxflat.patches(...).glue(...)"
+        "the patches cannot be glued to one piece within C ≤ {bound}: {pieces} pieces remain. Give a greater bound, \
+         flatten a smaller patch, or keep the pieces with Surface.patches(...).glue(...)"
     )]
     NotOnePiece { bound: f64, pieces: usize },
 
-    #[error("{count} patches are too few for this surface: even where they may be tilted by {most}° it takes {least}")]
+    #[error(
+        "{count} patches are too few for this surface: even if patches may be inclined by {most}°, at least {least} \
+         are needed"
+    )]
     TooFewPatches { count: usize, least: usize, most: f64 },
 
-    #[error("a polygon has at least 3 corners; {corners} are given")]
+    #[error("a polygon needs at least 3 corners, but {corners} are given")]
     FewCorners { corners: usize },
 
     #[error(
-        "the shortest paths between the {corners} corners of the polygon enclose nothing: they do not cut the surface in two, \
-         because they run around a handle or along one line; choose other corners, or more of them"
+        "the shortest paths between the {corners} corners of the polygon do not enclose a region, because they run \
+         around a handle or along one line. Choose other corners, or more of them"
     )]
     NotEnclosing { corners: usize },
 
-    #[error("the mesh has no triangle ({points} points): give triangles of three vertex indices each")]
+    #[error("the mesh has no triangle ({points} points). Give triangles of three vertex indices each")]
     NoFaces { points: usize },
 
     #[error(
-        "point {vertex} of the mesh is not finite (NaN or infinite): remove it with its triangles, or give its place"
+        "point {vertex} of the mesh is not finite (NaN or infinite). Correct its coordinates, or remove the point and \
+         its triangles"
     )]
     PointNotFinite { vertex: usize },
 
     #[error(
-        "point {vertex} of the mesh lies at {at:?} mm, beyond {FARTHEST:e} mm: is it right? give coordinates in mm"
+        "point {vertex} of the mesh lies at {at:?} mm, farther from the origin than {FARTHEST:e} mm. Check the \
+         coordinates, and give them in mm"
     )]
     PointTooFar { vertex: usize, at: [f64; 3] },
 
     #[error(
-        "the surface is {size:e} mm across; from {SMALLEST:e} mm on it can be measured: multiply its coordinates, or give \
-         them in mm"
+        "the surface is {size:e} mm across, less than the {SMALLEST:e} mm that can be measured. Scale its coordinates, \
+         or give them in mm"
     )]
     SurfaceTooSmall { size: f64 },
 
     #[error(
-        "the edge of vertices {a} and {b} is {length:e} mm long, and the surface {size:e} mm across: an edge is to have \
-         {SHORTEST_EDGE:e} of that at least; merge its ends, or take a smaller part"
+        "the edge between vertices {a} and {b} is {length:e} mm long, on a surface that is {size:e} mm across. An edge \
+         must be at least {SHORTEST_EDGE:e} as long as the surface. Merge its two vertices, or use a smaller part"
     )]
     EdgeTooShort { a: usize, b: usize, length: f64, size: f64 },
 
-    #[error("triangle {face} names vertex {corner}, but the mesh has {points} vertices, counted from 0")]
+    #[error("triangle {face} refers to vertex {corner}, but the mesh has {points} vertices, counted from 0")]
     CornerOutOfRange { face: usize, corner: i64, points: usize },
 
     #[error(
-        "triangle {face} has no area ({count} such): two of its corners coincide or all lie on a line; remove them and merge \
-         the vertices, by PyVista's mesh.clean() for example"
+        "triangle {face} has no area ({count} such triangles): two of its corners coincide, or all three lie on a \
+         line. Remove these triangles and merge their vertices, for example with PyVista's mesh.clean()"
     )]
     DegenerateFace { face: usize, count: usize },
 
-    #[error("triangle {face} has the same corners as another ({count} such): give each triangle once")]
+    #[error(
+        "triangle {face} has the same corners as another triangle ({count} such triangles). Give each triangle once"
+    )]
     DuplicateFace { face: usize, count: usize },
 
     #[error(
-        "more than two triangles meet at the edge of vertices {a} and {b} ({count} such edges): a surface has two sides at \
-         most there; remove the extra sheets"
+        "more than two triangles meet at the edge between vertices {a} and {b} ({count} such edges). Remove the \
+         additional triangles, so that the surface has at most two at each edge"
     )]
     CrowdedEdge { a: usize, b: usize, count: usize },
 
     #[error(
-        "the surface touches itself at vertex {vertex} ({count} such vertices): give each sheet a vertex of its own there, or \
-         remove one of them"
+        "the surface touches itself at vertex {vertex} ({count} such vertices). Give each part of the surface its own \
+         vertex there, or remove one part"
     )]
     PinchedVertex { vertex: usize, count: usize },
 
     #[error(
-        "the component of triangle {face} has only one side, like a Möbius strip: it has no outside and cannot be flattened; \
-         cut it first"
+        "the component of triangle {face} has only one side, like a Möbius strip, so it has no outside and cannot be \
+         flattened. Cut it first"
     )]
     OneSided { face: usize },
 
     #[error(
-        "no edge joins the vertices {a} and {b} of the path: name every vertex along it, or let a shortest path between the \
-         chosen ones fill in the rest"
+        "the vertices {a} and {b} of the path are not connected by an edge. List every vertex along the path, or let a \
+         shortest path connect the chosen ones"
     )]
     NotAnEdge { a: usize, b: usize },
 
     #[error(
-        "the factor of vertex {vertex} is {factor}: give a positive, finite factor, at most 1e100, for each vertex"
+        "the factor of vertex {vertex} is {factor}. Give a positive, finite factor of at most 1e100 for each vertex"
     )]
     FactorNotPositive { vertex: usize, factor: f64 },
 
-    #[error("the relaxation option {name} is {value}: give a number that is not negative")]
+    #[error("the relaxation option {name} is {value}. Give a number that is not negative")]
     RelaxationOption { name: &'static str, value: f64 },
 
     #[error(
-        "the surface falls into {count} components (of {sizes} triangles): open one at a time, the largest for example"
+        "the surface has {count} components (of {sizes} triangles). Open one component at a time, for example the \
+         largest"
     )]
     SeveralComponents { count: usize, sizes: String },
 
     #[error(
-        "cannot {doing} {path}: {reason}; finished rows are kept: see that the place is writable and has room, then run the \
-         same again"
+        "cannot {doing} {path}: {reason}. Finished rows are kept. Make sure that the directory is writable and has \
+         free space, then run the same command again"
     )]
     StoreFailed { doing: &'static str, path: String, reason: String, code: Option<i32> },
 
-    #[error("the store {path} is in use by {holder}: wait until that ends, or choose another directory")]
+    #[error("the store {path} is in use by {holder}. Wait until that process ends, or choose another directory")]
     StoreInUse { path: String, holder: String },
 
     #[error(
-        "{path} is no journal of these rows: it is damaged, or of another surface, other sources or another version; choose \
-         another directory, or delete this store"
+        "{path} is not a journal of these distance rows: it is damaged, or it belongs to another surface, other \
+         sources or another version. Choose another directory, or delete this store"
     )]
     StoreForeign { path: String },
 
     #[error(
-        "row {row} of {path} does not agree with its checksum: measure again with the same store, and it is computed anew"
+        "row {row} of {path} does not match its checksum. Measure again with the same store: the row is then computed \
+         again"
     )]
     StoreDamaged { path: String, row: usize },
 
@@ -334,7 +363,7 @@ pub enum Error {
     Cancelled,
 }
 
-/// Are all of these among so many points?
+/// Checks that every vertex is less than the number of points.
 pub fn check_points(vertices: impl IntoIterator<Item = u32>, points: usize) -> Result<()> {
     match vertices.into_iter().find(|&vertex| vertex as usize >= points) {
         Some(vertex) => Err(Error::NoSuchPoint { vertex: vertex as usize, points }),
@@ -343,7 +372,7 @@ pub fn check_points(vertices: impl IntoIterator<Item = u32>, points: usize) -> R
 }
 
 impl Error {
-    /// Turns what the system says of a store's file into an error that names it.
+    /// Turns an error of the operating system about a file of a store into one that names the file.
     pub(crate) fn of_store(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |error| Self::StoreFailed {
             doing,

@@ -57,7 +57,10 @@ pub fn values<T: numpy::Element + Copy>(array: &Given<'_, T>) -> Vec<T> {
 pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>, name: &str) -> PyResult<Vec<[T; W]>> {
     let view = array.as_array();
     if view.ncols() != W {
-        return Err(InputError::new_err(format!("{name} has shape {:?}; it needs {W} columns", view.shape())));
+        return Err(InputError::new_err(format!(
+            "{name} has shape {:?}. Give an array with {W} columns",
+            view.shape()
+        )));
     }
     Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
 }
@@ -66,7 +69,10 @@ pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>,
 pub fn triangles(array: &GivenImage<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
     let view = array.as_array();
     if view.shape()[1..] != [3, 2] {
-        return Err(InputError::new_err(format!("{name} has shape {:?}; it needs (F, 3, 2)", view.shape())));
+        return Err(InputError::new_err(format!(
+            "{name} has shape {:?}. Give an array of shape (F, 3, 2)",
+            view.shape()
+        )));
     }
     Ok(view.outer_iter().map(|of| std::array::from_fn(|k| std::array::from_fn(|axis| of[[k, axis]]))).collect())
 }
@@ -101,7 +107,9 @@ pub fn check_length(given: usize, points: usize, name: &str) -> PyResult<()> {
     if given == points {
         return Ok(());
     }
-    Err(InputError::new_err(format!("{name} has {given} rows; the surface has {points} points")))
+    Err(InputError::new_err(format!(
+        "{name} has {given} rows, but the surface has {points} points. Give one row per point"
+    )))
 }
 
 /// The numbers of vertices, of which there are `points`.
@@ -126,7 +134,7 @@ pub fn sources(sampling: &str, count: usize, seed: u64, choices: &str) -> PyResu
     match sampling {
         "farthest" => Ok(Sources::Farthest { count, seed }),
         "random" => Ok(Sources::Random { count, seed }),
-        _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give {choices}"))),
+        _ => Err(InputError::new_err(format!("sampling is {sampling:?}. Give {choices}"))),
     }
 }
 
@@ -137,7 +145,7 @@ pub fn one_of<T: Copy>(argument: &str, given: &str, choices: &[(&str, T)]) -> Py
     }
     let names: Vec<String> = choices.iter().map(|(name, _)| format!("'{name}'")).collect();
     let (last, others) = names.split_last().expect("there are some");
-    Err(InputError::new_err(format!("{argument} is {given:?}; give {} or {last}", others.join(", "))))
+    Err(InputError::new_err(format!("{argument} is {given:?}. Give {} or {last}", others.join(", "))))
 }
 
 /// The figures of distances by their names.

@@ -32,7 +32,11 @@ pub fn draw<'py>(
     convert::check_vertices(corners.iter().flatten().copied(), uv.len())?;
     let torn = convert::values(&torn);
     if torn.len() != corners.len() {
-        return Err(InputError::new_err(format!("torn has {} values; there are {} faces", torn.len(), corners.len())));
+        return Err(InputError::new_err(format!(
+            "torn has {} values, but there are {} faces. Give one value per face",
+            torn.len(),
+            corners.len()
+        )));
     }
     let faces = Faces { corners, torn };
     let raster = run(py, Some(1), &progress, move |control| Raster::draw(&uv, &faces, pixel_size, control))?;

@@ -161,7 +161,10 @@ impl Surface {
         let keep = convert::values(&keep);
         let faces = self.0.surface.faces().len();
         if keep.len() != faces {
-            return Err(InputError::new_err(format!("keep has {} values; the surface has {faces} faces", keep.len())));
+            return Err(InputError::new_err(format!(
+                "keep has {} values, but the surface has {faces} faces. Give one value per face",
+                keep.len()
+            )));
         }
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part(&keep).into()))
     }

@@ -54,7 +54,7 @@ impl Surface {
         max_area: Option<f64>,
     ) -> PyResult<Dict<'py>> {
         if patience == 0 {
-            return Err(InputError::new_err("patience is 0; give at least 1"));
+            return Err(InputError::new_err("patience is 0. Give at least 1"));
         }
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
@@ -144,7 +144,7 @@ impl Surface {
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         if starts == 0 {
-            return Err(InputError::new_err("starts is 0; give at least 1"));
+            return Err(InputError::new_err("starts is 0. Give at least 1"));
         }
         let sources = convert::values(&sources);
         let Mapped { map, stresses, pairs } = self.run(py, threads, &progress, move |inner, control| {

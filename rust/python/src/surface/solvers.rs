@@ -21,7 +21,7 @@ impl Geodesic {
             "marching" => Ok(Self::Marching(Wave::Circle)),
             "marching-plane" => Ok(Self::Marching(Wave::Plane)),
             "exact" => Ok(Self::Exact),
-            _ => Err(InputError::new_err(format!("geodesic is {name:?}; give 'graph', 'marching' or 'exact'"))),
+            _ => Err(InputError::new_err(format!("geodesic is {name:?}. Give 'graph', 'marching' or 'exact'"))),
         }
     }
 }
