@@ -1,7 +1,7 @@
-"""Filters of VTK: surfaces flattened, measured and taken to pieces within a pipeline.
+"""Filters for VTK pipelines that flatten a surface, measure distances on it, or divide it into patches.
 
-`voxflat.vtk` needs PyVista beside VTK (9.1 and later), as ``mesh.voxflat`` does, whose results it gives: the same
-arrays, bit by bit. Options are attributes; to change one makes the filter run again at the next ``Update``.
+`voxflat.vtk` needs PyVista and VTK 9.1 or later. Its filters return the same arrays as ``mesh.voxflat``. Options are
+attributes; a filter runs again at the next ``Update`` after an option has changed.
 
 >>> import voxflat
 >>> from vtkmodules.vtkFiltersSources import vtkPlaneSource
@@ -37,7 +37,7 @@ _Value = TypeVar("_Value")
 
 
 class _Option(Generic[_Value]):
-    """An attribute of a filter: what changes it makes the filter older than its options."""
+    """An option of a filter: a change marks the filter as modified."""
 
     def __init__(self, default: _Value) -> None:
         self._default = default
@@ -62,7 +62,7 @@ class _Option(Generic[_Value]):
 
 
 class _Filter(VTKPythonAlgorithmBase):
-    """What the filters share: options, progress, abort, and errors as VTK has them."""
+    """The common base of the filters: options, progress, abort, and errors as VTK reports them."""
 
     OUTPUT = "vtkPolyData"
 
@@ -72,12 +72,25 @@ class _Filter(VTKPythonAlgorithmBase):
         initialise(self, nInputPorts=1, inputType="vtkDataSet", nOutputPorts=1, outputType=self.OUTPUT)
         for name, value in options.items():
             if not isinstance(getattr(type(self), name, None), _Option):
-                raise TypeError(f"{type(self).__name__} has no option {name!r}; it has {', '.join(self.options())}")
+                raise TypeError(
+                    f"{type(self).__name__} has no option {name!r}. Its options are {', '.join(self.options())}"
+                )
             setattr(self, name, value)
 
     @classmethod
     def options(cls) -> list[str]:
         """Return the names of the options.
+
+        Each name is an attribute of the filter.
+
+        Returns
+        -------
+        list of str
+            The names in alphabetical order.
+
+        See Also
+        --------
+        SetInputData : Set the input.
 
         Examples
         --------
@@ -87,7 +100,18 @@ class _Filter(VTKPythonAlgorithmBase):
         return [name for name in dir(cls) if isinstance(getattr(cls, name), _Option)]
 
     def SetInputData(self, data: Any) -> None:  # noqa: N802
-        """Take a dataset as the input, instead of the output of another filter.
+        """Set a dataset as the input.
+
+        Use ``SetInputConnection`` for the output of another filter.
+
+        Parameters
+        ----------
+        data : vtkDataSet
+            The dataset.
+
+        See Also
+        --------
+        GetOutput : Return the output.
 
         Examples
         --------
@@ -97,7 +121,18 @@ class _Filter(VTKPythonAlgorithmBase):
         self.SetInputDataObject(0, data)
 
     def GetOutput(self) -> Any:  # noqa: N802
-        """Return the output, which `Update` fills.
+        """Return the output of the filter.
+
+        Call ``Update`` first.
+
+        Returns
+        -------
+        vtkDataSet
+            The output, which is empty before ``Update``.
+
+        See Also
+        --------
+        SetInputData : Set the input.
 
         Examples
         --------
@@ -110,10 +145,10 @@ class _Filter(VTKPythonAlgorithmBase):
         return self.GetOutputDataObject(0)
 
     def RequestData(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
-        """Do the work; called by VTK.
+        """Compute the output; called by VTK.
 
-        An `InputError` ends in an ErrorEvent with its text, or in VTK's output window, and an empty output; an abort in
-        an empty output alone.
+        An `InputError` leads to an ErrorEvent with its message (or a message in VTK's output window) and an empty
+        output. An abort leads to an empty output.
         """
         output = vtkDataSet.GetData(outputs)
         try:
@@ -134,7 +169,10 @@ class _Filter(VTKPythonAlgorithmBase):
         """Return the output."""
 
     def _progress(self) -> Callable[[str, int, int], bool]:
-        """Return what hands progress to VTK, each stage half of the rest of the bar, and asks it whether to go on."""
+        """Return a function that reports progress to VTK and asks it whether to continue.
+
+        Each stage fills half of the remaining progress bar.
+        """
         last, stages, reached = "", 0, 0.0
 
         def told(stage: str, done: int, total: int) -> bool:
@@ -157,30 +195,44 @@ class _Filter(VTKPythonAlgorithmBase):
 
 
 class FlattenSurface(_Filter):
-    """Flatten a surface, or that of an image, into the plane z = 0: ``mesh.voxflat()`` as a filter.
+    """Flatten a surface, or the surface of an image, into the plane z = 0.
 
-    Input is any ``vtkDataSet``, output ``vtkPolyData`` as of the accessor: all arrays of a mesh are passed on, and its
-    measures come with names of their own.
+    This is ``mesh.voxflat()`` as a filter. The input is any ``vtkDataSet``. The output is ``vtkPolyData`` with all
+    arrays of the input and the measures of distortion, as the accessor returns it.
 
     Parameters
     ----------
-    **options
-        The attributes below.
+    **options : dict
+        Values of the attributes below.
 
     Attributes
     ----------
     scalars : str or None
-        For images the name of the array; None for the active one.
-    label, threshold
-        What of an image is foreground, as in `voxflat.surface`.
+        Name of the array of an image; None for the active array.
+    label : int or None
+        Label of the foreground of an image, as in `voxflat.surface`.
+    threshold : float or None
+        Threshold of the foreground of an image, as in `voxflat.surface`.
     keep, drop : str, ndarray or None
-        Regions: names of arrays of the points, or masks.
+        Region to keep or to exclude: the name of an array of the points, or a mask.
     seed_point : int, position, pyvista.Cell or None
-        Middle of a patch, with `radius`.
+        Centre of a patch, with `radius`.
     radius : float or None
-        Of the patch along the surface, in the data's unit.
-    cuts, relax, method, seed, threads
-        As in `Surface.flatten`.
+        Radius of the patch along the surface, in the unit of the data.
+    cuts : object
+        Cuts, as in `Surface.flatten`.
+    relax : float, bool or None
+        Relaxation cuts, as in `Surface.flatten`.
+    method : str or Method
+        The method, as in `Surface.flatten`.
+    seed : int
+        Seed of the random numbers.
+    threads : int or None
+        Number of threads.
+
+    See Also
+    --------
+    SurfacePatches : Flatten a surface in certified patches.
 
     Examples
     --------
@@ -210,21 +262,26 @@ class FlattenSurface(_Filter):
 
 
 class SurfaceGeodesic(_Filter):
-    """Measure distances along a surface: ``mesh.voxflat.geodesic()`` as a filter.
+    """Measure distances along a surface.
 
-    Input is any ``vtkDataSet`` but an image; output is the same with the point data ``geodesic_distance``.
+    This is ``mesh.voxflat.geodesic()`` as a filter. The input is any ``vtkDataSet`` except an image. The output is a
+    copy of the input with the point data ``geodesic_distance``.
 
     Parameters
     ----------
-    **options
-        The attributes below.
+    **options : dict
+        Values of the attributes below.
 
     Attributes
     ----------
     sources : int, position, pyvista.Cell, or several of them
-        Where distances are measured from; by default point 0.
+        Points from which distances are measured. The default is point 0.
     method : {"graph", "marching", "exact"}
-        What measures them.
+        How distances are measured, as in `Surface.geodesic`.
+
+    See Also
+    --------
+    FlattenSurface : Flatten a surface.
 
     Examples
     --------
@@ -241,7 +298,7 @@ class SurfaceGeodesic(_Filter):
     method: _Option[str] = _Option("graph")
 
     def RequestDataObject(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
-        """Make an output of the input's type; called by VTK."""
+        """Create an output of the type of the input; called by VTK."""
         given, made = vtkDataSet.GetData(inputs[0]), vtkDataSet.GetData(outputs)
         if made is None or made.GetClassName() != given.GetClassName():
             outputs.GetInformationObject(0).Set(vtkDataSet.DATA_OBJECT(), given.NewInstance())
@@ -252,21 +309,26 @@ class SurfaceGeodesic(_Filter):
 
 
 class SurfacePatches(_Filter):
-    """Flatten a surface of any topology in certified patches: ``mesh.voxflat.patches()`` as a filter.
+    """Flatten a surface of any topology in certified patches.
 
-    Input is any ``vtkDataSet``, output ``vtkPolyData``, the page, as of the accessor.
+    This is ``mesh.voxflat.patches()`` as a filter. The input is any ``vtkDataSet``. The output is ``vtkPolyData`` with
+    all patches side by side.
 
     Parameters
     ----------
-    **options
-        The attributes below.
+    **options : dict
+        Values of the attributes below.
 
     Attributes
     ----------
     max_angle : float or None
-        Greatest inclination to a patch's plane, degrees; by default 10.
-    bound, count, glue, packing, seeds, seed, scalars, label, threshold, threads
+        Greatest angle between a triangle and the plane of its patch, in degrees. The default is 10.
+    bound, count, glue, packing, seeds, seed, scalars, label, threshold, threads : object
         As in ``mesh.voxflat.patches``.
+
+    See Also
+    --------
+    FlattenSurface : Flatten a surface to one map.
 
     Examples
     --------
@@ -295,7 +357,7 @@ class SurfacePatches(_Filter):
 
 
 def _is_same(one: object, other: object) -> bool:
-    """Say whether two values are the same; arrays by what they hold."""
+    """Return whether two values are equal; arrays are compared by their values."""
     if one is other:
         return True
     if type(one) is not type(other):

@@ -77,8 +77,8 @@ def test_a_patch_is_read_with_its_surface(ball, tmp_path):
     assert_array_equal(np.sort(patch["vertex_ids"][patch.regular_faces]), np.sort(faces[inside]))
     assert_allclose(patch.points, ball.points[patch["vertex_ids"]], atol=1e-5)
     assert_allclose(patch["surface_points"], patch.points, atol=1e-5)
-    refused(r"its triangles are its surface's: .*surface='lh.white'", pv.read, tmp_path / "lh.cap.patch.3d")
-    refused("the file is no patch", pv.read, tmp_path / "lh.white", surface=str(tmp_path / "lh.white"))
+    refused(r"is a patch without triangles.*surface='lh.white'", pv.read, tmp_path / "lh.cap.patch.3d")
+    refused("the file is not a patch", pv.read, tmp_path / "lh.white", surface=str(tmp_path / "lh.white"))
 
 
 def test_what_is_damaged_or_no_surface_is_refused(ball, tmp_path):
@@ -86,7 +86,7 @@ def test_what_is_damaged_or_no_surface_is_refused(ball, tmp_path):
     (tmp_path / "map.voxflat").write_bytes(b"rubbish")
     for name in ("lh.pial", "map.voxflat"):
         refused(name, pv.read, tmp_path / name)
-    with pytest.raises(InputError, match=r"grid\.surf\.gii: is to hold UnstructuredGrid: give triangles"):
+    with pytest.raises(InputError, match=r"grid\.surf\.gii: cannot hold a UnstructuredGrid. Give triangles"):
         ball.cast_to_unstructured_grid().save(tmp_path / "grid.surf.gii")
     refused(r"flat\.gii", ball.save, tmp_path / "flat.gii")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lh.pial", "map.voxflat"]

@@ -91,7 +91,7 @@ def test_every_verb_on_every_dataset(dataset, verb):
         mesh.set_active_scalars("mask", preference="point")
     before = mesh.copy()
     if dataset == "ImageData" and verb in NO_MESH:
-        refused(r"make a surface of it first, image\.voxflat\.surface\(\)", called, verb, mesh)
+        refused(r"Extract its surface first: image\.voxflat\.surface\(\)", called, verb, mesh)
         return
     result, kind = called(verb, mesh)
     assert isinstance(result, kind)
@@ -121,7 +121,7 @@ def test_every_verb_on_every_dataset(dataset, verb):
 def check_blocks(blocks, verb):
     before = blocks.copy()
     if verb in OF_ONE | NO_MESH:
-        with pytest.raises(AttributeError, match=r"take a block, blocks\['grid'\]"):
+        with pytest.raises(AttributeError, match=r"Call it on one block: blocks\['grid'\]"):
             called(verb, blocks)
         return
     result, kind = called(verb, blocks)

@@ -1,13 +1,14 @@
 """PyVista: ``mesh.voxflat(...)`` on every dataset, and flat maps as meshes.
 
-PyVista (0.48 and later) loads this module on the first use of ``.voxflat``; before, ``import voxflat._pyvista`` does.
+PyVista 0.48 and later load this module on the first use of ``.voxflat``. With older versions, import
+``voxflat._pyvista`` first.
 
-PyVista's coordinates are taken as RAS+ mm: x grows to the right, y to the front, z upwards. An image from a reader that
-keeps LPS coordinates, as ITK's do, has to be turned first (origin and the first two rows of its direction matrix times
-−1), or left and right, front and back are exchanged in what the map calls "superior up, seen from outside".
+Coordinates are interpreted as RAS+ mm: x increases to the right, y to the front, z upwards. Convert images from readers
+that keep LPS coordinates, such as ITK's, first: multiply the origin and the first two rows of the direction matrix by
+−1. Otherwise left and right, and front and back, are exchanged on the map.
 
-`skins` takes the surface of any dataset, and carries its data over; `images` takes arrays of images as volumes; `flat`
-makes meshes of maps; `accessor` has the verbs, `blocks` those of a MultiBlock; `options` and `bars` are what they take.
+`extracted_surface` extracts the surface of a dataset and copies its data, `images` converts arrays of images to
+volumes, and `flat` makes meshes of maps. `accessor` has the operations on a dataset, `blocks` those on a MultiBlock.
 """
 
 from typing import Any

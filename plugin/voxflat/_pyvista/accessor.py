@@ -1,4 +1,4 @@
-"""``mesh.voxflat``: the verbs of voxflat on datasets of PyVista."""
+"""``mesh.voxflat``: the operations of voxflat on datasets of PyVista."""
 
 from __future__ import annotations
 
@@ -21,25 +21,32 @@ if TYPE_CHECKING:
 
 
 class VoxflatAccessor(Verbs):
-    """Flatten a mesh, or a surface of an image: ``mesh.voxflat(...)``.
+    """Flatten a mesh, or the surface of a segmented image.
+
+    PyVista makes this accessor available as ``mesh.voxflat``; calling it flattens the dataset.
 
     Parameters
     ----------
     mesh : pyvista.DataSet
-        An ``ImageData`` with a label volume or intensities, as point data or as cell data; of any other dataset its
-        surface is taken, as ``extract_surface`` and ``triangulate`` do. In RAS+ mm. It stays as it is.
+        An ``ImageData`` with labels or intensities as point data or cell data, in RAS+ mm. For any other dataset the
+        accessor extracts the surface and triangulates it. The dataset is not modified.
+
+    See Also
+    --------
+    voxflat.surface : The same for arrays, files and other objects.
+    BlocksAccessor : The same for a MultiBlock.
 
     Examples
     --------
     >>> import pyvista as pv
     >>> image = pv.ImageData(dimensions=(30, 40, 3))
     >>> image["labels"] = (image.points[:, 2] == 1).astype("uint8")
-    >>> flat = image.voxflat()  # a flat map as PolyData, in mm
-    >>> flat_map = image.voxflat.flatten()  # the same as voxflat.FlatMap
-    >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
-    >>> flat = pv.Plane().voxflat()  # meshes, too: every array is carried over
-    >>> page = pv.Icosphere(nsub=2).voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
-    >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)  # along the surface, from a point
+    >>> flat = image.voxflat()  # the flat map as PolyData, in mm
+    >>> flat_map = image.voxflat.flatten()  # the flat map as a voxflat.FlatMap
+    >>> patch = image.voxflat.to_surface_polydata(flat_map)  # the surface, with the same data
+    >>> flat = pv.Plane().voxflat()  # meshes work, too; their arrays are copied to the map
+    >>> page = pv.Icosphere(nsub=2).voxflat.patches(max_angle=20)  # certified patches, for any topology
+    >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)  # along the surface, from point 0
     """
 
     to_polydata = staticmethod(to_polydata)
@@ -55,31 +62,39 @@ class VoxflatAccessor(Verbs):
         progress_bar: bool = False,
         **options: Unpack[FlattenOptions],
     ) -> tuple[pv.PolyData, pv.Texture]:
-        """Lay a picture onto the surface by its flat map.
+        """Map an image onto the surface through its flat map.
+
+        The image is placed on the flat map, and every point of the surface gets the colour at its position there.
 
         Parameters
         ----------
         picture : path, ndarray or PIL.Image.Image
-            As in `FlatMap.textured`.
+            The image, as in `FlatMap.textured`.
         texel_size : float, optional
-            Side of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+            Side length of a pixel of the image, in mm. By default the image covers the bounding box of the map.
         repeat : bool
-            Whether the picture goes on beyond its borders.
-        progress_bar, **options
-            As of a call of the accessor; of a mesh that is a flat map already, none.
+            Whether the image is repeated beyond its borders.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            Options of a call of the accessor. A mesh that is already a flat map takes none.
 
         Returns
         -------
         surface : pyvista.PolyData
-            In space, with texture coordinates and all data of the map but triangles that are torn; point data
-            ``colours``, uint8: the picture's at each point.
+            The surface in space, without torn triangles, with texture coordinates and all data of the map. The point
+            data ``colours`` (uint8) hold the colour of the image at each point.
         texture : pyvista.Texture
-            For ``surface.plot(texture=texture)``.
+            The image as a texture, for ``surface.plot(texture=texture)``.
 
         Raises
         ------
         InputError, Cancelled
-            As in `flatten` and in `FlatMap.textured`.
+            As in `flatten` and `FlatMap.textured`.
+
+        See Also
+        --------
+        FlatMap.textured : The same for a flat map, with files that other programs read.
 
         Examples
         --------
@@ -119,39 +134,47 @@ class VoxflatAccessor(Verbs):
         progress_bar: bool = False,
         **options: Unpack[FlattenOptions],
     ) -> pv.Plotter:
-        """Show the surface and its flat map side by side, in one scale of colours.
+        """Show the surface and its flat map side by side.
 
-        A click on either marks the same place on both, and tells the point's number and the value there.
+        Both views have the same colour scale. A click in one view marks the same point in both, and shows the number of
+        the point and its value.
 
         Parameters
         ----------
         scalars : str, optional
-            Which array of the map is shown: a measure, such as ``"areal"``, or one that was carried over; by default
-            the active one.
+            Name of the array to show: a measure such as ``"areal"``, or an array of the mesh. By default the active
+            array.
         cmap : str, optional
-            Name of the colour map; by default that of the measure.
+            Name of the colour map. By default the usual one of the measure.
         clim : tuple of 2 floats, optional
-            The values at both ends of the colours, as the bar shows them; by default up to their 99th percentile.
+            Values at both ends of the colour bar. By default they reach up to the 99th percentile.
         window_size : tuple of 2 ints
-            Pixels.
+            Width and height of the window, in pixels.
         off_screen : bool, optional
-            Whether no window is opened; by default as PyVista is set.
+            Render without a window. By default PyVista's setting is used.
         screenshot : path, optional
-            A picture to be written.
+            File to which a screenshot is written.
         show : bool
-            Whether it is shown now; if not, `Plotter.show` does it, after whatever else is added.
-        progress_bar, **options
-            As of a call of the accessor; of a mesh that is a flat map already, none.
+            Show the plot now. Otherwise call `Plotter.show` on the result, after adding to it.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            Options of a call of the accessor. A mesh that is already a flat map takes none.
 
         Returns
         -------
         pyvista.Plotter
-            Closed if it was shown.
+            The plotter, which is closed if the plot was shown.
 
         Raises
         ------
         InputError, Cancelled
-            As in `flatten`; or if the map has no such array.
+            As in `flatten`, or if the map has no such array.
+
+        See Also
+        --------
+        show : An interactive view in a notebook.
+        morph : An animation from the surface to the map.
 
         Examples
         --------
@@ -169,24 +192,32 @@ class VoxflatAccessor(Verbs):
         return view
 
     def morph(self, n: int = 25, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]) -> Morph:
-        """Unfold the surface into its map, frame by frame.
+        """Return the surfaces between the folded and the flat one.
+
+        Every point moves on a straight line from its position on the surface to its position on the map.
 
         Parameters
         ----------
         n : int
-            How many frames, both ends included.
-        progress_bar, **options
-            As of a call of the accessor; of a mesh that is a flat map already, none.
+            Number of frames, both ends included.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            Options of a call of the accessor. A mesh that is already a flat map takes none.
 
         Returns
         -------
         Morph
-            A sequence of PolyData, from the surface to the map; `Morph.save` writes a film, `Morph.plot` has a slider.
+            A sequence of PolyData, from the surface to the map. `Morph.save` writes a movie, `Morph.plot` has a slider.
 
         Raises
         ------
         InputError, Cancelled
-            As in `flatten`; or if there are fewer than two frames.
+            As in `flatten`, or if there are fewer than two frames.
+
+        See Also
+        --------
+        plot : The surface and the map side by side.
 
         Examples
         --------
@@ -202,26 +233,34 @@ class VoxflatAccessor(Verbs):
     def show(
         self, title: str = "Flat map", *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
     ) -> MapPage:
-        """Show the surface and its flat map in a notebook, side by side, linked under the pointer.
+        """Show the surface and its flat map in a notebook.
 
-        All arrays with a number a point or a triangle can be chosen; a slider leads from the surface to the map.
+        The two views are linked: the point under the pointer is marked in both. A menu selects the array that is shown,
+        and a slider unfolds the surface.
 
         Parameters
         ----------
         title : str
-            Above it.
-        progress_bar, **options
-            As of a call of the accessor; of a mesh that is a flat map already, none.
+            Title of the page.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            Options of a call of the accessor. A mesh that is already a flat map takes none.
 
         Returns
         -------
         MapPage
-            Which Jupyter shows by itself; `MapPage.save` writes it.
+            A page that Jupyter displays. `MapPage.save` writes it to a file.
 
         Raises
         ------
         InputError, Cancelled
             As in `flatten`.
+
+        See Also
+        --------
+        export_html : Write the page to a file.
+        plot : A PyVista window with both views.
 
         Examples
         --------
@@ -242,21 +281,31 @@ class VoxflatAccessor(Verbs):
         progress_bar: bool = False,
         **options: Unpack[FlattenOptions],
     ) -> None:
-        """Write what `show` shows as one file of HTML that needs no network.
+        """Write the page of `show` to an HTML file.
+
+        The file needs no network connection. It holds at most about 20,000 points; a larger map is simplified.
 
         Parameters
         ----------
         path : path
-            An ``.html`` file. It holds at most about 20,000 points, those of the map that stand for all.
-        title, progress_bar, **options
-            As of `show`.
+            Name of the file, which ends in ``.html``.
+        title : str
+            Title of the page.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            As in `show`.
 
         Raises
         ------
         InputError, Cancelled
-            As in `show`; or if the name has another ending.
+            As in `show`, or if the name has another ending.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        show : Show the page in a notebook.
 
         Examples
         --------

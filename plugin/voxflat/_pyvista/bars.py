@@ -1,4 +1,4 @@
-"""Progress bars, as PyVista's own filters have them: ``progress_bar=True``."""
+"""Progress bars for ``progress_bar=True``, as in PyVista's own filters."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from voxflat.arguments import Progress
 
 @contextmanager
 def shown(wanted: bool, progress: Progress | None) -> Iterator[Progress | None]:
-    """Show a bar for each stage, beside what the caller is told."""
+    """Show a progress bar for each stage, and call the caller's progress function."""
     if not wanted:
         yield progress
         return

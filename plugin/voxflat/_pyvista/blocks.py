@@ -1,4 +1,4 @@
-"""``blocks.voxflat``: a MultiBlock, block by block."""
+"""``blocks.voxflat``: the operations of voxflat on each block of a MultiBlock."""
 
 from __future__ import annotations
 
@@ -20,28 +20,32 @@ if TYPE_CHECKING:
 _Found = TypeVar("_Found")
 
 _OF_ONE = {
-    "geodesic": "a source is a point of one block, and no way leads to another",
-    "path": "its ends are points of one block",
-    "texture": "a picture lies on one map",
-    "plot": "it shows one surface beside its map",
-    "morph": "it unfolds one surface",
-    "show": "a page has one surface and its map",
-    "export_html": "a page has one surface and its map",
+    "geodesic": "distances can be measured within one block only",
+    "path": "a path lies within one block",
+    "texture": "an image is mapped onto one block",
+    "plot": "a plot shows one surface and its map",
+    "morph": "a morph unfolds one surface",
+    "show": "a page shows one surface and its map",
+    "export_html": "a page shows one surface and its map",
     "volume": "a volume is an array of one image",
-    "voxel_at": "a voxel is of one image",
+    "voxel_at": "a voxel belongs to one image",
 }
 
 
 class BlocksAccessor:
-    """Flatten each block: ``blocks.voxflat(...)``.
+    """Flatten each block of a MultiBlock.
 
-    What has one surface or one point in sight, such as ``plot`` and ``geodesic``, is a verb of a block:
-    ``blocks["left"].voxflat.plot()``.
+    PyVista makes this accessor available as ``blocks.voxflat``. Operations on a single surface or point, such as
+    ``plot`` and ``geodesic``, are available on each block: ``blocks["left"].voxflat.plot()``.
 
     Parameters
     ----------
     blocks : pyvista.MultiBlock
-        Datasets, or blocks of them.
+        Datasets, which may be nested.
+
+    See Also
+    --------
+    VoxflatAccessor : The accessor of a single dataset.
 
     Examples
     --------
@@ -61,31 +65,40 @@ class BlocksAccessor:
     ) -> pv.MultiBlock:
         """Flatten each block into the plane z = 0.
 
-        `scalars`, `progress_bar`, `**options`: as of `VoxflatAccessor`. Returns: a map for each block, by its name;
-        blocks that are empty stay so. Raises InputError, Cancelled: as in `VoxflatAccessor`; the message names the
-        block.
+        The parameters are those of `VoxflatAccessor`. The result has a map for each block, under the same name; empty
+        blocks stay empty. Raises InputError and Cancelled as `VoxflatAccessor`; the message names the block.
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 
     def flatten(
         self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
     ) -> dict[str, FlatMap]:
-        """Flatten each block.
+        """Return a flat map of each block.
+
+        Empty blocks are skipped.
 
         Parameters
         ----------
-        scalars, progress_bar, **options
-            As of `VoxflatAccessor.flatten`.
+        scalars : str, optional
+            Name of the array of an image. By default the active array, or the only one of each block.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            As in `VoxflatAccessor.flatten`.
 
         Returns
         -------
         dict of str to FlatMap
-            By the names of the blocks, ``"brain/left"`` within others; empty ones are left out.
+            The maps under the names of their blocks. The name of a nested block is a path such as ``"brain/left"``.
 
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.flatten`; the message names the block. Or if two have one name.
+            As in `VoxflatAccessor.flatten`, with the name of the block; or if two blocks have the same name.
+
+        See Also
+        --------
+        VoxflatAccessor.flatten : The same for a single dataset.
 
         Examples
         --------
@@ -98,19 +111,28 @@ class BlocksAccessor:
     def surface(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> pv.MultiBlock:
         """Return the surface of each block.
 
+        Empty blocks stay empty.
+
         Parameters
         ----------
-        scalars, **options
-            As of `VoxflatAccessor.surface`.
+        scalars : str, optional
+            Name of the array of an image. By default the active array, or the only one of each block.
+        **options : dict
+            As in `VoxflatAccessor.surface`.
 
         Returns
         -------
         pyvista.MultiBlock
+            The surfaces under the names of their blocks.
 
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.surface`; the message names the block.
+            As in `VoxflatAccessor.surface`, with the name of the block.
+
+        See Also
+        --------
+        VoxflatAccessor.surface : The same for a single dataset.
 
         Examples
         --------
@@ -121,22 +143,30 @@ class BlocksAccessor:
         return self._made(lambda of, _: of.surface(scalars, **options))
 
     def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> dict[str, Check]:
-        """Say of each block whether it can be flattened, and what to do.
+        """Report whether each block can be flattened.
+
+        Empty blocks are skipped.
 
         Parameters
         ----------
-        scalars, **options
-            As of `VoxflatAccessor.check`.
+        scalars : str, optional
+            Name of the array of an image. By default the active array, or the only one of each block.
+        **options : dict
+            As in `VoxflatAccessor.check`.
 
         Returns
         -------
         dict of str to Check
-            As of `flatten`.
+            The reports under the names of their blocks, as in `flatten`.
 
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.check`; the message names the block. Or if two have one name.
+            As in `VoxflatAccessor.check`, with the name of the block; or if two blocks have the same name.
+
+        See Also
+        --------
+        VoxflatAccessor.check : The same for a single dataset.
 
         Examples
         --------
@@ -147,12 +177,16 @@ class BlocksAccessor:
         return self._named(lambda of: of.check(scalars, **options))
 
     def patches(self, max_angle: float | None = None, **options: Any) -> pv.MultiBlock:
-        """Flatten each block in patches with a certificate.
+        """Flatten each block in certified patches.
+
+        Empty blocks stay empty.
 
         Parameters
         ----------
-        max_angle, **options
-            As of `VoxflatAccessor.patches`.
+        max_angle : float, optional
+            Greatest angle between a triangle and the plane of its patch, in degrees. The default is 10.
+        **options : dict
+            As in `VoxflatAccessor.patches`.
 
         Returns
         -------
@@ -162,7 +196,11 @@ class BlocksAccessor:
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.patches`; the message names the block.
+            As in `VoxflatAccessor.patches`, with the name of the block.
+
+        See Also
+        --------
+        VoxflatAccessor.patches : The same for a single dataset.
 
         Examples
         --------
@@ -177,19 +215,30 @@ class BlocksAccessor:
     ) -> pv.MultiBlock:
         """Cut the surface of each block open.
 
+        Empty blocks stay empty.
+
         Parameters
         ----------
-        scalars, progress_bar, **options
-            As of `VoxflatAccessor.cut`.
+        scalars : str, optional
+            Name of the array of an image. By default the active array, or the only one of each block.
+        progress_bar : bool
+            Show a progress bar.
+        **options : dict
+            As in `VoxflatAccessor.cut`.
 
         Returns
         -------
         pyvista.MultiBlock
+            The cut surfaces under the names of their blocks.
 
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.cut`; the message names the block.
+            As in `VoxflatAccessor.cut`, with the name of the block.
+
+        See Also
+        --------
+        VoxflatAccessor.cut : The same for a single dataset.
 
         Examples
         --------
@@ -200,14 +249,18 @@ class BlocksAccessor:
         return self._made(lambda of, _: of.cut(scalars, progress_bar=progress_bar, **options))
 
     def measure(self, flat: pv.MultiBlock, scalars: str | None = None, **options: Any) -> pv.MultiBlock:
-        """Measure a map of each block.
+        """Measure the distortion of a map of each block.
+
+        Empty blocks stay empty.
 
         Parameters
         ----------
         flat : pyvista.MultiBlock
-            Maps, in the order of the blocks.
-        scalars, **options
-            As of `VoxflatAccessor.measure`.
+            The maps, in the order of the blocks.
+        scalars : str, optional
+            Name of the array of an image. By default the active array, or the only one of each block.
+        **options : dict
+            As in `VoxflatAccessor.measure`.
 
         Returns
         -------
@@ -217,7 +270,11 @@ class BlocksAccessor:
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.measure`; the message names the block. Or if there are more or fewer maps.
+            As in `VoxflatAccessor.measure`, with the name of the block; or if the number of maps differs.
+
+        See Also
+        --------
+        VoxflatAccessor.measure : The same for a single dataset.
 
         Examples
         --------
@@ -230,47 +287,49 @@ class BlocksAccessor:
     if not TYPE_CHECKING:  # a type checker is to find that they are not there
 
         def __getattr__(self, name: str) -> object:
-            """Say why a verb is not one of several blocks."""
+            """Explain why an operation needs a single block."""
             if name not in _OF_ONE:
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute {name!r}")
             first = next(iter(self._blocks.keys()), "name")
-            raise AttributeError(f"{_OF_ONE[name]}: take a block, blocks[{first!r}].voxflat.{name}(...)")
+            raise AttributeError(f"{_OF_ONE[name]}. Call it on one block: blocks[{first!r}].voxflat.{name}(...)")
 
     def _made(
         self, verb: Callable[[Any, Any], pv.DataSet | pv.MultiBlock], beside: pv.MultiBlock | None = None
     ) -> pv.MultiBlock:
-        """Return what a verb makes of each block, and of what stands beside it in other blocks."""
+        """Apply an operation to each block, and to the block of the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
-            told = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
-            raise InputError(f"the maps are {told}; give a MultiBlock with one for each of {len(self._blocks)} blocks")
+            given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
+            raise InputError(
+                f"the maps are {given}. Give a MultiBlock with one map for each of the {len(self._blocks)} blocks"
+            )
         made = pv.MultiBlock()
         for number, (name, block) in enumerate(zip(self._blocks.keys(), self._blocks, strict=True)):
             one = None if beside is None else beside[number]
             if block is None:
                 made.append(None, name)
                 continue
-            made.append(_told(name, block, verb, one), name)
+            made.append(_applied(name, block, verb, one), name)
         return made
 
     def _named(self, verb: Callable[[Any], Any]) -> dict[str, Any]:
-        """Return what a verb makes of each block, by the blocks' names."""
+        """Apply an operation to each block; return the results by name."""
         found: dict[str, Any] = {}
         for name, block in zip(self._blocks.keys(), self._blocks, strict=True):
             if block is None:
                 continue
-            result = _told(name, block, verb)
+            result = _applied(name, block, verb)
             inner = {f"{name}/{key}": value for key, value in result.items()} if isinstance(result, dict) else None
             for key, value in (inner or {name: result}).items():
                 if key in found:
-                    raise InputError(f"two blocks are called {key!r}: give them names, blocks.set_block_name(1, ...)")
+                    raise InputError(f"two blocks have the name {key!r}. Rename one: blocks.set_block_name(1, ...)")
                 found[key] = value
         return found
 
 
-def _told(name: str, block: object, verb: Callable[..., _Found], *beside: object) -> _Found:
-    """Return what a verb makes of a block; errors name it."""
+def _applied(name: str, block: object, verb: Callable[..., _Found], *beside: object) -> _Found:
+    """Apply an operation to a block; errors name the block."""
     if not isinstance(block, pv.DataSet | pv.MultiBlock):
-        raise InputError(f"block {name!r} is a {type(block).__name__}, which has no surface; take it out")
+        raise InputError(f"block {name!r} is a {type(block).__name__}, which has no surface. Remove it")
     try:
         return verb(BlocksAccessor(block) if isinstance(block, pv.MultiBlock) else VoxflatAccessor(block), *beside)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Maps of PyVista in a browser."""
+"""Maps of PyVista as pages for a browser."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,8 +13,8 @@ _OWN = ("vertex_ids", "voxel_ids", "torn", "mesh_vertex_ids")
 
 
 @dataclass(frozen=True, eq=False)
-class _Sheet:
-    """What a page shows of a map."""
+class _PageMap:
+    """The part of a map that a page shows."""
 
     uv: NDArray[np.float64]
     points: NDArray[np.float64]
@@ -24,13 +24,13 @@ class _Sheet:
 
 
 def browser_page(flat: pv.PolyData, title: str) -> MapPage:
-    """Return a page with a map, its surface and all its arrays that have a number a point or a triangle."""
+    """Return a page with a map, its surface, and its numeric arrays."""
     surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
     plane = np.asarray(flat.points, dtype=np.float64)
     faces = np.asarray(flat.regular_faces)
     ids = next((flat.point_data[name] for name in _OWN[:2] if name in flat.point_data), np.arange(len(plane)))
     torn = flat.cell_data["torn"] if "torn" in flat.cell_data else np.zeros(len(faces))
-    sheet = _Sheet(
+    shown = _PageMap(
         plane[:, :2].copy(),
         surface,
         np.asarray(ids, dtype=np.int64),
@@ -38,10 +38,10 @@ def browser_page(flat: pv.PolyData, title: str) -> MapPage:
         np.asarray(torn, dtype=np.bool_),
     )
     of_points, of_triangles = _values(flat.point_data), _values(flat.cell_data)
-    return page_of(sheet, of_points, of_triangles, title, first=flat.active_scalars_name)
+    return page_of(shown, of_points, of_triangles, title, first=flat.active_scalars_name)
 
 
 def _values(data: pv.DataSetAttributes) -> dict[str, NDArray[Any]]:
-    """Return what can be shown of the points or the triangles: numbers."""
+    """Return the arrays that can be shown: one number per point or triangle."""
     arrays = {name: np.asarray(data[name]) for name in data if name not in _OWN}
     return {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "biuf"}

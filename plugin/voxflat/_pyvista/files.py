@@ -1,4 +1,4 @@
-"""Files of surfaces and maps for ``pyvista.read``, and flat maps for ``mesh.save`` (PyVista 0.48 and later)."""
+"""Readers for ``pyvista.read`` and writers for ``mesh.save``: surfaces and flat maps (PyVista 0.48 and later)."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ from voxflat.pipeline.surface import surface as _surface
 
 
 def read(path: str, *, surface: object | None = None) -> pv.PolyData:
-    """Read a surface, a patch or a saved map, as ``pyvista.read`` does with its files.
+    """Read a surface, a patch or a saved map for ``pyvista.read``.
 
     Examples
     --------
@@ -36,22 +36,22 @@ def read(path: str, *, surface: object | None = None) -> pv.PolyData:
 
 
 def write(dataset: pv.DataSet, path: str) -> None:
-    """Write a mesh as ``.surf.gii``, as ``mesh.save`` does with its files.
+    """Write a mesh as ``.surf.gii`` for ``mesh.save``.
 
-    `dataset`: of triangles. Of a map of a mesh the file has the mesh's own vertex numbers, as of `FlatMap.save`: where
-    a cut doubles a vertex, only one side of it is kept. Raises InputError if it is no surface of triangles, or no
-    ``.surf.gii``; OSError if it cannot be written.
+    `dataset` has triangles only. For the map of a mesh, the file keeps the vertex numbers of the mesh, as
+    `FlatMap.save` does; where a cut duplicates a vertex, only one side is kept. Raises InputError if the dataset is not
+    a surface of triangles or the name does not end in ``.surf.gii``, and OSError if the file cannot be written.
     """
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
             raise InputError(
-                f"is to hold {type(dataset).__name__}: give triangles, mesh.extract_surface().triangulate()"
+                f"cannot hold a {type(dataset).__name__}. Give triangles: mesh.extract_surface().triangulate()"
             )
         write_mesh(path, _of_map(dataset) if is_map(dataset) else _mesh(dataset.points, dataset.regular_faces))
 
 
 def _of_map(flat: pv.PolyData) -> Mesh:
-    """Return a flat map with the vertex numbers of the mesh that was flattened, if it is of one."""
+    """Return a flat map, with the vertex numbers of the mesh if a mesh was flattened."""
     told = json.loads(str(flat.field_data["voxflat"][0]))
     faces = np.asarray(flat.regular_faces)
     if "torn" in flat.cell_data:
@@ -68,7 +68,7 @@ def _mesh(points: Any, faces: Any) -> Mesh:
 
 def _refuse(path: str, surface: object | None) -> None:
     if surface is not None:
-        raise InputError(f"{path}: surface is given, but the file is no patch; leave it out")
+        raise InputError(f"{path}: surface is given, but the file is not a patch. Omit surface")
 
 
 def _polydata(mesh: Mesh) -> pv.PolyData:
@@ -83,7 +83,7 @@ def _patch(path: str, surface: object | None) -> pv.PolyData:
     if surface is None:
         name = Path(path).name
         raise InputError(
-            f"{name} is a patch, and its triangles are its surface's: pyvista.read({name!r}, surface='lh.white')"
+            f"{name} is a patch without triangles. Give its surface: pyvista.read({name!r}, surface='lh.white')"
         )
     whole = _surface(surface)
     row = np.full(whole.count, -1, dtype=np.int64)

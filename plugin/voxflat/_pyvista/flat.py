@@ -1,4 +1,4 @@
-"""Flat maps and pages as meshes of PyVista."""
+"""Flat maps and pages as PyVista meshes."""
 
 import json
 from typing import Any
@@ -22,21 +22,27 @@ from voxflat.unique_rows import in_rows
 def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
     """Return a flat map as a mesh in the plane z = 0, in mm.
 
+    The mesh has the measures of distortion as point and cell data.
+
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     picture_shape : tuple of ints
-        Height and width (its ``shape``) of the picture that the texture coordinates are for; by default a square one.
+        Shape of the image for which the texture coordinates are made. The default is a square image.
 
     Returns
     -------
     pyvista.PolyData
-        Point data ``distance_error`` (active), ``areal`` and ``angle``, cell data ``isometric``, ``quasi_conformal``
-        and ``flipped``: `voxflat.distortion.triangles` says what each is. Point data ``voxel_ids`` (i, j, k) or
-        ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates, by which a picture lies as in
-        `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``:
-        metadata and distortion figures, ``json.loads(mesh.field_data["voxflat"][0])``.
+        The mesh. Its point data are the active ``distance_error``, ``areal``, ``angle``, ``voxel_ids`` (i, j, k) or
+        ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates that place an image as `FlatMap.texture`
+        does. Its cell data are ``isometric``, ``quasi_conformal``, ``flipped`` and ``torn`` (the triangle bridges a gap
+        of the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat`` hold the
+        metadata and the distortion figures: ``json.loads(mesh.field_data["voxflat"][0])``.
+
+    See Also
+    --------
+    to_surface_polydata : The surface in space with the same data.
 
     Examples
     --------
@@ -48,17 +54,25 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
 
 
 def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
-    """Return the surface patch of a flat map as a mesh in space, RAS+ mm.
+    """Return the surface of a flat map as a mesh in space, in RAS+ mm.
+
+    Triangles that are torn bridge gaps of the surface.
 
     Parameters
     ----------
-    flat_map, picture_shape
-        As in `to_polydata`.
+    flat_map : FlatMap
+        A flat map.
+    picture_shape : tuple of ints
+        Shape of the image for which the texture coordinates are made. The default is a square image.
 
     Returns
     -------
     pyvista.PolyData
-        The same faces and data as in `to_polydata`. Faces that are torn reach across gaps in space.
+        The same triangles and data as in `to_polydata`.
+
+    See Also
+    --------
+    to_polydata : The flat map in the plane.
 
     Examples
     --------
@@ -72,20 +86,26 @@ def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (
 def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     """Return the page of an atlas as a mesh in the plane z = 0, in mm.
 
+    The patches lie side by side. The cells are the triangles of the surface, in the same order.
+
     Parameters
     ----------
     atlas : Atlas
-        An atlas, such as `voxflat.patches` returns.
+        An atlas, such as `voxflat.Surface.patches` returns.
     packing : {"boxes", "shapes"}
-        As in `Atlas.page`.
+        How patches are arranged, as in `Atlas.page`.
 
     Returns
     -------
     pyvista.PolyData
-        Its cells are the surface's triangles, in their order. Cell data ``patch`` (active), ``piece`` (not the
-        same where patches are glued), ``isometric`` (C), ``quasi_conformal`` (K) and ``areal`` (log2 of the areas'
-        ratio); point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates,
-        by which an image of the page lies on it; field data ``voxflat``: the metadata.
+        The mesh. Its cell data are the active ``patch``, ``piece`` (which differs from ``patch`` if patches are glued),
+        ``isometric`` (C), ``quasi_conformal`` (K) and ``areal`` (log2 of the ratio of areas). Its point data are
+        ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates for an image of the page.
+        The field data ``voxflat`` hold the metadata.
+
+    See Also
+    --------
+    to_polydata : A flat map as a mesh.
 
     Examples
     --------
@@ -105,10 +125,10 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     return mesh
 
 
-def to_judged_polydata(
+def to_measured_polydata(
     judged: JudgedMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
 ) -> pv.PolyData:
-    """Return a map that was judged as a mesh in the plane z = 0, in mm."""
+    """Return a map that was measured as a mesh in the plane z = 0, in mm."""
     mesh = triangles(_in_plane(judged.uv), judged.faces)
     mesh.point_data["voxel_ids" if in_voxels else "vertex_ids"] = ids
     mesh.point_data["surface_points"] = points
@@ -119,7 +139,7 @@ def to_judged_polydata(
 
 
 def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
-    """Return a surface that was cut open as a mesh in space, RAS+ mm."""
+    """Return a surface that was cut open as a mesh in space, in RAS+ mm."""
     whole = done.surface
     mesh = triangles(whole.points, whole.faces)
     named = np.asarray if point_ids is None else point_ids.__getitem__
@@ -148,24 +168,24 @@ def _in_plane(uv: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def is_map(mesh: pv.DataSet) -> bool:
-    """Say whether a dataset is a flat map or a page of ours, which knows its place on the surface."""
+    """Return whether a dataset is a flat map or a page that voxflat made, with its positions on the surface."""
     return isinstance(mesh, pv.PolyData) and "voxflat" in mesh.field_data and "surface_points" in mesh.point_data
 
 
 def _add_figures(mesh: pv.PolyData, atlas: Atlas) -> None:
-    """Add to each triangle which patch it belongs to, and how much it is distorted."""
+    """Add the patch and the distortion of each triangle."""
     mesh.cell_data["patch"] = atlas.patch_ids
     mesh.cell_data["piece"] = atlas.piece_ids
     for name in FIGURES:
         mesh.cell_data[name] = getattr(atlas, name)
     with np.errstate(divide="ignore"):
-        mesh.cell_data["areal"] = np.log2(atlas.areal)  # as of maps
+        mesh.cell_data["areal"] = np.log2(atlas.areal)  # as in flat maps
 
 
 def _add_measures(
     mesh: pv.PolyData, distortion: Distortion, points: NDArray[np.float64], uv: NDArray[np.float64]
 ) -> None:
-    """Add what the map does to each point and triangle."""
+    """Add the distortion of each point and triangle."""
     of_points, of_triangles = measure_arrays(distortion, points, np.asarray(mesh.regular_faces), uv)
     for name, array in of_points.items():
         mesh.point_data[name] = array

@@ -1,4 +1,4 @@
-"""Images of PyVista as volumes."""
+"""PyVista images as volumes."""
 
 from typing import Any
 
@@ -18,8 +18,8 @@ def volume_of(mesh: pv.DataSet, scalars: str | None = None) -> Volume:
     colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
     if values.ndim > 1 and not colours:
         raise InputError(
-            f"array {scalars or image.active_scalars_name!r} has {values.shape[1]} components; "
-            "give an array with one value a voxel"
+            f"array {scalars or image.active_scalars_name!r} has {values.shape[1]} components. "
+            "Give an array with one value per voxel"
         )
     return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
 
@@ -28,7 +28,7 @@ def _image(mesh: pv.DataSet) -> pv.ImageData:
     if isinstance(mesh, pv.ImageData):
         return mesh
     raise InputError(
-        f"{type(mesh).__name__}: a mesh is flattened as it is, and has no volume; resample it onto an image by "
+        f"{type(mesh).__name__}: only an ImageData is a volume. Resample the mesh onto an image with "
         "pyvista.ImageData(...).sample(mesh)"
     )
 
@@ -41,16 +41,17 @@ def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:
         name = image.active_scalars_name or (names[0] if len(names) == 1 else None)
     if name is None or name not in names:
         there = f"the image has the arrays {', '.join(names)}" if names else "the image has no array"
-        raise InputError(f"{'scalars are not given' if name is None else f'there is no array {name!r}'}; {there}")
+        wrong = "scalars are not given" if name is None else f"there is no array {name!r}"
+        raise InputError(f"{wrong}. Give the name of an array as scalars: {there}")
     if names.count(name) > 1:
-        raise InputError(f"points and cells both have an array {name!r}; rename or remove one of them")
+        raise InputError(f"points and cells both have an array {name!r}. Rename or remove one of them")
     return np.asarray((points if name in points else cells)[name]), name not in points
 
 
 def _grid(image: pv.ImageData, in_cells: bool) -> tuple[tuple[int, ...], NDArray[np.float64]]:
-    """Return the number of voxels along each axis, and the affine from voxel indices to the image's coordinates."""
+    """Return the number of voxels along each axis, and the affine from voxel indices to coordinates of the image."""
     size = np.asarray(image.dimensions)
-    first = np.asarray(image.extent[::2], dtype=np.float64)  # VTK's own indices may start elsewhere than at 0
+    first = np.asarray(image.extent[::2], dtype=np.float64)  # VTK's indices need not start at 0
     if in_cells:
         first += np.where(size > 1, 0.5, 0.0)  # a cell's centre lies half a cell inside
         size = np.maximum(size - 1, 1)

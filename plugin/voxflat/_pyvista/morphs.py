@@ -1,4 +1,4 @@
-"""Unfolding: what lies between a surface and its map."""
+"""The animation that unfolds a surface into its map."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -16,22 +16,26 @@ from voxflat.maps.laying import laid
 
 
 class Morph(Sequence[pv.PolyData]):
-    """A surface that is unfolded into its map, frame by frame.
+    """A sequence of meshes from a surface to its flat map.
 
-    Each point runs straight from its place on the surface to its place on the map, which is turned and moved, not
-    scaled, to where this is shortest for all (the least sum of squares).
+    Each point moves on a straight line from its position on the surface to its position on the map. The map is rotated
+    and translated, but not scaled, so that the sum of the squared distances is minimal.
 
     Parameters
     ----------
     flat : pyvista.PolyData
-        The map; it stays as it is.
+        The flat map, which is not modified.
     n : int
-        How many frames, both ends included.
+        Number of frames, both ends included.
 
     Raises
     ------
     InputError
         If there are fewer than two frames.
+
+    See Also
+    --------
+    VoxflatAccessor.morph : Make a `Morph` of a mesh.
 
     Examples
     --------
@@ -43,7 +47,7 @@ class Morph(Sequence[pv.PolyData]):
 
     def __init__(self, flat: pv.PolyData, n: int = 25) -> None:
         if not is_whole(n) or n < 2:
-            raise InputError(f"n is {n!r}; give at least 2 frames")
+            raise InputError(f"n is {n!r}. Give at least 2 frames")
         self._flat, self._n = flat, int(n)
         self._surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
         self._turn, self._laid = laid(np.asarray(flat.points, dtype=np.float64), self._surface)
@@ -60,7 +64,7 @@ class Morph(Sequence[pv.PolyData]):
     @overload
     def __getitem__(self, number: slice) -> list[pv.PolyData]: ...
     def __getitem__(self, number: int | slice) -> pv.PolyData | list[pv.PolyData]:
-        """Return a frame: the first is the surface, the last the map."""
+        """Return a frame. The first one is the surface, the last one is the map."""
         if isinstance(number, slice):
             return [self[one] for one in range(*number.indices(self._n))]
         return self.at(range(self._n)[number] / (self._n - 1))
@@ -70,22 +74,28 @@ class Morph(Sequence[pv.PolyData]):
         return (self[number] for number in range(self._n))
 
     def at(self, share: float) -> pv.PolyData:
-        """Return the mesh after a share of the way.
+        """Return the mesh between the surface and the map.
+
+        The mesh has all data of the map.
 
         Parameters
         ----------
         share : float
-            From 0, the surface, to 1, the map.
+            Position between the surface (0) and the map (1).
 
         Returns
         -------
         pyvista.PolyData
-            With all data of the map.
+            The mesh at this position.
 
         Raises
         ------
         InputError
-            If the share is another.
+            If the share is outside 0 to 1.
+
+        See Also
+        --------
+        plot : Show the morph with a slider.
 
         Examples
         --------
@@ -94,7 +104,7 @@ class Morph(Sequence[pv.PolyData]):
         121
         """
         if not is_number(share) or not 0 <= share <= 1:
-            raise InputError(f"the share is {share!r}; give 0, the surface, to 1, the map")
+            raise InputError(f"the share is {share!r}. Give a number from 0 (the surface) to 1 (the map)")
         frame: pv.PolyData = self._flat.copy(deep=False)
         frame.SetPoints(pv.vtk_points(self._places(share)))
         return frame
@@ -110,22 +120,40 @@ class Morph(Sequence[pv.PolyData]):
         screenshot: str | os.PathLike[str] | None = None,
         show: bool = True,
     ) -> pv.Plotter:
-        """Show it, with a slider from the surface to the map.
+        """Show the morph, with a slider from the surface to the map.
+
+        The camera faces the flat map; the surface is turned towards it as closely as possible.
 
         Parameters
         ----------
-        scalars, cmap, clim, window_size, off_screen, screenshot, show
-            As of `VoxflatAccessor.plot`.
+        scalars : str, optional
+            Name of the array to show. By default the active array.
+        cmap : str, optional
+            Name of the colour map. By default the usual one of the measure.
+        clim : tuple of 2 floats, optional
+            Values at both ends of the colour bar.
+        window_size : tuple of 2 ints
+            Width and height of the window, in pixels.
+        off_screen : bool, optional
+            Render without a window. By default PyVista's setting is used.
+        screenshot : path, optional
+            File to which a screenshot is written.
+        show : bool
+            Show the plot now.
 
         Returns
         -------
         pyvista.Plotter
-            Closed if it was shown.
+            The plotter, which is closed if the plot was shown.
 
         Raises
         ------
         InputError
             If the map has no such array.
+
+        See Also
+        --------
+        save : Write the morph as a movie.
 
         Examples
         --------
@@ -141,7 +169,7 @@ class Morph(Sequence[pv.PolyData]):
             "fmt": "%.2f",
             "interaction_event": "always",
         }
-        plotter.add_slider_widget(moved, [0, 1], value=0, title="from surface to map", color="black", **style)
+        plotter.add_slider_widget(moved, [0, 1], value=0, title="from the surface to the map", color="black", **style)
         if show or screenshot is not None:
             plotter.show(screenshot=False if screenshot is None else os.fspath(screenshot))
         return view
@@ -157,27 +185,37 @@ class Morph(Sequence[pv.PolyData]):
         window_size: tuple[int, int] = (800, 800),
         progress_bar: bool = False,
     ) -> None:
-        """Write a film that goes from the surface to the map and back.
+        """Write a movie from the surface to the map and back.
+
+        The frames are those of the sequence, first forwards, then backwards.
 
         Parameters
         ----------
         path : path
-            ``.gif`` or ``.mp4``, as `voxflat.figures.save_movie` writes it.
-        scalars, cmap, clim
-            As of `VoxflatAccessor.plot`.
+            Name of the file, which ends in ``.gif`` or ``.mp4``.
+        scalars : str, optional
+            Name of the array to show. By default the active array.
         fps : float
-            Frames a second.
+            Frames per second.
+        cmap : str, optional
+            Name of the colour map. By default the usual one of the measure.
+        clim : tuple of 2 floats, optional
+            Values at both ends of the colour bar.
         window_size : tuple of 2 ints
-            Pixels, even numbers.
+            Width and height in pixels: even numbers.
         progress_bar : bool
-            Show how far it is.
+            Show a progress bar.
 
         Raises
         ------
         InputError
-            If the ending is another, or a package is missing.
+            If the file has another ending, or a package is missing.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        voxflat.figures.save_movie : Write other movies.
 
         Examples
         --------
@@ -187,15 +225,15 @@ class Morph(Sequence[pv.PolyData]):
         from voxflat.figures.files import check_movie, save_movie  # brings in matplotlib
 
         if not is_number(fps) or not 0 < fps <= 100:
-            raise InputError(f"fps is {fps!r}; give a number of frames a second, up to 100")
+            raise InputError(f"fps is {fps!r}. Give a number of frames per second, up to 100")
         if any(side % 2 for side in window_size):
-            raise InputError(f"window_size is {window_size}; give even numbers of pixels for a film")
+            raise InputError(f"window_size is {window_size}. Give even numbers of pixels for a movie")
         check_movie(path)
         plotter, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=True)
         shares = [number / (self._n - 1) for number in [*range(self._n), *range(self._n - 2, 0, -1)]]
         try:
             with shown(progress_bar, None) as progress:
-                save_movie(_Film(plotter, moved, shares, float(fps)), path, progress=progress)
+                save_movie(_Frames(plotter, moved, shares, float(fps)), path, progress=progress)
         finally:
             plotter.close()
 
@@ -205,7 +243,7 @@ class Morph(Sequence[pv.PolyData]):
     def _view(
         self, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
     ) -> tuple[pv.Plotter, Callable[[float], None]]:
-        """Return a plotter that shows the surface, and what moves it; all of it stays in sight."""
+        """Return a plotter that shows the surface, and a function that moves its points; all positions are in view."""
         what = Shown.of(self._flat, scalars, cmap, clim)
         plotter: Any = pv.Plotter(**how)
         plotter.set_background("white")
@@ -221,8 +259,8 @@ class Morph(Sequence[pv.PolyData]):
         return plotter, moved
 
 
-class _Film:
-    """Pictures of a plotter, one a share of the way."""
+class _Frames:
+    """Screenshots of a plotter, one for each share."""
 
     def __init__(self, plotter: pv.Plotter, moved: Callable[[float], None], shares: list[float], rate: float) -> None:
         self._plotter, self._moved, self._shares = plotter, moved, shares

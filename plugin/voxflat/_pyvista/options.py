@@ -1,4 +1,4 @@
-"""The options of ``mesh.voxflat(...)``, as type checkers and editors know them."""
+"""The options of ``mesh.voxflat(...)``, for type checkers and editors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from voxflat.methods import Method
 from voxflat.methods.method import Rows
 
 Seed: TypeAlias = "int | Sequence[int] | Sequence[float] | ArrayLike | pv.Cell"
-"""A place on a dataset: the number of a point, a position (three floats), or a cell; of images a voxel, too."""
+"""A seed point of a dataset: a point number, a position (three floats) or a cell; in an image also a voxel."""
 
 
 class PlaceOptions(TypedDict, total=False):
-    """What of an image is foreground, as in `voxflat.surface`, and run control."""
+    """Options that select the foreground of an image, as in `voxflat.surface`, and control the run."""
 
     label: int | None
     threshold: float | None
@@ -27,13 +27,13 @@ class PlaceOptions(TypedDict, total=False):
 
 
 class SurfaceOptions(PlaceOptions, total=False):
-    """The same, and the unit of a mesh."""
+    """The same options, and the unit of a mesh."""
 
     unit: str | None
 
 
 class PartOptions(SurfaceOptions, total=False):
-    """Which part of a surface: `Surface.keep`, `drop`, `disk` and `polygon`."""
+    """Options that choose a part of the surface: `Surface.keep`, `drop`, `disk` and `polygon`."""
 
     keep: object | None
     drop: object | None
@@ -43,7 +43,7 @@ class PartOptions(SurfaceOptions, total=False):
 
 
 class CutOptions(PartOptions, total=False):
-    """Where it is cut, as in `Surface.cut`."""
+    """Options that place the cuts, as in `Surface.cut`."""
 
     cuts: object | None
     sphere: object | None
@@ -52,7 +52,7 @@ class CutOptions(PartOptions, total=False):
 
 
 class FlattenOptions(CutOptions, total=False):
-    """How it is flattened, as in `Surface.flatten`."""
+    """Options of the flattening, as in `Surface.flatten`."""
 
     method: str | Method
     mirror: bool

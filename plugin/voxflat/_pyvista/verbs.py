@@ -1,4 +1,4 @@
-"""The verbs of ``mesh.voxflat`` that compute: maps, distances, patches, cuts, figures."""
+"""The operations of ``mesh.voxflat``: maps, distances, patches, cuts and measures."""
 
 from __future__ import annotations
 
@@ -11,9 +11,16 @@ import pyvista as pv
 import scipy
 
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.flat import is_map, to_cut_polydata, to_judged_polydata, to_page_polydata, to_polydata, triangles
-from voxflat._pyvista.given import Given
-from voxflat._pyvista.judged import rows_of
+from voxflat._pyvista.flat import (
+    is_map,
+    to_cut_polydata,
+    to_measured_polydata,
+    to_page_polydata,
+    to_polydata,
+    triangles,
+)
+from voxflat._pyvista.given_maps import rows_of
+from voxflat._pyvista.inputs import Inputs
 from voxflat.arguments import Progress, checked_choice, log
 from voxflat.errors import InputError
 from voxflat.judging.measure import compare
@@ -28,8 +35,8 @@ if TYPE_CHECKING:
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed, SurfaceOptions
 
 
-class Verbs(Given):
-    """What is computed on a dataset."""
+class Verbs(Inputs):
+    """The operations on a dataset that compute something."""
 
     def __call__(
         self,
@@ -39,47 +46,47 @@ class Verbs(Given):
         progress_bar: bool = False,
         **options: Unpack[FlattenOptions],
     ) -> pv.PolyData | pv.MultiBlock:
-        """Flatten the mesh, or a surface of the image, into the plane z = 0.
+        """Flatten the mesh, or the surface of the image, into the plane z = 0.
 
-        `scalars`: for images the name of the array; by default the active one, or the only one. `components`: flatten
-        the "largest" connected component of a mesh, or "all" of them, each on its own: then a MultiBlock is returned,
-        whose blocks "component 1", "component 2", ... are ordered by area. `progress_bar`: show how far it is.
-        `**options`: ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in
-        `flatten`. Returns: as from `to_polydata`; of a mesh, the arrays of its points, its cells and its field are
-        carried over, and ``vertex_ids`` are numbers of its points. An array whose name the map has for its own gets
-        ``mesh_`` before it, with a warning. Raises InputError, Cancelled: as in `flatten`.
+        `scalars` is the name of an array of an image; by default the active array, or the only one. `components`
+        flattens the "largest" connected component of a mesh, or "all" of them one by one; the result is then a
+        MultiBlock whose blocks "component 1", "component 2", ... are ordered by area. `progress_bar` shows a progress
+        bar. `**options` are those of `flatten`. The result is that of `to_polydata`. For a mesh, the point, cell and
+        field data are copied to the map, and ``vertex_ids`` are point numbers of the mesh. If the map has an array of
+        the same name, the array of the mesh gets the prefix ``mesh_``, and a warning reports it. Raises InputError and
+        Cancelled as `flatten`.
         """
         if checked_choice(components, "components", ("largest", "all")) == "all":
             return self._components(scalars, progress_bar, options)
         if self._is_image:
             return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))
-        skin = self._skin(scalars)
+        extracted = self._extracted(scalars)
         flat_map = self.flatten(scalars, progress_bar=progress_bar, **options)
         flat = to_polydata(flat_map)
-        flat.point_data["vertex_ids"] = skin.point_ids[flat_map.ids]
+        flat.point_data["vertex_ids"] = extracted.point_ids[flat_map.ids]
         told = {**flat_map.description(), "vertices": self._mesh.n_points}  # as vertex_ids count them
         flat.field_data["voxflat"] = [json.dumps(told)]
-        skin.carry(flat, flat_map.ids)
+        extracted.carry(flat, flat_map.ids)
         flat.set_active_scalars("distance_error", preference="point")
         return flat
 
     def _components(self, scalars: str | None, progress_bar: bool, options: FlattenOptions) -> pv.MultiBlock:
-        """Flatten each connected component; those that cannot be flattened are left out with a warning."""
+        """Flatten each connected component; a warning reports those that cannot be flattened."""
         if "keep" in options:
-            raise InputError("components='all' and keep cannot be combined: leave one of them out")
-        skin = self._skin(scalars)
-        corners = np.asarray(skin.mesh.regular_faces, dtype=np.int64)
+            raise InputError("components='all' and keep cannot be combined. Omit one of them")
+        extracted = self._extracted(scalars)
+        corners = np.asarray(extracted.mesh.regular_faces, dtype=np.int64)
         links = scipy.sparse.coo_array(
             (np.ones(2 * len(corners)), (corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel())),
-            shape=(skin.mesh.n_points,) * 2,
+            shape=(extracted.mesh.n_points,) * 2,
         )
         _, of_points = scipy.sparse.csgraph.connected_components(links, directed=False)
-        areas = skin.mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"]
+        areas = extracted.mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"]
         total = np.bincount(of_points[corners[:, 0]], areas)
         found = pv.MultiBlock()
         for number, component in enumerate(np.argsort(-total)[: np.count_nonzero(total)].tolist(), 1):
             mask = np.zeros(self._mesh.n_points, dtype=np.bool_)
-            mask[skin.point_ids[of_points == component]] = True
+            mask[extracted.point_ids[of_points == component]] = True
             name = f"component {number}"
             try:
                 given: FlattenOptions = {**options, "keep": mask}
@@ -93,35 +100,42 @@ class Verbs(Given):
     def flatten(
         self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
     ) -> FlatMap:
-        """Flatten the mesh, or a surface of the image.
+        """Return the flat map of the mesh, or of the surface of the image.
+
+        The options choose the foreground of an image, a part of the surface, its cuts and the method.
 
         Parameters
         ----------
         scalars : str, optional
-            For images the name of the array; by default the active one, or the only one.
+            Name of the array of an image. By default the active array, or the only one.
         progress_bar : bool
-            Show how far it is.
-        **options
-            For images ``label=3`` or ``threshold=0.5`` say what is foreground, as in `voxflat.surface`. ``keep``,
+            Show a progress bar.
+        **options : dict
+            ``label=3`` or ``threshold=0.5`` selects the foreground of an image, as in `voxflat.surface`. ``keep``,
             ``drop``, ``seed_point`` with ``radius=45.0`` (mm) and ``polygon`` choose a part, as the methods of
-            `Surface` do. A seed is the number of a point, a cell (``mesh.get_cell(9)``) or a position of three floats;
-            of images a voxel (i, j, k) or a position. So are the corners of a ``polygon`` and the sources of a method.
-            ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images. All others are the
-            keyword arguments of `Surface.flatten`. Voxel indices count from 0 at the image's first point or cell;
-            `voxel_at` finds them from coordinates.
+            `Surface` do. A seed point is a point number, a cell (``mesh.get_cell(9)``) or a position of three floats;
+            in an image it is a voxel (i, j, k) or a position. The same holds for the corners of a ``polygon`` and the
+            sources of a method. ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images.
+            All other options are the keyword arguments of `Surface.flatten`. Voxel indices count from 0 at the first
+            point or cell of the image; `voxel_at` finds them from coordinates.
 
         Returns
         -------
         FlatMap
-            Its ids are those of `surface`, which is a mesh of triangles itself.
+            The map. Its ids are those of `surface`.
 
         Raises
         ------
         InputError
-            If the dataset has no surface, the array is missing or has several components, or `voxflat.flatten` refuses
-            it; the message says what to do.
+            If the dataset has no surface, the array is missing or has several components, or `voxflat.flatten` cannot
+            flatten it. The message tells what to do.
         Cancelled
             As in `voxflat.flatten`.
+
+        See Also
+        --------
+        voxflat.flatten : The same for arrays and files.
+        surface : The surface that is flattened.
 
         Examples
         --------
@@ -137,59 +151,74 @@ class Verbs(Given):
         return found
 
     def surface(self, scalars: str | None = None, **options: Unpack[SurfaceOptions]) -> pv.PolyData:
-        """Return the surface that is flattened.
+        """Return the surface that `flatten` flattens.
+
+        The surface of an image lies between its foreground and background voxels.
 
         Parameters
         ----------
         scalars : str, optional
-            For images the name of the array; by default the active one, or the only one.
-        **options
+            Name of the array of an image. By default the active array, or the only one.
+        **options : dict
             ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
 
         Returns
         -------
         pyvista.PolyData
-            Of triangles. Point data ``vertex_ids``, numbers of the dataset's points, or ``voxel_ids`` (i, j, k).
+            Triangles, with the point data ``vertex_ids`` (point numbers of the dataset) or ``voxel_ids`` (i, j, k).
 
         Raises
         ------
         InputError, Cancelled
             As in `voxflat.surface`.
 
+        See Also
+        --------
+        check : Whether the surface can be flattened.
+
         Examples
         --------
         >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
         162
         """
-        whole = surface(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
+        whole = surface(self.volume(scalars) if self._is_image else self._extracted(scalars).mesh, **options)
         mesh = triangles(whole.points, whole.faces)
-        ids = whole.ids if self._is_image else self._skin(scalars).point_ids[whole.ids]
+        ids = whole.ids if self._is_image else self._extracted(scalars).point_ids[whole.ids]
         mesh.point_data["voxel_ids" if self._is_image else "vertex_ids"] = ids
         return mesh
 
     def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> Check:
-        """Say whether the surface can be flattened, and what to do.
+        """Report whether the surface can be flattened.
+
+        The report also proposes what to do if it cannot be flattened as it is.
 
         Parameters
         ----------
-        scalars, **options
+        scalars : str, optional
+            Name of the array of an image. By default the active array, or the only one.
+        **options : dict
             As in `surface`.
 
         Returns
         -------
         Check
+            Components, holes, handles, and the effect of each remedy.
 
         Raises
         ------
         InputError, Cancelled
             As in `voxflat.check`.
 
+        See Also
+        --------
+        voxflat.check : The same for arrays and files.
+
         Examples
         --------
         >>> pv.Plane().voxflat.check().can_flatten
         True
         """
-        return check(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
+        return check(self.volume(scalars) if self._is_image else self._extracted(scalars).mesh, **options)
 
     def geodesic(
         self,
@@ -201,27 +230,33 @@ class Verbs(Given):
     ) -> pv.DataSet:
         """Measure distances along the surface of a mesh.
 
+        The result holds the distance of each point from its nearest source.
+
         Parameters
         ----------
         sources : int, position, pyvista.Cell, or several of them
-            Numbers of points; positions, of three floats, of which the nearest point is taken; or cells.
+            Point numbers, positions of three floats (the nearest point is used), or cells.
         method : {"graph", "marching", "exact"}
-            What measures them, as ``geodesic`` of `Surface.geodesic`.
+            How distances are measured: the parameter ``geodesic`` of `Surface.geodesic`.
         progress_bar : bool
-            Show how far it is.
+            Show a progress bar.
         progress : callable, optional
-            As in `Surface.geodesic`.
+            A function that is called with the progress, as in `Surface.geodesic`.
 
         Returns
         -------
         pyvista.DataSet
-            A copy of the mesh with point data ``geodesic_distance`` (active): from the nearest source, in the mesh's
-            unit; NaN where no way leads, or no surface is. Points that were merged with another have its distance.
+            A copy of the mesh with the active point data ``geodesic_distance``, in the unit of the mesh. The distance
+            is NaN at points that cannot be reached or are not on the surface.
 
         Raises
         ------
         InputError, Cancelled
             As in `Surface.geodesic`.
+
+        See Also
+        --------
+        path : The shortest path between points.
 
         Examples
         --------
@@ -229,51 +264,60 @@ class Verbs(Given):
         >>> distances["geodesic_distance"].shape
         (162,)
         """
-        skin = self._skin(None)
-        numbers = np.atleast_1d(skin.points(sources, "sources"))
+        extracted = self._extracted(None)
+        numbers = np.atleast_1d(extracted.points(sources, "sources"))
         with shown(progress_bar, progress) as told:
-            whole = surface(skin.mesh, progress=told)
+            whole = surface(extracted.mesh, progress=told)
             rows = whole.geodesic(numbers, geodesic=method, progress=told)
         nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
         measured = self._mesh.copy(deep=False)
         distances = np.full(self._mesh.n_points, np.nan)
-        distances[skin.point_ids[rows.ids]] = np.where(np.isfinite(nearest), nearest, np.nan)
-        merged, one = skin.point_ids[whole.merged].T
+        distances[extracted.point_ids[rows.ids]] = np.where(np.isfinite(nearest), nearest, np.nan)
+        merged, one = extracted.point_ids[whole.merged].T
         distances[merged] = distances[one]
         measured.point_data["geodesic_distance"] = distances
         measured.set_active_scalars("geodesic_distance", preference="point")
         return measured
 
     def path(self, a: Seed, b: Seed, *further: Seed, method: str = "exact") -> pv.PolyData:
-        """Find the shortest path over the surface of a mesh.
+        """Find the shortest path along the surface of a mesh.
+
+        The path may lead through more than two points, in the given order.
 
         Parameters
         ----------
-        a, b, *further : int, position or pyvista.Cell
-            The ends, and further stops after `b`, each as a source of `geodesic`.
+        a, b : int, position or pyvista.Cell
+            The first and second point of the path, each as a source of `geodesic`.
+        *further : int, position or pyvista.Cell
+            More points, after `b`.
         method : {"exact", "graph", "marching", "edges"}
-            As ``geodesic`` of `Surface.path`.
+            How the path is found: the parameter ``geodesic`` of `Surface.path`.
 
         Returns
         -------
         pyvista.PolyData
-            A line. Point data ``vertex_ids`` (-1 where it crosses an edge); field data ``length``, in the mesh's unit.
+            A line with the point data ``vertex_ids`` (-1 where the path crosses an edge) and the field data ``length``,
+            in the unit of the mesh.
 
         Raises
         ------
         InputError
             As in `Surface.path`.
 
+        See Also
+        --------
+        geodesic : Distances from points to all others.
+
         Examples
         --------
         >>> pv.Icosphere(nsub=2).voxflat.path(0, 11).n_points > 1
         True
         """
-        skin = self._skin(None)
-        stops = [skin.point(stop, "stops") for stop in (a, b, *further)]
-        found = surface(skin.mesh).path(*stops, geodesic=method)
+        extracted = self._extracted(None)
+        stops = [extracted.point(stop, "stops") for stop in (a, b, *further)]
+        found = surface(extracted.mesh).path(*stops, geodesic=method)
         line: pv.PolyData = pv.MultipleLines(found.points)
-        line.point_data["vertex_ids"] = np.where(found.ids >= 0, skin.point_ids[found.ids], -1)
+        line.point_data["vertex_ids"] = np.where(found.ids >= 0, extracted.point_ids[found.ids], -1)
         line.field_data["length"] = [found.length]
         return line
 
@@ -291,85 +335,103 @@ class Verbs(Given):
         progress_bar: bool = False,
         **options: Unpack[PlaceOptions],
     ) -> pv.PolyData:
-        """Flatten the mesh, or a surface of the image, in patches with a certificate.
+        """Flatten the mesh, or the surface of the image, in certified patches.
+
+        The distortion of each patch has a proven bound, for a surface of any topology.
 
         Parameters
         ----------
         max_angle : float, optional
-            Greatest inclination to a patch's plane, degrees; by default 10.
+            Greatest angle between a triangle and the plane of its patch, in degrees. The default is 10.
         scalars : str, optional
-            For images the name of the array; by default the active one, or the only one.
-        bound, count, seeds, seed
-            As in `Surface.patches`.
+            Name of the array of an image. By default the active array, or the only one.
+        bound : float, optional
+            Greatest factor by which a length may change, as in `Surface.patches`.
+        count : int, optional
+            Number of patches, as in `Surface.patches`.
         glue : float, optional
-            Glue the patches within this bound on C, as `FlatAtlas.glue` does.
+            Glue the patches within this bound on C, as in `FlatAtlas.glue`.
         packing : {"boxes", "shapes"}
-            How the page is packed, as in `Atlas.page`.
+            How patches are arranged on the page, as in `Atlas.page`.
+        seeds : {"curvature", "flattest", "random"}
+            Where patches begin to grow, as in `Surface.patches`.
+        seed : int
+            Seed of the random numbers.
         progress_bar : bool
-            Show how far it is.
-        **options
-            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `Surface.patches`.
+            Show a progress bar.
+        **options : dict
+            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
 
         Returns
         -------
         pyvista.PolyData
-            The page, as from `to_page_polydata`, with ``patch``, ``piece``, ``isometric``, ``quasi_conformal`` and
-            ``areal`` of its triangles; of a mesh all arrays are carried over, as by a call of the accessor.
-            ``page.points = page["surface_points"]`` lays it back into space.
+            The page of all patches, as from `to_page_polydata`, with the cell data ``patch``, ``piece``, ``isometric``,
+            ``quasi_conformal`` and ``areal``. The arrays of a mesh are copied, as by a call of the accessor.
+            ``page.points = page["surface_points"]`` moves the page back into space.
 
         Raises
         ------
         InputError, Cancelled
             As in `Surface.patches`.
+
+        See Also
+        --------
+        voxflat.Surface.patches : The same as a `FlatAtlas`.
 
         Examples
         --------
         >>> pv.Icosphere(nsub=2).voxflat.patches(max_angle=20).n_cells
         320
         """
-        skin = None if self._is_image else self._skin(scalars)
+        extracted = None if self._is_image else self._extracted(scalars)
         given: dict[str, Any] = {**options}
         how: dict[str, Any] = {"bound": bound, "count": count, "seeds": seeds, "seed": seed}
         with shown(progress_bar, given.pop("progress", None)) as progress:
-            whole = surface(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **given)
+            whole = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **given)
             how |= {"threads": given.get("threads"), "progress": progress}
             atlas = whole.patches(max_angle, **how)
             glued = atlas if glue is None else atlas.glue(glue, threads=given.get("threads"), progress=progress)
         page = to_page_polydata(glued, packing=packing)
-        if skin is not None:
+        if extracted is not None:
             ids = np.asarray(page.point_data["vertex_ids"], dtype=np.int64)
-            page.point_data["vertex_ids"] = skin.point_ids[ids]
-            skin.carry(page, ids)
+            page.point_data["vertex_ids"] = extracted.point_ids[ids]
+            extracted.carry(page, ids)
             page.set_active_scalars("patch", preference="cell")
         return page
 
     def cut(
         self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[CutOptions]
     ) -> pv.PolyData:
-        """Cut the surface open, as it is before it is flattened.
+        """Cut the surface open, without flattening it.
+
+        A call of the accessor on the result flattens it along these cuts.
 
         Parameters
         ----------
         scalars : str, optional
-            For images the name of the array; by default the active one, or the only one.
+            Name of the array of an image. By default the active array, or the only one.
         progress_bar : bool
-            Show how far it is.
-        **options
-            ``cuts``, ``relax``, ``keep``, ``seed_point``, ``radius`` and others as in `Surface.cut`; seeds as in
-            `flatten`.
+            Show a progress bar.
+        **options : dict
+            ``cuts``, ``relax``, ``keep``, ``seed_point``, ``radius`` and others, as in `Surface.cut`; seed points are
+            given as in `flatten`.
 
         Returns
         -------
         pyvista.PolyData
-            The surface in space, with two points wherever it is cut. Point data ``cut`` (active): the number of the cut
-            on which a point lies, from 0, else -1; ``vertex_ids`` or ``voxel_ids``. Of a mesh all arrays are carried
-            over. Field data ``voxflat``: ``cuts`` with ``ids``, ``length`` (mm), ``reason`` and ``name`` each, and
-            ``remarks``.
+            The surface in space, with two points wherever it is cut, and all arrays of a mesh. The active point data
+            ``cut`` hold the number of the cut on which a point lies, counted from 0, or -1. ``vertex_ids`` or
+            ``voxel_ids`` identify the points. The field data ``voxflat`` list the ``cuts``, each with ``ids``,
+            ``length`` (mm), ``reason`` and ``name``, and the ``remarks``.
 
         Raises
         ------
         InputError, Cancelled
             As in `Surface.cut`.
+
+        See Also
+        --------
+        flatten : Cut the surface and flatten it.
 
         Examples
         --------
@@ -378,13 +440,13 @@ class Verbs(Given):
         >>> flat = opened.voxflat()  # the map with these cuts
         >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
         """
-        skin = None if self._is_image else self._skin(scalars)
+        extracted = None if self._is_image else self._extracted(scalars)
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
             done = self._part(scalars, given, progress).cut(progress=progress, **given)
-        mesh = to_cut_polydata(done, None if skin is None else skin.point_ids)
-        if skin is not None:
-            skin.carry(mesh, done.surface.ids)
+        mesh = to_cut_polydata(done, None if extracted is None else extracted.point_ids)
+        if extracted is not None:
+            extracted.carry(mesh, done.surface.ids)
             mesh.set_active_scalars("cut", preference="point")
         return mesh
 
@@ -399,57 +461,67 @@ class Verbs(Given):
         progress_bar: bool = False,
         **options: Unpack[PlaceOptions],
     ) -> pv.PolyData:
-        """Measure a flat map of the surface, whoever made it.
+        """Measure the distortion of a flat map of the surface.
+
+        The map may come from any tool.
 
         Parameters
         ----------
         flat : pyvista.PolyData, FlatMap, path, or array_like of shape (n_points, 2)
-            A map of this accessor, with its cuts; one of any tool with as many points as the dataset; or another map,
-            as in `voxflat.measure`.
+            A map of this accessor, with its cuts; a map of any tool with as many points as the dataset; or any other
+            map that `voxflat.measure` accepts.
         scalars : str, optional
-            For images the name of the array; by default the active one, or the only one.
-        sources, reference, seed
-            As in `voxflat.measure`.
+            Name of the array of an image. By default the active array, or the only one.
+        sources : int, optional
+            Number of points from which distances are measured, as in `voxflat.measure`.
+        reference : {"exact", "graph"}, optional
+            How reference distances are measured, as in `voxflat.measure`.
+        seed : int
+            Seed of the random numbers.
         progress_bar : bool
-            Show how far it is.
-        **options
+            Show a progress bar.
+        **options : dict
             ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
 
         Returns
         -------
         pyvista.PolyData
-            The map in the plane z = 0 with its measures, named as in `to_polydata`; field data ``voxflat``:
-            ``distortion``, its figures. Of a mesh all arrays are carried over.
+            The map in the plane z = 0, with its measures as in `to_polydata` and all arrays of a mesh. The field data
+            ``voxflat`` hold the figures of ``distortion``.
 
         Raises
         ------
         InputError, Cancelled
             As in `voxflat.measure`.
 
+        See Also
+        --------
+        voxflat.measure : The same for arrays and files.
+
         Examples
         --------
         >>> import pyvista as pv
         >>> mesh = pv.ParametricEnneper(u_res=12, v_res=12)
-        >>> shadow = mesh.project_points_to_plane(normal=(0, 0, 1))  # any map
+        >>> shadow = mesh.project_points_to_plane(normal=(0, 0, 1))  # any flat map
         >>> measured = mesh.voxflat.measure(shadow)
         >>> worst = measured["distance_error"].max()
         >>> measured.voxflat.plot("areal")  # doctest: +SKIP
         """
-        skin = None if self._is_image else self._skin(scalars)
+        extracted = None if self._is_image else self._extracted(scalars)
         given: dict[str, Any] = {**options}
         how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed}
         with shown(progress_bar, given.pop("progress", None)) as progress:
-            whole = surface(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **given)
+            whole = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **given)
             how |= {"threads": given.get("threads"), "progress": progress}
-            judged = compare(whole, {"": rows_of(flat, whole, skin)}, **how).maps[""]
+            judged = compare(whole, {"": rows_of(flat, whole, extracted)}, **how).maps[""]
         at = np.empty(whole.count, dtype=np.int64)
         at[whole.vertices] = np.arange(len(whole))
         ids = whole.ids[at[judged.vertex_ids]]
         points = whole.points[at[judged.vertex_ids]]
-        if skin is None:
-            return to_judged_polydata(judged, points, ids, in_voxels=True)
-        mesh = to_judged_polydata(judged, points, skin.point_ids[ids])
-        skin.carry(mesh, ids)
+        if extracted is None:
+            return to_measured_polydata(judged, points, ids, in_voxels=True)
+        mesh = to_measured_polydata(judged, points, extracted.point_ids[ids])
+        extracted.carry(mesh, ids)
         mesh.set_active_scalars("distance_error", preference="point")
         return mesh
 
@@ -459,6 +531,6 @@ class Verbs(Given):
             return self(progress_bar=progress_bar, **options)
         if options:
             raise InputError(
-                f"{', '.join(options)}: the mesh is a flat map already; leave it out, or flatten the surface"
+                f"{', '.join(options)}: the mesh is already a flat map. Omit these options, or flatten the surface"
             )
         return self._mesh  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""A surface and its map side by side, in one scale of colours, linked by clicks."""
+"""A surface and its map side by side, with one colour scale, linked by clicks."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from voxflat.figures.colours import LOOKS, Look
 from voxflat.maps.colours import label_colours
 from voxflat.maps.laying import laid
 
-_LABELLED = 24  # different whole numbers that get colours of their own
+_LABELLED = 24  # up to so many different integers are shown as labels, each in its own colour
 _BAR = {
     "vertical": False,
     "position_x": 0.2,
@@ -29,29 +29,30 @@ _BAR = {
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What of a map is shown, and in which colours."""
+    """The array of a map that is shown, and its colours."""
 
     flat: pv.PolyData
-    values: NDArray[Any]  # as they are shown, a point or a triangle each; of colours three or four
-    numbers: NDArray[Any]  # what is told of each place: the values, or for what the colours stand
-    name: str  # the array's
+    values: NDArray[Any]  # as shown, one per point or triangle; colours have three or four components
+    numbers: NDArray[Any]  # the values that are reported on a click
+    name: str  # of the array
     of_points: bool
     look: Look
-    clim: tuple[float, float] | None  # None of colours
+    clim: tuple[float, float] | None  # None for colours
 
     @classmethod
     def of(cls, flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None) -> "Shown":
-        """Take an array of a map."""
+        """Choose an array of a map."""
         name = scalars or flat.active_scalars_name
         of_points = name is not None and name in flat.point_data
         if name is None or not (of_points or name in flat.cell_data):
             there = ", ".join([*flat.point_data, *flat.cell_data])
-            raise InputError(f"the map has no array {name!r}; it has {there}")
+            raise InputError(f"the map has no array {name!r}. Choose one of: {there}")
         values = np.asarray((flat.point_data if of_points else flat.cell_data)[name])
         is_colour = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
         if values.dtype.kind not in "biuf" or (values.ndim > 1 and not is_colour):
             raise InputError(
-                f"the array {name!r} is {values.dtype} of shape {values.shape}; give one with a number each"
+                f"the array {name!r} is {values.dtype} of shape {values.shape}. "
+                "Choose one with a number per point or triangle"
             )
         if is_colour or name in _PATCHES:
             colours = values if is_colour else label_colours(values[:, None] + 1.0)[:, 0, :3]
@@ -63,21 +64,21 @@ class Shown:
         return cls(flat, shown, shown, name, of_points, Look(look.label, cmap or look.cmap), limits)
 
     def mesh(self, points: NDArray[np.float64]) -> pv.PolyData:
-        """Return a mesh of the map's triangles with these places and the values alone."""
+        """Return a mesh of the map's triangles at these positions, with the shown values only."""
         mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, np.asarray(self.flat.regular_faces))
         (mesh.point_data if self.of_points else mesh.cell_data)[self.look.label] = self.values
         self.turned(mesh)
         return mesh
 
     def turned(self, mesh: pv.PolyData) -> None:
-        """Give a mesh whose points have moved the normals that it now has."""
+        """Recompute the normals of a mesh whose points have moved."""
         normals = mesh.compute_normals(
             cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False
         )
         mesh.GetPointData().SetNormals(normals.GetPointData().GetNormals())
 
     def add(self, plotter: Any, mesh: pv.PolyData, *, bar: bool, lighting: bool) -> None:
-        """Add a mesh of `mesh` to a plotter."""
+        """Add a mesh that `mesh` returned to a plotter."""
         light = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0} if lighting else {"lighting": False}
         if self.clim is None:
             plotter.add_mesh(mesh, scalars=self.look.label, rgb=True, **light).GetProperty().SetInterpolationToPhong()
@@ -94,8 +95,8 @@ class Shown:
         )
         actor.GetProperty().SetInterpolationToPhong()
 
-    def told(self, point: int, cell: int) -> str:
-        """Say what is shown at a place."""
+    def description(self, point: int, cell: int) -> str:
+        """Describe the value at a point."""
         ids = next((self.flat.point_data[name] for name in _IDS if name in self.flat.point_data), None)
         which = point if ids is None else np.asarray(ids)[point].tolist()
         value = self.numbers[point if self.of_points else cell]
@@ -104,13 +105,13 @@ class Shown:
 
 
 _IDS = ("vertex_ids", "voxel_ids")
-_PATCHES = ("patch", "piece")  # numbers that have colours as in files and textures of a page
+_PATCHES = ("patch", "piece")  # integers with the same colours as in textures of a page
 
 
 def side_by_side(
     flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
 ) -> pv.Plotter:
-    """Return a plotter with the surface on the left and the map on the right; the mesh stays as it is."""
+    """Return a plotter with the surface on the left and the map on the right."""
     what = Shown.of(flat, scalars, cmap, clim)
     surface, plane = (np.array(of, dtype=np.float64) for of in (flat.point_data["surface_points"], flat.points))
     plotter: Any = pv.Plotter(shape=(1, 2), border=False, **how)
@@ -130,7 +131,7 @@ def side_by_side(
 def look_at(
     plotter: Any, points: NDArray[np.float64], turn: NDArray[np.float64], size: tuple[float, float], *, bar: bool
 ) -> None:
-    """Look at points along an axis, all of them in sight and above the colour bar."""
+    """Point the camera along an axis, with all points in view and above the colour bar."""
     along = points @ turn
     low, high = along.min(axis=0), along.max(axis=0)
     middle, (width, height, depth) = (low + high) / 2, high - low
@@ -144,7 +145,7 @@ def look_at(
 
 
 class _Link:
-    """Marks on both sides what is clicked on one."""
+    """Marks a point that is clicked in one view in both views."""
 
     def __init__(self, plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
         self._what, self._meshes, self._renderers = what, meshes, plotter.renderers
@@ -179,7 +180,7 @@ class _Link:
         )
 
     def _picked(self, _place: object, picker: Any) -> None:
-        """Mark the place that was met, where it lies in its triangle, on both meshes."""
+        """Mark the point that was clicked, at its position within its triangle, in both views."""
         cell = picker.GetCellId()
         if not 0 <= cell < len(self._corners):
             return
@@ -189,21 +190,21 @@ class _Link:
         for mesh, mark, actor in zip(self._meshes, self._marks, self._actors, strict=True):
             mark.points = (weights @ np.asarray(mesh.points)[corners])[None]
             actor.SetVisibility(True)
-        self._text.SetText(_UPPER_LEFT, self._what.told(int(corners[weights.argmax()]), cell))
+        self._text.SetText(_UPPER_LEFT, self._what.description(int(corners[weights.argmax()]), cell))
 
 
-_HINT = "click on either side"
+_HINT = "Click on either view to mark a point in both"
 _UPPER_LEFT = 2  # of VTK's corner annotations
 
 
 def _usual_cmap(values: NDArray[Any]) -> str:
-    """Return the colour map of values of which nothing is known."""
+    """Return the default colour map of values."""
     is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
     return "tab20" if is_labels else "viridis"
 
 
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the least and the greatest value, which are not the same."""
+    """Return the smallest and the largest value, which differ."""
     defined = values[np.isfinite(values)]
     if not len(defined):
         return 0.0, 1.0
@@ -212,8 +213,8 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _checked(clim: Any) -> tuple[float, float]:
-    """Return a range of values that is one."""
+    """Return a valid range of values."""
     array = np.asarray(clim)
     if array.shape != (2,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all() or not array[0] < array[1]:
-        raise InputError(f"clim is {clim!r}; give two numbers, the lower one first")
+        raise InputError(f"clim is {clim!r}. Give two numbers, the lower one first")
     return float(array[0]), float(array[1])

@@ -1,4 +1,4 @@
-"""The surface of any dataset of PyVista, whose data find their way onto the map."""
+"""The surface of any PyVista dataset, and the transfer of its data to the map."""
 
 import warnings
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ _POINT, _CELL = "voxflat_point", "voxflat_cell"
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
-    """The triangles of a dataset's surface."""
+class ExtractedSurface:
+    """The triangles of the surface of a dataset."""
 
     dataset: pv.DataSet
-    mesh: pv.PolyData  # triangles alone
-    point_ids: NDArray[np.int64]  # which point of the dataset each point of the mesh is
-    cell_ids: NDArray[np.int64]  # of which cell each triangle is part
+    mesh: pv.PolyData  # triangles only
+    point_ids: NDArray[np.int64]  # the point of the dataset for each point of the mesh
+    cell_ids: NDArray[np.int64]  # the cell of the dataset for each triangle
 
     @classmethod
-    def of(cls, dataset: pv.DataSet) -> "Skin":
-        """Take the surface of a dataset: of volume cells their outside; polygons and strips become triangles."""
+    def of(cls, dataset: pv.DataSet) -> "ExtractedSurface":
+        """Extract the surface of a dataset: the outside of volume cells, with polygons and strips triangulated."""
         if (
             isinstance(dataset, pv.PolyData)
             and dataset.GetNumberOfPolys() == dataset.n_cells
@@ -39,20 +39,25 @@ class Skin:
         numbered.clear_data()
         numbered.point_data[_POINT] = np.arange(dataset.n_points)
         numbered.cell_data[_CELL] = np.arange(dataset.n_cells)
-        if isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines:  # come first, and are no surface
+        if (
+            isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines
+        ):  # precede the polygons, and are not a surface
             faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
             numbered = numbered.extract_cells(faces)
-        if isinstance(numbered, pv.ExplicitStructuredGrid):  # of which VTK's filter leaves data of the cells unset
+        if isinstance(numbered, pv.ExplicitStructuredGrid):  # VTK's filter does not set its cell data
             numbered = numbered.cast_to_unstructured_grid()
         if not isinstance(numbered, pv.PolyData):
-            outside = vtkDataSetSurfaceFilter()  # extract_surface has other arguments in each version of PyVista
+            outside = vtkDataSetSurfaceFilter()  # the arguments of extract_surface depend on PyVista's version
             outside.SetInputData(numbered)
             outside.Update()
             numbered = pv.wrap(outside.GetOutput())
         triangles = numbered.triangulate()
         if not triangles.n_cells:
-            raise InputError(f"{type(dataset).__name__} of {dataset.n_cells} cells: it has no faces to flatten")
-        # of a grid VTK makes the points at its edges anew for each of its sides
+            raise InputError(
+                f"the {type(dataset).__name__} of {dataset.n_cells} cells has no faces to flatten. "
+                "Give a dataset with a surface"
+            )
+        # VTK repeats the points at the edges of a grid for each of its sides
         point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
         faces = row.reshape(-1)[triangles.regular_faces]
         mesh = pv.PolyData.from_regular_faces(np.asarray(triangles.points)[first], faces)
@@ -65,16 +70,16 @@ class Skin:
         return self.mesh is self.dataset
 
     def point(self, seed: object, name: str) -> int:
-        """Return which point of the surface is meant by a single seed."""
+        """Return the point of the surface for a single seed point."""
         found = self.points(seed, name)
         if found.ndim:
             raise InputError(
-                f"{name} is {np.asarray(seed).tolist()}; give the number of one point, or a position as three floats"
+                f"{name} is {np.asarray(seed).tolist()}. Give the number of one point, or a position of three floats"
             )
         return int(found)
 
     def points(self, seeds: object, name: str) -> NDArray[np.int64]:
-        """Return which points of the surface are meant."""
+        """Return the points of the surface for point numbers, positions or cells."""
         if isinstance(seeds, pv.Cell):
             return self._of_cell(seeds, name)
         if isinstance(seeds, list | tuple) and any(isinstance(seed, pv.Cell) for seed in seeds):
@@ -83,34 +88,37 @@ class Skin:
         if wanted.dtype.kind == "f":
             return self._nearest(wanted, name)
         if wanted.dtype.kind not in "iu":
-            raise InputError(
-                f"{name} must be numbers of points, positions (three floats), or cells, not {wanted.dtype}"
-            )
+            raise InputError(f"{name} is of type {wanted.dtype}. Give point numbers, positions (three floats) or cells")
         on_surface = np.full(self.dataset.n_points, -1, dtype=np.int64)
         on_surface[self.point_ids] = np.arange(len(self.point_ids))
         inside = (wanted >= 0) & (wanted < len(on_surface))
         found = np.where(inside, on_surface[np.where(inside, wanted, 0)], -1)
         if (found < 0).any():
             missing = int(wanted[found < 0].flat[0])
-            raise InputError(f"{name}: point {missing} is not on the surface of the {type(self.dataset).__name__}")
+            raise InputError(
+                f"{name}: point {missing} is not on the surface of the {type(self.dataset).__name__}. "
+                "Choose another point"
+            )
         return found
 
     def _of_cell(self, cell: pv.Cell, name: str) -> NDArray[np.int64]:
-        """Return the corner of a cell that is nearest to its middle, of those on the surface."""
+        """Return the corner of a cell that is on the surface and nearest to the centre of the cell."""
         numbers = np.asarray(cell.point_ids)
         is_there = (numbers < self.dataset.n_points) & np.isin(numbers, self.point_ids[self._used])
         if not is_there.any() or not np.allclose(
             cell.points, self.dataset.points[numbers.clip(max=len(self.dataset.points) - 1)]
         ):
-            raise InputError(f"{name}: the cell is not on the surface of the {type(self.dataset).__name__}")
+            raise InputError(
+                f"{name}: the cell is not on the surface of the {type(self.dataset).__name__}. Choose another cell"
+            )
         apart = np.linalg.norm(cell.points - cell.points.mean(axis=0), axis=1)
         return self.points(numbers[np.where(is_there, apart, np.inf).argmin()], name)
 
     def _nearest(self, positions: NDArray[np.float64], name: str) -> NDArray[np.int64]:
-        """Return the points of the surface that are nearest to positions; far ones are told."""
+        """Return the points of the surface that are nearest to positions; a warning reports distant positions."""
         if positions.shape[-1:] != (3,) or positions.ndim > 2 or not np.isfinite(positions).all():
             raise InputError(
-                f"{name} has shape {positions.shape} of {positions.dtype}; give positions (x, y, z), finite"
+                f"{name} has shape {positions.shape} of {positions.dtype}. Give finite positions (x, y, z)"
             )
         used = self._used
         apart, found = KDTree(np.asarray(self.mesh.points)[used]).query(positions)
@@ -123,11 +131,11 @@ class Skin:
 
     @property
     def _used(self) -> NDArray[np.int64]:
-        """Points of the mesh that are corners of triangles."""
+        """Return the points of the mesh that are corners of triangles."""
         return np.unique(np.asarray(self.mesh.regular_faces, dtype=np.int64))
 
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
-        """Carry the dataset's data to a flat mesh, ``mesh_`` before names that it has, with a warning."""
+        """Copy the data of the dataset to a flat mesh; names that it already has get the prefix ``mesh_``."""
         of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:
@@ -141,13 +149,13 @@ class Skin:
         cells = self._cells(ids[flat.regular_faces])
         if cells is None:
             names = ", ".join(self.dataset.cell_data)
-            warnings.warn(f"the mesh was mended, so data of its cells are not carried over: {names}", stacklevel=4)
+            warnings.warn(f"the mesh was repaired, so its cell data are not copied to the map: {names}", stacklevel=4)
             return
         for name in self.dataset.cell_data:
             flat.cell_data[_free(name, flat)] = self.dataset.cell_data[name][cells]
 
     def _cells(self, faces: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """Return the cell of each triangle of the surface, by its corners; None if one is no triangle of it."""
+        """Return the cell of each triangle, found by its corners; None if a triangle is not part of the surface."""
         own = np.sort(np.asarray(self.mesh.regular_faces, dtype=np.int64), axis=1)
         known, wanted = numbered(own, np.sort(faces, axis=1))
         triangle = np.full(len(own) + len(faces), -1, dtype=np.int64)
@@ -161,12 +169,12 @@ def _is_triangles(mesh: pv.PolyData) -> bool:
 
 
 def _free(name: str, flat: pv.PolyData) -> str:
-    """Return a name under which a flat mesh has nothing yet."""
+    """Return a name that no array of a flat mesh has."""
     taken = {*flat.point_data, *flat.cell_data, *flat.field_data}
     if name not in taken:
         return name
     free = f"mesh_{name}"
     while free in taken:
         free = f"mesh_{free}"
-    warnings.warn(f"the map has an array {name!r} of its own: the mesh's is called {free!r} on it", stacklevel=5)
+    warnings.warn(f"the map already has an array {name!r}, so the array of the mesh is named {free!r}", stacklevel=5)
     return free

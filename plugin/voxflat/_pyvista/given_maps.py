@@ -1,0 +1,51 @@
+"""Flat maps that users pass to ``mesh.voxflat.measure``."""
+
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from scipy.spatial import KDTree
+
+from voxflat._pyvista.extracted_surface import ExtractedSurface
+from voxflat._pyvista.flat import is_map
+from voxflat.errors import InputError
+from voxflat.pipeline.surface import Surface
+
+_ORIGINAL = "vtkOriginalPointIds"
+_SAME = 1e-4  # relative to the median edge: coordinates of meshes may be float32
+
+
+def rows_of(flat: object, whole: Surface, surface: ExtractedSurface | None) -> object:
+    """Return a map in a form that `voxflat.measure` accepts."""
+    if isinstance(flat, pv.PolyData) and is_map(flat):
+        faces = np.asarray(flat.regular_faces, dtype=np.int64)
+        if "torn" in flat.cell_data:
+            faces = faces[~np.asarray(flat.cell_data["torn"], dtype=np.bool_)]
+        return np.asarray(flat.points), faces, _vertices(flat, whole, surface)
+    if surface is not None and _is_extracted(flat, surface):
+        of = ExtractedSurface.of(flat)  # type: ignore[arg-type]
+        ids = surface.points(np.asarray(flat.point_data[_ORIGINAL])[of.point_ids], "the map's points")  # type: ignore[attr-defined]
+        return np.asarray(of.mesh.points), np.asarray(of.mesh.regular_faces), ids
+    if surface is None or surface.is_dataset or not isinstance(flat, pv.DataSet | np.ndarray):
+        return flat
+    places: Any = flat.points if isinstance(flat, pv.DataSet) else flat
+    return np.asarray(places)[surface.point_ids] if len(places) == surface.dataset.n_points else flat
+
+
+def _is_extracted(flat: object, surface: ExtractedSurface) -> bool:
+    """Return whether a VTK filter made the mesh and recorded the original point of each of its points."""
+    return (
+        isinstance(flat, pv.PolyData) and _ORIGINAL in flat.point_data and _ORIGINAL not in surface.dataset.point_data
+    )
+
+
+def _vertices(flat: pv.PolyData, whole: Surface, surface: ExtractedSurface | None) -> object:
+    """Return the vertex of the complete surface for each point of a map that voxflat made."""
+    if surface is not None and "vertex_ids" in flat.point_data:
+        return surface.points(np.asarray(flat.point_data["vertex_ids"]), "the map's vertex_ids")
+    apart, found = KDTree(whole.points).query(np.asarray(flat.point_data["surface_points"], dtype=np.float64))
+    if not (apart <= _SAME * whole.usual_edge).all():
+        raise InputError(
+            f"the map's surface_points are up to {apart.max():.3g} away from the surface. Give a map of this surface"
+        )
+    return whole.vertices[found]
