@@ -19,7 +19,7 @@ help: ## this list
 
 setup: ## everything that the other targets need
 	@.ci/setup $(UV)
-	@$(UV) sync --locked --all-extras --quiet
+	@$(UV) sync --locked --all-extras --inexact --quiet
 
 demo: setup ## flatten a hemisphere of human cortex into demo/
 	$(RUN) voxflat demo -o demo

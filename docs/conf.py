@@ -27,6 +27,7 @@ extensions = [
     "numpydoc",
     "myst_parser",
     "sphinx_click",
+    "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
