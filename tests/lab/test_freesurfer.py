@@ -291,7 +291,9 @@ def test_the_report_holds_everything_and_needs_no_network(made):
     assert re.findall(r"""url\(|@import|https?://(?!www\.w3\.org)""", page) == []
     record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
     assert f"{100 * record['figures']['best_scale']['relative_error']:.2f}" in page
-    for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], "flattened with voxflat"):
+    maps = [voxflat.load(made / "surf" / f"{hemi}.voxflat.flat.npz") for hemi in ("lh", "rh")]
+    citation = voxflat.cite(*maps)
+    for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], citation.text, citation.bibtex):
         assert text.replace("'", "&#39;") in page
     assert page.count('<script type="application/json">') == 2
     assert page.count("<img ") == 2 * 5  # folds, two overlays, errors, areas

@@ -319,6 +319,7 @@ def test_the_page_of_the_study(root, compared):
     page = (root / "out" / "group.html").read_text()
     assert len(page) < 5e6
     assert page.count("no map.</strong>") == 3
+    assert voxflat.cite(*map(voxflat.load, sorted((root / "out").rglob("*_flat.npz")))).text in page
     links = set(re.findall(r"""href=["']([^"'#d][^"']*)["']""", page))
     assert links == {f"sub-{n:02}.html" for n in range(1, 21) if f"{n:02}" not in BROKEN}
     assert all((root / "out" / link).is_file() for link in links)

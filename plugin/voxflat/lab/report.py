@@ -1,11 +1,12 @@
 """The report on a subject: one page of HTML that needs no other file and no network."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from voxflat._core import __version__
+from voxflat.citation.methods_text import cite
 from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import PICTURE_WIDTH, colour_bar, filled, layers_of, pictures, scene
@@ -69,7 +70,7 @@ def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, s
         hemispheres=hemispheres,
         drawn=list(drawn.values()),
         failures={HEMISPHERES[hemi][1]: reason for hemi, reason in failures.items()},
-        citation=citation([one.record for one in shown.values()]),
+        citation=cite(*(one.flat_map for one in shown.values())),
         version=__version__,
     )
 
@@ -95,24 +96,3 @@ def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def citation(records: Sequence[Mapping[str, Any]]) -> str:
-    """Return a paragraph on what was done, for a methods section."""
-    if not records:
-        return ""
-    record = records[0]
-    told, of_surface = record["parameters"], record["surface"]
-    by = record["map"]["cuts_by"]
-    cuts = {
-        "standard": f"along standard lines ({', '.join(record['map']['cut_names'])}) traced by the registered sphere",
-        "automatic": "where that relieved the map most",
-    }.get(by, f"as {by} says")
-    on = "the surface of white matter in voxels" if told["volume"] else f"the {told['geometry']} surface"
-    figures = record["figures"]
-    return (
-        f"Cortical hemispheres were flattened with voxflat {record['voxflat']}, which keeps geodesic distances over "
-        f"{on} ({of_surface['vertices']:,} vertices). Surfaces were cut {cuts}. Maps were judged by the distances from "
-        f"{figures['sources']} random sources ({figures['reference']}): relative errors are means of |d − δ|/δ over "
-        "all pairs, d on the map and δ on the cut surface."
-    )

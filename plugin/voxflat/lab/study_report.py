@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
+from voxflat.citation.methods_text import citation_of, facts_of
 from voxflat.figures.overlays import painted
 from voxflat.lab.comparison import Mean, Row
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
@@ -43,6 +44,7 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mappin
         parameters=sorted(parameters),
         versions=sorted(versions),
         maps=len(there),
+        citation=citation_of([of["facts"] for of in maps]),
         participants=len({row.name + row.session for row in rows}),
     )
 
@@ -50,7 +52,7 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mappin
 def map_picture(row: Row, flat_map: FlatMap, of: int) -> dict[str, Any]:
     """Return the folds of a map as a picture at the scale that all of so many have on the page."""
     (drawn,) = pictures(flat_map, [None], pixel_size=max(1.0, float(np.sqrt(of / _AT_FULL))))
-    return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"])}
+    return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"]), "facts": facts_of(flat_map)}
 
 
 def _cell(row: Row, place: str) -> dict[str, Any]:
