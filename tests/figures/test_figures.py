@@ -13,7 +13,7 @@ from textures import grid
 
 import voxflat
 from voxflat import InputError, figures
-from voxflat.figures.space import load_pyvista
+from voxflat.figures.views_3d import load_pyvista
 from voxflat.methods import Voxflat
 
 SHAPE = (22, 26, 12)
@@ -204,14 +204,16 @@ def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(m
 
 def test_patch_3d_refuses_another_mesh(mesh_map, scene):
     (points, faces), flat_map = mesh_map
-    with pytest.raises(InputError, match=r"the mesh has 870 vertices, the flattened one 900"):
+    with pytest.raises(InputError, match=r"the mesh has 870 vertices, but the map was made from one with 900"):
         figures.patch_3d(flat_map, (points[:870], faces[(faces < 870).all(axis=1)]))
-    refused(r"lies up to 2 mm apart from the map", figures.patch_3d, flat_map, (points + np.array([0, 0, 2]), faces))
+    refused(
+        r"up to 2 mm away from the points of the map", figures.patch_3d, flat_map, (points + np.array([0, 0, 2]), faces)
+    )
 
 
 def test_patch_3d_refuses_another_volume(flat_map, scene):
     refused("shape", figures.patch_3d, flat_map, solid()[:-1])
-    with pytest.raises(InputError, match="no foreground of this volume"):
+    with pytest.raises(InputError, match="not in the foreground of this volume"):
         figures.patch_3d(flat_map, solid()[:, :, ::-1].copy() * (np.indices(SHAPE)[1] > 12))
 
 

@@ -12,14 +12,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.pages import layers_of, scene, thinned
-from voxflat.lab.results import Results, Shown
+from voxflat.lab.results import LoadedResults, Results
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
 
 @pytest.fixture(scope="module")
 def shown(made):
-    return Shown.read(Results.in_freesurfer(made, "lh"))
+    return LoadedResults.read(Results.in_freesurfer(made, "lh"))
 
 
 @pytest.mark.parametrize("most", [60, 200, 10_000])

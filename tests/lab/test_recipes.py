@@ -90,7 +90,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     script = [sys.executable, CLUSTER / "nipype_workflow.py", "my study", "maps", "--hemi", "L", "--cores", "1"]
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "failed: sub-01"), done.stderr
-    assert "there is no *_hemi-L_pial.surf.gii" in done.stdout + done.stderr
+    assert "found no *_hemi-L_pial.surf.gii" in done.stdout + done.stderr
     out = tmp_path / "maps"
     monkeypatch.chdir(tmp_path)
     how = {"source": "my study", "out": "maps", "hemis": ["L"]}

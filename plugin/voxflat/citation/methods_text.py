@@ -23,6 +23,8 @@ _LISTED = 4  # maps whose errors are listed one by one
 class Citation:
     """A paragraph for the methods section of a paper, with its references.
 
+    `str` of it is the paragraph followed by the list of references.
+
     Parameters
     ----------
     text : str
@@ -31,6 +33,10 @@ class Citation:
         The references that the paragraph cites, one per entry.
     bibtex : str
         The same references as BibTeX entries.
+
+    See Also
+    --------
+    cite : Make a citation.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The report on a subject: one page of HTML that needs no other file and no network."""
+"""The report on a subject: a self-contained HTML page."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from voxflat.citation.methods_text import cite
 from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import PICTURE_WIDTH, colour_bar, filled, layers_of, pictures, scene
-from voxflat.lab.results import FIGURES, Shown, figure_of
+from voxflat.lab.results import FIGURES, LoadedResults, figure_of
 from voxflat.maps.worst_search import worst_places
 
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
@@ -31,12 +31,12 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
         ),
     },
 }
-"""By what said where to cut: maps of fsaverage5, left and right, in the order of `FIGURES`
+"""Reference maps of fsaverage5, left and right, by the source of the cuts; measures in the order of `FIGURES`
 (docs/benchmarks/standard.md)."""
 
 
-def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
-    """Return the report on a subject, as HTML, of hemispheres, "lh" and "rh", and of failures: why one has no map."""
+def subject_page(name: str, shown: Mapping[str, LoadedResults], failures: Mapping[str, str]) -> str:
+    """Return the report on a subject as HTML, from the results and the failures of "lh" and "rh"."""
     hemispheres: list[dict[str, Any]] = []
     drawn: dict[str, dict[str, Any]] = {}
     together = layers_of([one.values for one in shown.values()])
@@ -76,7 +76,7 @@ def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, s
 
 
 def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
-    """Return the rows of the table of figures."""
+    """Return the rows of the table of measures."""
     side = list(HEMISPHERES).index(hemi)
     references = REFERENCES.get(record["map"]["cuts_by"], {})
     rows = []

@@ -104,7 +104,7 @@ class Viewer {
     for (let n = 0; n < content.points; n++) this.flatPlaces.set(this.values.uv.subarray(2 * n, 2 * n + 2), 3 * n);
     this.flatNormals = this.flatPlaces.map((_, n) => Number(n % 3 === 2));
     this.lines = Object.values(content.cuts).map((line) => [line]);
-    this.cutSides = this.cutSidesOfCuts();
+    this.cutSides = this.sidesOfCuts();
     this.layer(0);
     this.smooth(Number(root.querySelector("input[type=range]").value));
     this.listen();
