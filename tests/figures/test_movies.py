@@ -142,9 +142,7 @@ def test_nothing_is_written_half(film, tmp_path, name):
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     refused(r"needs imageio_ffmpeg: pip install 'voxflat\[movie\]'", figures.save_movie, film, tmp_path / "a.mp4")
-    with pytest.raises(
-        InputError, match=r"a.avi: cannot write a movie in this format. Use a name that ends in .mp4 or .gif"
-    ):
+    with pytest.raises(InputError, match=r"a.avi: cannot write a movie .* Use a name that ends in .mp4 or .gif"):
         figures.save_movie(film, tmp_path / "a.avi")
 
 

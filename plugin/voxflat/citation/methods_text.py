@@ -93,7 +93,7 @@ def cite(*maps: FlatMap) -> Citation:
     @software{voxflat,
     """
     for one in maps:
-        checked_kind(one, "flat map", "distortion", "a FlatMap")
+        checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
     return citation_of([facts_of(one) for one in maps])
 
 
@@ -107,15 +107,11 @@ def facts_of(flat_map: FlatMap) -> Facts:
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
     automatic, triangles = metadata.get("automatic_cuts", []), figures["triangles"] or {}
     how = {
+        **{name: metadata.get(name) for name in ("method", "kind", "measured_on", "cuts_by", "cut_names")},
         "version": record.get("voxflat", __version__),
-        "method": metadata["method"],
         "options": ", ".join(f"{name}={value}" for name, value in given.items() if value is not None),
-        "kind": metadata.get("kind"),
-        "is_midthickness": str(metadata.get("measured_on", "")).startswith("midthickness"),
         "is_range_image": "range_image" in metadata,
-        "by": metadata.get("cuts_by"),
         "cuts": len(metadata.get("cuts", [])),
-        "names": [name for name in metadata.get("cut_names", []) if name],
         "space": (metadata.get("sphere") or {}).get("space"),
         "reference": figures["reference"],
     }
@@ -125,7 +121,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
         "length": in_unit(f"{sum(cut['length'] for cut in automatic):.0f} mm", metadata),
         "points": metadata["points"],
         "sources": figures["sources"],
-        "scale": f"{figures['best_scale']['scale']:.3f}",
+        "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",
         "flipped": triangles.get("flipped"),
         "covering": triangles.get("covering"),
         **{name: [of[name]["relative_error"] for of in (figures, figures["standard_error"])] for name in _SCALES},
@@ -142,7 +138,7 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
     alike: dict[str, list[Facts]] = {}
     for one in facts:
         alike.setdefault(json.dumps(one["how"]), []).append(one)
-    entries, cited = bibliography(), {"voxflat": None}
+    entries, cited = bibliography(), dict.fromkeys(["voxflat"])
     versions = dict.fromkeys(one["how"]["version"] for one in facts) or [__version__]
     entries["voxflat"]["version"] = ", ".join(versions)
 
@@ -155,9 +151,8 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
     tools = {"cite": cite, "span": _span, "errors": _errors, "version": __version__}
     paragraphs = re.split(r"\n\n+", template.render(groups=list(alike.values()), **tools).strip())
     text = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-    return Citation(
-        text, tuple(_reference(entries[key]) for key in cited), "\n\n".join(_bibtex(key, entries[key]) for key in cited)
-    )
+    bibtex = "\n\n".join(_bibtex(key, entries[key]) for key in cited)
+    return Citation(text, tuple(_reference(entries[key]) for key in cited), bibtex)
 
 
 def _span(maps: Sequence[Facts], name: str) -> str:
@@ -173,9 +168,9 @@ def _errors(maps: Sequence[Facts], scale: str) -> str:
             f"{_percent(value)} (standard error {_percent(error)})" for value, error in (of[scale] for of in maps)
         )
         return f"{', '.join(others)} and {last}" if others else last
-    values, errors = zip(*(one[scale] for one in maps), strict=True)
-    most = max((error for error in errors if error is not None), default=None)
-    return f"{_percent(min(values))} to {_percent(max(values))} (standard error at most {_percent(most)})"
+    values, errors = ([one[scale][of] for one in maps if one[scale][of] is not None] for of in (0, 1))
+    ends = _percent(min(values, default=None)), _percent(max(values, default=None))
+    return f"{' to '.join(ends)} (standard error at most {_percent(max(errors, default=None))})"
 
 
 def _percent(value: float | None) -> str:
@@ -214,7 +209,8 @@ def _named(entry: dict[str, str]) -> str:
 def _reference(entry: dict[str, str]) -> str:
     version = f" (version {entry['version']})" if "version" in entry else ""
     place = "".join(f"{before}{entry[name]}{after}" for name, before, after in _PLACE if name in entry)
-    return f"{', '.join(_authors(entry))} ({entry['year']}). {entry['title']}{version}.{place}".replace("--", "–")
+    doi = f" doi:{entry['doi']}" if "doi" in entry else ""
+    return f"{', '.join(_authors(entry))} ({entry['year']}). {entry['title']}{version}{place}.{doi}".replace("--", "–")
 
 
-_PLACE = (("journal", " ", ""), ("volume", ", ", ""), ("number", "(", ")"), ("pages", ", ", "."), ("doi", " doi:", ""))
+_PLACE = (("journal", ". ", ""), ("volume", ", ", ""), ("number", "(", ")"), ("pages", ", ", ""))

@@ -111,9 +111,8 @@ def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, A
         return surface(files["volume"], label=hemisphere.label, threshold=threshold, repair="voxels", **common)
     for name in ("white", "pial", "sphere"):
         if name in files and not is_mesh_name(files[name]):
-            raise InputError(
-                f"{files[name]} is not a surface ({files[name].stat().st_size} bytes). Make the file again"
-            )
+            size = files[name].stat().st_size
+            raise InputError(f"{files[name]} is not a surface ({size} bytes). Run recon-all or sMRIPrep again")
     if parameters.geometry == "midthickness":
         return surface(files["white"], pial=files["pial"], **common)
     return surface(files[parameters.geometry], **common)
@@ -134,9 +133,7 @@ def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
     with naming(annotation, REMEDY):
         labels, names = read_annot(annotation, contents(annotation))
     if len(labels) != count:
-        raise InputError(
-            f"{annotation} has {len(labels)} labels, but the surface has {count} vertices. Check the subject"
-        )
+        raise InputError(f"{annotation} has {len(labels)} labels for {count} vertices. Check the subject")
     others = [n for n, name in enumerate(names) if name.lower() in _NO_CORTEX]
     is_beside = (labels < 0) | np.isin(labels, others)
     if is_beside.all():
