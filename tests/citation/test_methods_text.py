@@ -54,7 +54,7 @@ def test_cuts_are_those_of_the_map_and_maps_made_alike_share_a_paragraph(hill):
     assert told in voxflat.cite(ball).text
     assert voxflat.cite(ball, hill, hill).text.count("\n\n") == 1
     many = citation_of([facts_of(hill)] * 7).text
-    assert many.startswith("7 surfaces were")
+    assert many.startswith("Seven surfaces were")
     assert "to 3.61 % (standard error at most 0.06 %)" in many
     refused("a FlatMap", voxflat.cite, 3)
 

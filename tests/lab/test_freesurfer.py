@@ -313,9 +313,9 @@ def test_the_report_shows_both_hemispheres_side_by_side(made):
 def test_references_are_those_of_the_benchmark():
     text = (Path(__file__).parents[2] / "docs/benchmarks/standard.md").read_text()
     rows = {
-        "fsaverage5's white surface, these cuts": "standard",
-        "FreeSurfer's own map of it": "the shipped map itself",
-        "fsaverage5's white surface, automatic cuts": "automatic, as long as it pays",
+        "fsaverage5 white surface, standard cuts": "standard",
+        "FreeSurfer's flat map of fsaverage5": "the shipped map itself",
+        "fsaverage5 white surface, automatic cuts": "automatic, as long as it pays",
     }
     for references in REFERENCES.values():
         for name, of_sides in references.items():

@@ -150,7 +150,7 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
     template = environment.from_string(_read("methods_text.txt"))
     tools = {"cite": cite, "span": _span, "errors": _errors, "version": __version__}
     paragraphs = re.split(r"\n\n+", template.render(groups=list(alike.values()), **tools).strip())
-    text = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    text = "\n\n".join(" ".join(paragraph.split()).replace(" .", ".") for paragraph in paragraphs)
     bibtex = "\n\n".join(_bibtex(key, entries[key]) for key in cited)
     return Citation(text, tuple(_reference(entries[key]) for key in cited), bibtex)
 

@@ -15,17 +15,17 @@ from voxflat.maps.worst_search import worst_places
 
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "standard": {
-        "fsaverage5's white surface, these cuts": (
+        "fsaverage5 white surface, standard cuts": (
             (10.69, 12.44, 12.28, 0.1349, 13.71, 0.112, 0.340, 0, 0),
             (9.89, 11.99, 12.05, 0.1235, 13.12, 0.107, 0.349, 0, 0),
         ),
-        "FreeSurfer's own map of it": (
+        "FreeSurfer's flat map of fsaverage5": (
             (11.37, 13.69, 16.00, 0.1455, 18.36, 0.269, 0.893, 0, 0),
             (11.09, 14.06, 15.83, 0.1352, 18.18, 0.275, 0.779, 0, 0),
         ),
     },
     "automatic": {
-        "fsaverage5's white surface, automatic cuts": (
+        "fsaverage5 white surface, automatic cuts": (
             (4.87, 7.97, 8.61, 0.0525, 8.95, 0.071, 0.254, 0, 0),
             (5.19, 7.61, 8.25, 0.0593, 9.14, 0.071, 0.275, 0, 0),
         ),
