@@ -1,4 +1,4 @@
-"""The methods text: its facts are those of the maps, and its references are those of the methods that made them."""
+"""The methods text states the facts of the maps and cites the papers of their methods."""
 
 import json
 import re
@@ -17,7 +17,7 @@ PAPERS = {"voxflat": {"liu2008", "smith2015"}, "zigelman2002": {"zigelman2002", 
 
 
 def keys(bibtex):
-    """Return the keys of BibTeX entries, each of which closes what it opens and has an author, a title and a year."""
+    """Return the keys of BibTeX entries; check that each is balanced and has an author, a title and a year."""
     entries = re.findall(r"^@\w+\{(\w+),\n((?:  \w+ = \{.+\},\n)+)\}$", bibtex, re.MULTILINE)
     assert len(entries) == bibtex.count("@")
     assert bibtex.count("{") == bibtex.count("}")

@@ -1,4 +1,4 @@
-"""The figure of a flat map: folds, data over them pixel by pixel, names, marks, layers."""
+"""Figures of flat maps: folds, data pixel by pixel, names, annotations, layers."""
 
 import dataclasses
 import logging
@@ -36,7 +36,7 @@ AWAY = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
 
 @pytest.fixture(scope="module")
 def flat_map():
-    """The map of a sheet in a sagittal plane, with upright furrows, seen from the left."""
+    """The map of a surface in a sagittal plane with vertical furrows, seen from the left."""
     y, z = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
     corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
     quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # outside is towards −x
@@ -48,7 +48,7 @@ def flat_map():
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
-    """Pages of half as many pixels each way, where they are not what it is about: that takes a quarter of the time."""
+    """Use pages with half the resolution, which draw four times as fast, unless a test is about the resolution."""
     monkeypatch.setattr("voxflat.figures.page._MOST_PIXELS", 850)
     monkeypatch.setattr("voxflat.figures.page._LEAST_DPI", 150)
 
@@ -65,7 +65,7 @@ def layer(figure, gid):
 
 
 def shown_data(figure):
-    """Return the pixels of the data, and how large one is in mm."""
+    """Return the pixels of the data, and the size of a pixel in mm."""
     (shown,) = layer(figure, "data")
     left, right, *_ = figure.axes[1].images[1].get_extent()
     return shown, (right - left) / shown.shape[1]
@@ -433,7 +433,7 @@ class TestCommand:
 
 
 def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
-    """A closed path in a layer of its own, at the places of three points of the map, as Inkscape writes it."""
+    """Return a closed path through three points of the map, in its own layer, as Inkscape writes it."""
     figures.save(figures.flat_map(flat_map, title="sheet"), tmp_path / "folds.svg")
     text = (tmp_path / "folds.svg").read_text()
     root = ElementTree.fromstring(text)
@@ -460,7 +460,7 @@ def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
 
 
 def test_depth_is_of_volumes_alone(flat_map):
-    """Values at vertices have none: with a volume of parcels beside them it is the parcels'."""
+    """Values at vertices have no depth; if the parcels are a volume, the depth applies to the parcels."""
     values = np.arange(COUNT, dtype=float)
     for depth in ({"depth": 2.0}, {"fraction": 0.5}):
         refused("apply to volumes", composed.flat_map, flat_map, values, **depth)

@@ -1,4 +1,4 @@
-"""Movies: what each frame shows where and when, and what players find in the files."""
+"""Movies: the content of each frame, its time, and the files as players read them."""
 
 import json
 import sys
@@ -23,13 +23,13 @@ FRAMES = 5
 
 @pytest.fixture(scope="module")
 def flat_map():
-    """The map of a plane sheet, whose places are its own."""
+    """The map of a plane surface, whose positions are those of the surface."""
     return voxflat.flatten(grid(HIGH, LONG), method=voxflat.methods.Voxflat(sources=40), relax=False)
 
 
 @pytest.fixture(scope="module")
 def along(flat_map):
-    """How far along the map from its left each vertex lies, from 0 to 1."""
+    """The position of each vertex along the map, from 0 (left) to 1 (right)."""
     u = np.empty(COUNT)
     u[flat_map.ids] = flat_map.uv[:, 0]
     return (u - u.min()) / np.ptp(u)
@@ -44,7 +44,7 @@ def film(flat_map, along):
 
 
 def coloured(picture):
-    """Return which pixels of a picture are no greys, but for the strip below."""
+    """Return which pixels of an image, except the strip below, are not grey."""
     return np.ptp(picture[: round(0.8 * len(picture))].astype(int), axis=2) > 8
 
 
@@ -80,7 +80,7 @@ def test_frames_are_a_sequence_with_times(film):
 
 
 def test_limits_are_of_all_frames(flat_map):
-    """Of 40 frames some are looked at; what a frame shows does not depend on which."""
+    """Limits come from some of 40 frames; the image of a frame does not depend on which."""
     values = np.linspace(-1, 3, 40)[None] + np.zeros((COUNT, 1))
     film = figures.movie(flat_map, values, size=320)
     assert film._caption(7) == "frame 7"

@@ -1,4 +1,4 @@
-"""`voxflat freesurfer`: files that other programs read, results that are up to date or made anew, reasons for none."""
+"""`voxflat freesurfer`: files for other programs, results that are up to date or made again, and failures."""
 
 import hashlib
 import json
@@ -116,7 +116,7 @@ def test_the_patch_is_the_map_by_freesurfers_rule_and_turned_by_pycortexs(made, 
 
 
 def pycortex_flat(folder, hemi, patch):
-    """Read as cortex.freesurfer.import_flat does: surf/?h.{patch}.flat.patch.3d over the vertices of ?h.smoothwm."""
+    """Read surf/?h.{patch}.flat.patch.3d over the vertices of ?h.smoothwm, as cortex.freesurfer.import_flat does."""
     points, _ = nib.freesurfer.read_geometry(folder / "surf" / f"{hemi}.smoothwm")
     data = (folder / "surf" / f"{hemi}.{patch}.flat.patch.3d").read_bytes()
     count = int.from_bytes(data[4:8], "big")

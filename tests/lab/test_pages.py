@@ -1,4 +1,4 @@
-"""What pages are made of: fewer points for the eye, and numbers that are those of the files."""
+"""Parts of HTML pages: reduced points, and values that equal those of the files."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table and the page of all."""
+"""`voxflat bids`: twenty participants, three of them broken; a rerun, a change, the table and the group page."""
 
 import csv
 import json
@@ -31,7 +31,7 @@ def participant(root, *more):
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A study, what was made of it, and what the command said."""
+    """A study, its output directory, and the result of the command."""
     root = tmp_path_factory.mktemp("study")
     below = root / "bids" / "derivatives" / "smriprep"
     of = studies.hemisphere("lh", FEW)
