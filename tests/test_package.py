@@ -77,6 +77,8 @@ def test_the_wheel_holds_what_users_need(wheel):
         "py.typed",
         "_core.pyi",
         "_napari/__init__.py",
+        "citation/methods_text.txt",
+        "citation/references.bib",
         "cli/__init__.py",
         "lab/templates/viewer.js",
     )

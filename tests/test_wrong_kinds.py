@@ -61,7 +61,7 @@ CALLS = {
     "read_mesh": (lambda s: io.read_mesh("a\0b"), "path is 'a.x00b'"),
     "load": (lambda s: voxflat.load(np.ones((2, 2, 2))), "path is array"),
     "figures": (lambda s: figures.heat_maps({}), "comparison is {}; give a Comparison"),
-    "save": (lambda s: figures.save([1], "x.png"), r"figure is \[1\]; give a figure of Matplotlib"),
+    "save": (lambda s: figures.save([1], "x.png"), r"figure is \[1\]; give a Matplotlib figure"),
     "in_patch": (lambda s: s._in_patch(np.arange(3)), "patch is array.*; give a Patch"),
     "nearest": (lambda s: s.nearest((0, 0, 2)), "a surface from a mesh has no voxels"),
     "no voxel": (lambda s: voxflat.surface(VOLUME).nearest("x"), "voxel are 'x'; give numbers"),
@@ -109,7 +109,7 @@ CALLS = {
     "face data": (lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}), "face data 'a' has 0 values; .* has 50"),
     "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*; give rows"),
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
-    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"shape \(3,\) and type float64; give \(H"),
+    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"shape \(3,\) and type float64. Pass uint8"),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
@@ -159,12 +159,12 @@ ON_MAPS = {
     "underlay": (lambda m, a: figures.flat_map(m, underlay=ARRAY), "underlay is array.*; give 'curvature', "),
     "title": (lambda m, a: figures.flat_map(m, title=ARRAY), "the title is array.*; give text"),
     "colour map": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, colour_map=[1])), r"no colour map \[1\]"),
-    "limits": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=3)), "limits are 3; give two numbers"),
-    "limit": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))), "a limit is None; give"),
+    "limits": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=3)), "limits is 3. Pass two numbers"),
+    "limit": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))), "limit is None. Pass"),
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
-    "window": (lambda m, a: figures.patch_3d(m, size=1), "the size is 1; give width and height, pixels"),
+    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass width and height in pixels"),
 }
 
 

@@ -27,6 +27,7 @@ from voxflat import methods, samples
 from voxflat._core import __version__
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas, load_atlas
+from voxflat.citation.methods_text import Citation, cite
 from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
@@ -44,6 +45,7 @@ __all__ = [
     "AreaBoundError",
     "Atlas",
     "Cancelled",
+    "Citation",
     "CutSurface",
     "DistanceRows",
     "Distortion",
@@ -55,6 +57,7 @@ __all__ = [
     "VoxflatError",
     "__version__",
     "check",
+    "cite",
     "compare",
     "flatten",
     "hemisphere",

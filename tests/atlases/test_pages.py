@@ -255,5 +255,5 @@ class TestTextures:
         assert_array_equal(np.round(255 * drawn[seen, :3]).astype(int), in_file[seen])
 
         monkeypatch.setitem(sys.modules, "pyvista", None)
-        monkeypatch.setattr("voxflat.figures.space._by_matplotlib", lambda atlas, colours, *view: colours)
+        monkeypatch.setattr("voxflat.figures.views_3d._by_matplotlib", lambda atlas, colours, *view: colours)
         assert_array_equal(figures.atlas_3d(shown)[seen], in_file[seen])

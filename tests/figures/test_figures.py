@@ -13,14 +13,14 @@ from textures import grid
 
 import voxflat
 from voxflat import InputError, figures
-from voxflat.figures.space import load_pyvista
+from voxflat.figures.views_3d import load_pyvista
 from voxflat.methods import Voxflat
 
 SHAPE = (22, 26, 12)
 
 
 def solid():
-    """A solid with a wavy front towards −x, which is what is flattened."""
+    """Return a solid with a wavy front towards −x; the front is flattened."""
     i, j, _ = np.indices(SHAPE)
     return (i >= np.rint(6 + 2 * np.sin(j / 5))).astype(np.uint8)
 
@@ -39,7 +39,7 @@ def with_errors(flat_map, per_point):
 
 
 def drawn(figure):
-    """Draw a figure and return its pixels, and where the axes' data coordinates lie among them."""
+    """Draw a figure and return its pixels, and a function from data coordinates to pixels."""
     canvas = mpl.backends.backend_agg.FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())
@@ -141,7 +141,7 @@ def test_spectrum_marks_the_two_largest_positive_eigenvalues(flat_map):
 
 @pytest.fixture
 def scene():
-    """Return the part of a picture left of its colour bar."""
+    """Return the part of an image to the left of its colour bar."""
     try:
         load_pyvista()
     except InputError as error:
@@ -171,7 +171,7 @@ def test_patch_3d_shows_the_surroundings_in_grey(flat_map, scene):
 
 
 def bright_and_dark(pixels):
-    """Where a picture has the colours of large errors, and of small ones."""
+    """Return where an image has the colours of large errors, and of small ones."""
     red, green, blue = np.moveaxis(pixels, 2, 0)
     return (red > 150) & (blue < red - 40), red + green + blue < 150
 
@@ -182,7 +182,7 @@ def greys(pixels):
 
 @pytest.fixture(scope="module")
 def mesh_map():
-    """A dome, and the map of its top, whose errors are 0 but for one side."""
+    """A dome and a map of its top whose errors are 0 except on one side."""
     points, faces = grid(30, 30)
     points[:, 2] = 8 * np.sin(points[:, :2] * np.pi / 29).prod(axis=1)
     dome = points, faces
@@ -204,14 +204,14 @@ def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(m
 
 def test_patch_3d_refuses_another_mesh(mesh_map, scene):
     (points, faces), flat_map = mesh_map
-    with pytest.raises(InputError, match=r"the mesh has 870 vertices, the flattened one 900"):
+    with pytest.raises(InputError, match=r"the mesh has 870 vertices, but the map was made from one with 900"):
         figures.patch_3d(flat_map, (points[:870], faces[(faces < 870).all(axis=1)]))
-    refused(r"lies up to 2 mm apart from the map", figures.patch_3d, flat_map, (points + np.array([0, 0, 2]), faces))
+    refused("up to 2 mm away from the points", figures.patch_3d, flat_map, (points + np.array([0, 0, 2]), faces))
 
 
 def test_patch_3d_refuses_another_volume(flat_map, scene):
     refused("shape", figures.patch_3d, flat_map, solid()[:-1])
-    with pytest.raises(InputError, match="no foreground of this volume"):
+    with pytest.raises(InputError, match="not in the foreground of this volume"):
         figures.patch_3d(flat_map, solid()[:, :, ::-1].copy() * (np.indices(SHAPE)[1] > 12))
 
 

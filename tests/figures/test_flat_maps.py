@@ -1,4 +1,4 @@
-"""The figure of a flat map: folds, data over them pixel by pixel, names, marks, layers."""
+"""Figures of flat maps: folds, data pixel by pixel, names, annotations, layers."""
 
 import dataclasses
 import logging
@@ -36,7 +36,7 @@ AWAY = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
 
 @pytest.fixture(scope="module")
 def flat_map():
-    """The map of a sheet in a sagittal plane, with upright furrows, seen from the left."""
+    """The map of a surface in a sagittal plane with vertical furrows, seen from the left."""
     y, z = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
     corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
     quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # outside is towards −x
@@ -48,9 +48,9 @@ def flat_map():
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
-    """Pages of half as many pixels each way, where they are not what it is about: that takes a quarter of the time."""
-    monkeypatch.setattr("voxflat.figures.paper._MOST_PIXELS", 850)
-    monkeypatch.setattr("voxflat.figures.paper._LEAST_DPI", 150)
+    """Use pages with half the resolution, which draw four times as fast, unless a test is about the resolution."""
+    monkeypatch.setattr("voxflat.figures.page._MOST_PIXELS", 850)
+    monkeypatch.setattr("voxflat.figures.page._LEAST_DPI", 150)
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def layer(figure, gid):
 
 
 def shown_data(figure):
-    """Return the pixels of the data, and how large one is in mm."""
+    """Return the pixels of the data, and the size of a pixel in mm."""
     (shown,) = layer(figure, "data")
     left, right, *_ = figure.axes[1].images[1].get_extent()
     return shown, (right - left) / shown.shape[1]
@@ -138,29 +138,29 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"overlay": None, "threshold": 1.0}, "an overlay shows values"),
-        ({"overlay": None, "period": 360}, "an overlay shows values"),
-        ({"overlay": AWAY}, "no value anywhere on the map"),
+        ({"overlay": None, "threshold": 1.0}, "the overlay has no values. Pass data"),
+        ({"overlay": None, "period": 360}, "the overlay has no values. Pass data"),
+        ({"overlay": AWAY}, "the overlay has no values on the map"),
         ({"overlay": np.ones(3)}, "3 values"),
-        ({"limits": (3, 2)}, "lower one first"),
+        ({"limits": (3, 2)}, "Pass a lower limit"),
         ({"limits": (3,)}, "two numbers"),
-        ({"limits": ("a", "2%")}, "a limit is 'a'"),
+        ({"limits": ("a", "2%")}, "limit is 'a'. Pass"),
         ({"colour_map": "nothing"}, "no colour map"),
         ({"overlay": np.full(640, np.nan)}, "no value"),
         ({"opacity": 2.0}, "opacity"),
         ({"underlay": "sulc"}, "underlay"),
         ({"width": 5.0}, "width"),
         ({"width": "a"}, "the width is 'a'; give a number"),
-        ({"threshold": -1}, "the threshold is -1"),
+        ({"threshold": -1}, "threshold is -1. Pass"),
         ({"threshold": (1, 2, 3)}, "a pair"),
         ({"opacity": np.zeros(640)}, "0 everywhere"),
-        ({"period": 360, "colour_map": "viridis"}, "'viridis' has different ends, and phases none"),
+        ({"period": 360, "colour_map": "viridis"}, "'viridis' is not cyclic, but phases are"),
         ({"period": 360, "colour_map": "none"}, "no colour map"),
-        ({"period": 360, "limits": (0, 90)}, "limits are for values"),
+        ({"period": 360, "limits": (0, 90)}, "limits do not apply to phases"),
         ({"period": -1}, "the period is -1"),
         ({"period": 360, "zero": "left"}, "zero is 'left'"),
-        ({"strength": np.ones(COUNT)}, "strength is compared with the threshold"),
-        ({"strength": np.full(COUNT, np.nan), "threshold": (0, None)}, "its strength has no value anywhere"),
+        ({"strength": np.ones(COUNT)}, "strength needs a threshold"),
+        ({"strength": np.full(COUNT, np.nan), "threshold": (0, None)}, "the strength has no values on the map"),
         ({"strength": np.ones((COUNT, 2)), "threshold": (0, None)}, "choose one"),
     ],
 )
@@ -172,7 +172,7 @@ def test_colours_and_labels_are_shown_as_they_are(flat_map):
     colours = np.tile(np.array([[10, 200, 30]], dtype=np.uint8), (COUNT, 1))
     (shown,) = layer(figures.flat_map(flat_map, colours), "data")
     assert (shown[..., 3] > 0).sum() > 1000
-    refused("for values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
+    refused("has colours, not values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
     figure = figures.flat_map(flat_map, np.repeat([3, 9], COUNT // 2))
     assert len(figure.axes) == 2  # no colour bar
     (shown,) = layer(figure, "data")
@@ -181,7 +181,7 @@ def test_colours_and_labels_are_shown_as_they_are(flat_map):
 
 def test_thresholds_that_nothing_passes_are_told(flat_map, caplog):
     figures.flat_map(flat_map, figures.Overlay(np.linspace(0, 1, COUNT), threshold=(7, None)))
-    assert "no value of the overlay passes" in caplog.text
+    assert "No value of the overlay passes" in caplog.text
 
 
 def test_a_threshold_is_symmetric_and_a_second_map_is_the_opacity(flat_map):
@@ -209,7 +209,7 @@ def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
     assert letters["L"] < 20 < 170 - 20 < letters["R"]
     means = [axes.images[1].get_array()[..., :3].mean() for axes in (first, second)]
     assert means[0] < means[1]  # dark and light of viridis
-    refused("one map, or those of both hemispheres", figures.flat_map, [flat_map] * 3)
+    refused("one map, or the maps of both hemispheres, but got 3 maps", figures.flat_map, [flat_map] * 3)
 
 
 def test_a_figure_fills_the_axes_that_it_is_given(flat_map):
@@ -302,7 +302,7 @@ def test_parcels_have_the_colours_and_names_of_the_table(flat_map, caplog):
     colours = {tuple(colour) for colour in np.unique(shown[shown[..., 3] > 0], axis=0).tolist()}
     assert colours == {(10, 200, 30, 128), (0, 0, 250, 128), (7, 7, 7, 128)}
     assert {text.get_text() for text in texts(figure, "names")} == {"one", "five"}
-    assert "1 of 3 names have no room" in caplog.text
+    assert "1 of 3 names do not fit" in caplog.text
     over = figures.flat_map(flat_map, np.arange(COUNT, dtype=float), parcels=found)
     assert layer(over, "parcels") == []  # data have the colours
     assert [lines.get_gid() for lines in over.axes[1].collections] == ["parcels", "marks"]
@@ -433,7 +433,7 @@ class TestCommand:
 
 
 def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
-    """A closed path in a layer of its own, at the places of three points of the map, as Inkscape writes it."""
+    """Return a closed path through three points of the map, in its own layer, as Inkscape writes it."""
     figures.save(figures.flat_map(flat_map, title="sheet"), tmp_path / "folds.svg")
     text = (tmp_path / "folds.svg").read_text()
     root = ElementTree.fromstring(text)
@@ -460,10 +460,10 @@ def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
 
 
 def test_depth_is_of_volumes_alone(flat_map):
-    """Values at vertices have none: with a volume of parcels beside them it is the parcels'."""
+    """Values at vertices have no depth; if the parcels are a volume, the depth applies to the parcels."""
     values = np.arange(COUNT, dtype=float)
     for depth in ({"depth": 2.0}, {"fraction": 0.5}):
-        refused("are for volumes", composed.flat_map, flat_map, values, **depth)
+        refused("apply to volumes", composed.flat_map, flat_map, values, **depth)
     beside = np.full((4, 4, 4), 7, np.uint8)  # from 10 mm outside the sheet on
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)

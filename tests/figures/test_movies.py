@@ -1,4 +1,4 @@
-"""Movies: what each frame shows where and when, and what players find in the files."""
+"""Movies: the content of each frame, its time, and the files as players read them."""
 
 import json
 import sys
@@ -23,13 +23,13 @@ FRAMES = 5
 
 @pytest.fixture(scope="module")
 def flat_map():
-    """The map of a plane sheet, whose places are its own."""
+    """The map of a plane surface, whose positions are those of the surface."""
     return voxflat.flatten(grid(HIGH, LONG), method=voxflat.methods.Voxflat(sources=40), relax=False)
 
 
 @pytest.fixture(scope="module")
 def along(flat_map):
-    """How far along the map from its left each vertex lies, from 0 to 1."""
+    """The position of each vertex along the map, from 0 (left) to 1 (right)."""
     u = np.empty(COUNT)
     u[flat_map.ids] = flat_map.uv[:, 0]
     return (u - u.min()) / np.ptp(u)
@@ -44,7 +44,7 @@ def film(flat_map, along):
 
 
 def coloured(picture):
-    """Return which pixels of a picture are no greys, but for the strip below."""
+    """Return which pixels of an image, except the strip below, are not grey."""
     return np.ptp(picture[: round(0.8 * len(picture))].astype(int), axis=2) > 8
 
 
@@ -68,8 +68,8 @@ def test_each_frame_shows_its_values_where_they_lie(film):
 
 
 def test_frames_are_a_sequence_with_times(film):
-    assert (len(film), film._told(0), film._told(3)) == (FRAMES, "0.00 s", "2.25 s")
-    assert repr(film) == f"<Movie: overlay, 5 frames of 320 x {film.size[0]} pixels, 8 a second>"
+    assert (len(film), film._caption(0), film._caption(3)) == (FRAMES, "0.00 s", "2.25 s")
+    assert repr(film) == f"<Movie: overlay, 5 frames of 320 x {film.size[0]} pixels, 8 per second>"
     assert_array_equal(film[-1], film[4])
     assert [len(film[1:3]), len(list(film))] == [2, FRAMES]
     corners = [film[n][:16, :60] for n in range(FRAMES)]
@@ -80,10 +80,10 @@ def test_frames_are_a_sequence_with_times(film):
 
 
 def test_limits_are_of_all_frames(flat_map):
-    """Of 40 frames some are looked at; what a frame shows does not depend on which."""
+    """Limits come from some of 40 frames; the image of a frame does not depend on which."""
     values = np.linspace(-1, 3, 40)[None] + np.zeros((COUNT, 1))
     film = figures.movie(flat_map, values, size=320)
-    assert film._told(7) == "frame 7"
+    assert film._caption(7) == "frame 7"
     low, high = film.colours.limits
     assert (low, high) == (-high, high)
     assert high == pytest.approx(3, abs=0.1)
@@ -142,23 +142,23 @@ def test_nothing_is_written_half(film, tmp_path, name):
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     refused(r"needs imageio_ffmpeg: pip install 'voxflat\[movie\]'", figures.save_movie, film, tmp_path / "a.mp4")
-    with pytest.raises(InputError, match=r"cannot write a movie as a.avi; give a name that ends in .mp4 or .gif"):
+    with pytest.raises(InputError, match=r"a.avi: cannot write a movie .* Use a name that ends in .mp4 or .gif"):
         figures.save_movie(film, tmp_path / "a.avi")
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"overlay": np.ones(COUNT)}, "has one frame: voxflat figure shows it"),
+        ({"overlay": np.ones(COUNT)}, "has only one frame. Draw it with voxflat figure"),
         ({"overlay": np.ones((3, 2))}, "3 values"),
-        ({"overlay": np.full((COUNT, 2), np.nan)}, "no value anywhere"),
-        ({"rate": 0}, "the rate is 0"),
-        ({"size": 100}, "the size is 100"),
-        ({"size": 640.5}, "the size is 640.5"),
-        ({"opacity": 2}, "the opacity is 2"),
+        ({"overlay": np.full((COUNT, 2), np.nan)}, "has no values on the map"),
+        ({"rate": 0}, "rate is 0. Pass"),
+        ({"size": 100}, "size is 100. Pass"),
+        ({"size": 640.5}, "size is 640.5. Pass"),
+        ({"opacity": 2}, "opacity is 2. Pass a number"),
         ({"underlay": "sulc"}, "underlay is 'sulc'"),
         ({"colour_map": "nothing"}, "no colour map 'nothing'"),
-        ({"limits": (3, 2)}, "lower one first"),
+        ({"limits": (3, 2)}, "Pass a lower limit"),
         ({"time_step": -1}, "the time step is -1"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The commands and the Python of docs/freesurfer.md, as they stand there."""
+"""The commands and the Python code of docs/freesurfer.md run as written."""
 
 import re
 import shlex
@@ -17,7 +17,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "freesurfer.md").read_text()
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    """The directory of a user who has a subject and a study, after all commands; what each of them said."""
+    """The directory of a user with a subject and a study after all commands, and the result of each command."""
     folder = tmp_path_factory.mktemp("lab")
     places = [folder / "sub-01", *(folder / "study" / "sourcedata" / "freesurfer" / f"sub-0{n}" for n in (1, 2))]
     for hemi in ("lh", "rh"):

@@ -1,4 +1,4 @@
-"""`voxflat freesurfer`: files that other programs read, results that are up to date or made anew, reasons for none."""
+"""`voxflat freesurfer`: files for other programs, results that are up to date or made again, and failures."""
 
 import hashlib
 import json
@@ -116,7 +116,7 @@ def test_the_patch_is_the_map_by_freesurfers_rule_and_turned_by_pycortexs(made, 
 
 
 def pycortex_flat(folder, hemi, patch):
-    """Read as cortex.freesurfer.import_flat does: surf/?h.{patch}.flat.patch.3d over the vertices of ?h.smoothwm."""
+    """Read surf/?h.{patch}.flat.patch.3d over the vertices of ?h.smoothwm, as cortex.freesurfer.import_flat does."""
     points, _ = nib.freesurfer.read_geometry(folder / "surf" / f"{hemi}.smoothwm")
     data = (folder / "surf" / f"{hemi}.{patch}.flat.patch.3d").read_bytes()
     count = int.from_bytes(data[4:8], "big")
@@ -232,7 +232,7 @@ def test_cuts_of_a_file(subject):
 def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
     result = run("freesurfer", subject)
     assert result.exit_code == 1
-    assert re.search(r"sub-02 rh: error: \S+/rh\.white: there is no such file; has recon-all finished", result.stderr)
+    assert re.search(r"sub-02 rh: error: \S+/rh\.white: the file does not exist. Check that recon-all", result.stderr)
     assert "sub-02 lh: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr
@@ -245,19 +245,19 @@ def test_an_earlier_report_does_not_outlive_a_failure(subject):
     assert failed.exit_code == 1
     page = (subject / "voxflat.html").read_text()
     assert "The left hemisphere has no map" in page
-    assert "lh.white holds no surface (0 bytes): make it again" in page
-    assert "lh.white holds no surface (0 bytes): make it again" in failed.stderr
+    assert "lh.white is not a surface (0 bytes). Run recon-all" in page
+    assert "lh.white is not a surface (0 bytes). Run recon-all" in failed.stderr
     assert "<img" not in page
 
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--overlay", "zstat"], r"the overlay zstat: there is no file \S+sub-02/zstat, nor zstat"),
+        (["--overlay", "zstat"], r"the overlay zstat does not exist: found neither \S+sub-02/zstat nor zstat"),
         (["--overlay", "surf/{hemi}.curv", "curv"], "two overlays have the name curv"),
-        (["--cuts", "{hemi}.mine.json"], r"the file of cuts \{hemi\}\.mine\.json: there is no file \S+/lh\.mine\.json"),
-        (["--volume"], r"mri/filled\.mgz: there is no such file"),
-        (["--overlay", "label/{hemi}.cortex.label"], "has labels, not values: voxflat figure MAP --parcels"),
+        (["--cuts", "{hemi}.mine.json"], r"the cuts file \{hemi\}\.mine\.json does not exist: .*/lh\.mine\.json"),
+        (["--volume"], r"mri/filled\.mgz: the file does not exist"),
+        (["--overlay", "label/{hemi}.cortex.label"], "has labels, not values. Draw it with voxflat figure MAP"),
     ],
 )
 def test_what_was_asked_for_and_is_not_there_is_said(subject, arguments, told):
@@ -275,12 +275,12 @@ def test_a_series_is_no_overlay(subject):
     for name, told in (("lh.bold.mgz", "3 maps"), ("bold.nii", "3 frames")):
         result = run("freesurfer", subject, "--hemi", "lh", "--overlay", next(subject.rglob(name)).relative_to(subject))
         assert result.exit_code == 1
-        assert re.search(rf"the overlay \S+{name} has {told}: give a file with one; a series is for", result.stderr)
+        assert re.search(rf"the overlay \S+{name} has {told}. Pass a file with one map; draw series", result.stderr)
     assert not list((subject / "surf").glob("*voxflat.flat*"))
 
 
 def test_what_is_no_directory_of_freesurfer_is_refused(tmp_path):
-    fail(1, "there is no surf/ in it", "freesurfer", tmp_path)
+    fail(1, "has no directory surf/. Pass", "freesurfer", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -291,7 +291,8 @@ def test_the_report_holds_everything_and_needs_no_network(made):
     assert re.findall(r"""url\(|@import|https?://(?!www\.w3\.org)""", page) == []
     record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
     assert f"{100 * record['figures']['best_scale']['relative_error']:.2f}" in page
-    for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], "flattened with voxflat"):
+    citation = voxflat.cite(*(voxflat.load(made / "surf" / f"{hemi}.voxflat.flat.npz") for hemi in ("lh", "rh")))
+    for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], citation.text, citation.bibtex):
         assert text.replace("'", "&#39;") in page
     assert page.count('<script type="application/json">') == 2
     assert page.count("<img ") == 2 * 5  # folds, two overlays, errors, areas
@@ -312,9 +313,9 @@ def test_the_report_shows_both_hemispheres_side_by_side(made):
 def test_references_are_those_of_the_benchmark():
     text = (Path(__file__).parents[2] / "docs/explanation/evidence.md").read_text()
     rows = {
-        "fsaverage5's white surface, these cuts": "standard",
-        "FreeSurfer's own map of it": "distributed map",
-        "fsaverage5's white surface, automatic cuts": "automatic",
+        "fsaverage5 white surface, standard cuts": "standard",
+        "FreeSurfer's flat map of fsaverage5": "distributed map",
+        "fsaverage5 white surface, automatic cuts": "automatic",
     }
     for references in REFERENCES.values():
         for name, of_sides in references.items():

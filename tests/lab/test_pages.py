@@ -1,4 +1,4 @@
-"""What pages are made of: fewer points for the eye, and numbers that are those of the files."""
+"""Parts of HTML pages: reduced points, and values that equal those of the files."""
 
 import json
 import re
@@ -12,14 +12,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat.lab.pages import layers_of, scene, thinned
-from voxflat.lab.results import Results, Shown
+from voxflat.lab.results import LoadedResults, Results
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
 
 @pytest.fixture(scope="module")
 def shown(made):
-    return Shown.read(Results.in_freesurfer(made, "lh"))
+    return LoadedResults.read(Results.in_freesurfer(made, "lh"))
 
 
 @pytest.mark.parametrize("most", [60, 200, 10_000])
@@ -80,13 +80,13 @@ def test_text_of_users_cannot_end_a_script(shown):
 
 def test_the_sides_of_cuts_are_shown_on_the_map(made, tmp_path):
     tell = """
-      const { lips, content } = document.querySelector(".viewer").viewer;
-      const ids = lips.map((edges) => edges.map((edge) => edge.map((point) => content.ids[point])));
-      document.body.dataset.lips = JSON.stringify(ids);"""
+      const { cutSides, content } = document.querySelector(".viewer").viewer;
+      const ids = cutSides.map((edges) => edges.map((edge) => edge.map((point) => content.ids[point])));
+      document.body.dataset.sides = JSON.stringify(ids);"""
     drawn = drawn_with(tell, (made / "voxflat.html").read_text(), tmp_path)
     flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
-    lips = json.loads(re.search(r'data-lips="([^"]+)"', drawn)[1])
-    for shown, cut in zip(lips, flat.metadata["cuts"], strict=True):
+    sides = json.loads(re.search(r'data-sides="([^"]+)"', drawn)[1])
+    for shown, cut in zip(sides, flat.metadata["cuts"], strict=True):
         edges = sorted(sorted(edge) for edge in pairwise(cut))
         assert sorted(sorted(edge) for edge in shown) == sorted(2 * edges)  # either side of each
 
@@ -119,7 +119,7 @@ def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_
     assert len(rows) == len(worst.places) > 0
     for row, place in zip(rows, worst.places, strict=True):
         cells = [re.sub("<.*?>", "", cell) for cell in re.findall(r"<td.*?>(.*?)</td>", row)]
-        area, ratios = f"{place.area:.1f}", f"{place.median_ratio:.2f}, at worst {place.worst_ratio:.2f}"
+        area, ratios = f"{place.area:.1f}", f"{place.median_ratio:.2f} (extreme {place.worst_ratio:.2f})"
         assert cells[:4] == [str(place.number), place.kind, area, ratios]
         assert cells[5] == ("–" if place.cut is None else f"{place.cut.length:.0f}")
     click = """

@@ -1,4 +1,4 @@
-"""The container's recipes, the descriptor for Boutiques and Nipype's task: what is known without a container."""
+"""The container recipes, the Boutiques descriptor and the Nipype task, tested without a container."""
 
 import importlib.util
 import json
@@ -49,7 +49,7 @@ def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_pat
 
 
 def is_understood(line, given):
-    """Hold that the command takes a line as what was given."""
+    """Check that the command parses a line to the given parameters."""
     program, name, *arguments = shlex.split(line)
     assert (program, name) == ("voxflat", command.name)
     taken = command.make_context("bids", arguments).params
@@ -59,7 +59,7 @@ def is_understood(line, given):
 
 @pytest.fixture
 def nipypes(monkeypatch):
-    """The module of the recipe."""
+    """The module of the Nipype workflow."""
     monkeypatch.setenv("NO_ET", "1")  # else Nipype asks its server for a newer one
     pytest.importorskip("nipype")
     monkeypatch.syspath_prepend(CLUSTER)
@@ -90,7 +90,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     script = [sys.executable, CLUSTER / "nipype_workflow.py", "my study", "maps", "--hemi", "L", "--cores", "1"]
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "failed: sub-01"), done.stderr
-    assert "there is no *_hemi-L_pial.surf.gii" in done.stdout + done.stderr
+    assert "found no *_hemi-L_pial.surf.gii" in done.stdout + done.stderr
     out = tmp_path / "maps"
     monkeypatch.chdir(tmp_path)
     how = {"source": "my study", "out": "maps", "hemis": ["L"]}

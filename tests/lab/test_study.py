@@ -1,4 +1,4 @@
-"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table and the page of all."""
+"""`voxflat bids`: twenty participants, three of them broken; a rerun, a change, the table and the group page."""
 
 import csv
 import json
@@ -21,7 +21,7 @@ from voxflat.lab.inputs import Parameters, found_in, participants
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
-BROKEN = {"05": r"there is no \*_hemi-L_pial\.surf\.gii", "08": r"_white\.surf\.gii: .*is the file complete"}
+BROKEN = {"05": r"found no \*_hemi-L_pial\.surf\.gii", "08": r"_white\.surf\.gii: .*is the file complete"}
 BROKEN["11"] = rf"has {FEW - 1} vertices"
 
 
@@ -31,7 +31,7 @@ def participant(root, *more):
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A study, what was made of it, and what the command said."""
+    """A study, its output directory, and the result of the command."""
     root = tmp_path_factory.mktemp("study")
     below = root / "bids" / "derivatives" / "smriprep"
     of = studies.hemisphere("lh", FEW)
@@ -116,8 +116,8 @@ def test_a_dry_run_says_what_would_be_done_and_a_change_of_one_redoes_one(root, 
     assert everything(tmp_path / "out") == before
     assert len(plan) == 20
     stale = {one["participant"]: one["reason"] for one in plan if one["state"] == "stale"}
-    missing = f"{lost.name} is missing, or not as it was written"
-    assert stale == {"sub-07": "changed: overlay thickness", "sub-09": missing}
+    missing = f"{lost.name} is missing or was modified"
+    assert stale == {"sub-07": "changed inputs: overlay thickness", "sub-09": missing}
     assert [one["participant"] for one in plan if one["state"] == "failed"] == ["sub-05"]
     next((tmp_path / "bids").rglob("sub-06_hemi-L_white.surf.gii")).touch()  # times say nothing
     participant(tmp_path, "--participant_label", "sub-07", "06")
@@ -163,7 +163,7 @@ def test_names_are_those_of_bids_as_far_as_its_schema_goes(root, compared):
 
 def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
     (tmp_path / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
-    for out, told in ((tmp_path, "derivatives of another program"), (root / "bids", "holds the inputs")):
+    for out, told in ((tmp_path, "derivatives of another program"), (root / "bids", "contains the inputs")):
         before = everything(out)
         fail(1, told, "bids", root / "bids", out, "participant")
         assert everything(out) == before
@@ -172,7 +172,7 @@ def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
 def test_who_was_asked_for_and_is_not_there_has_failed(root):
     result = participant(root, "--participant-label", "01", "99")
     assert result.exit_code == 1
-    assert "sub-99 lh: error: there is neither" in result.stderr
+    assert "sub-99 lh: error: found neither" in result.stderr
     shutil.rmtree(root / "out" / "sub-99")
 
 
@@ -197,7 +197,7 @@ def test_participants_are_found_where_programs_leave_them(tmp_path):
     assert named("raw", ["sub-1"]) == [("sub-1_ses-b", "anat")]
     for name in ("sub-1", "1"):
         file(f"clash/{name}/surf/lh.white")
-    refused("are both sub-1: rename one", participants, tmp_path / "clash")
+    refused("are both sub-1. Rename one", participants, tmp_path / "clash")
     (tmp_path / "empty").mkdir()
     refused("no participant has", participants, tmp_path / "empty")
 
@@ -319,6 +319,7 @@ def test_the_page_of_the_study(root, compared):
     page = (root / "out" / "group.html").read_text()
     assert len(page) < 5e6
     assert page.count("no map.</strong>") == 3
+    assert voxflat.cite(*map(voxflat.load, sorted((root / "out").rglob("*_flat.npz")))).text in page
     links = set(re.findall(r"""href=["']([^"'#d][^"']*)["']""", page))
     assert links == {f"sub-{n:02}.html" for n in range(1, 21) if f"{n:02}" not in BROKEN}
     assert all((root / "out" / link).is_file() for link in links)
@@ -332,5 +333,5 @@ def test_the_page_of_the_study(root, compared):
 def test_nobody_has_a_map(tmp_path):
     studies.write_freesurfer(tmp_path / "subjects" / "sub-1", "lh", studies.hemisphere("lh", FEW))
     words = ["bids", tmp_path / "subjects", tmp_path / "out", "group"]
-    fail(1, "no participant has a map there: run voxflat bids", *words)
+    fail(1, "no participant has a map. Run voxflat bids", *words)
     assert run(*words, "--dry-run").exit_code == 2

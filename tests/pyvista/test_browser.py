@@ -172,11 +172,11 @@ def test_large_maps_make_no_large_pages():
 
 
 def test_what_cannot_be_a_page_is_refused(flat, tmp_path):
-    refused(r"cannot save a page as map\.txt", flat.voxflat.export_html, tmp_path / "map.txt")
+    refused(r"map\.txt: cannot save a page", flat.voxflat.export_html, tmp_path / "map.txt")
     refused("radius: the mesh is already a flat map", flat.voxflat.show, radius=2.0)
     bare = flat.copy()
     for data in (bare.point_data, bare.cell_data):
         for name in set(data) - {"surface_points", "vertex_ids"}:
             del data[name]
-    refused("there is nothing to show", bare.voxflat.show)
+    refused("no array with one number per point", bare.voxflat.show)
     assert not list(tmp_path.iterdir())

@@ -7,6 +7,7 @@ from voxflat._core import __version__
 from voxflat.cli.commands import (
     bids,
     check,
+    cite,
     cut,
     demo,
     figure,
@@ -39,6 +40,6 @@ def main() -> None:
 
 
 _MAKING = (flatten, check, surface, cut, register, path, measure, worst, patches, rows)
-_SHOWING = (image, figure, movie, points, regions, texture)
+_SHOWING = (image, figure, movie, points, regions, texture, cite)
 for module in (*_MAKING, *_SHOWING, freesurfer, bids, demo):
     main.add_command(module.command)

@@ -1,18 +1,18 @@
-"""Figures: `flat_map`, `scatter`, `heat_map(s)`, `spectrum`, `patch_3d`, ... of maps; `atlas_page`, ... of atlases.
+"""Figures of flat maps (`flat_map`, `scatter`, `heat_map`, `patch_3d`, ...) and of atlases (`atlas_page`, ...).
 
-Those in space return a picture, which `save_picture` writes, drawn by PyVista; `movie` pictures one after the other,
-which `save_movie` writes. The others return a
-`matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in
-threads, and beside the user's own figures.
+Most functions return a `matplotlib.figure.Figure`, which can be changed, and which `save` writes. They do not use
+pyplot, so they work without a screen, in threads, and beside the user's own figures. The 3-D functions draw with
+PyVista and return an image, which `save_picture` writes. `movie` returns a sequence of images, which `save_movie`
+writes.
 """
 
 from voxflat.figures.atlases import atlas_heat_map, atlas_page
+from voxflat.figures.distortion import heat_map, heat_maps, scatter, spectrum
 from voxflat.figures.files import save, save_movie, save_picture
 from voxflat.figures.flat_maps import flat_map
-from voxflat.figures.maps import heat_map, heat_maps, scatter, spectrum
 from voxflat.figures.movies import Movie, movie
 from voxflat.figures.overlays import Overlay
-from voxflat.figures.space import atlas_3d, patch_3d
+from voxflat.figures.views_3d import atlas_3d, patch_3d
 from voxflat.figures.worst import worst_places, worst_places_3d
 
 __all__ = [

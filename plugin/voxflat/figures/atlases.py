@@ -1,4 +1,4 @@
-"""Figures of atlases in the plane: the page of their patches, and what happened to their triangles."""
+"""Figures of atlases in the plane: the page of their patches, and the distortion of their triangles."""
 
 from typing import Any
 
@@ -14,19 +14,26 @@ from voxflat.io.grid import in_unit
 
 
 def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
-    """Show the pieces of an atlas side by side on a page, coloured by patch; cuts are black.
+    """Draw the pieces of an atlas side by side, coloured by patch.
+
+    All pieces have the same scale, in mm. The colours are those of `atlas_3d`, of image files and of textures. The
+    outlines of a glued atlas are black.
 
     Parameters
     ----------
     atlas : Atlas
-        An atlas, of patches or glued.
+        An atlas of patches, or a glued one.
     packing : {"boxes", "shapes"}
-        As in `FlatAtlas.page`.
+        How to pack the pieces, as in `FlatAtlas.page`.
 
     Returns
     -------
     matplotlib.figure.Figure
-        All at the same scale, in mm; a colour for each patch, as in `atlas_3d`, image files and textures.
+        The figure.
+
+    See Also
+    --------
+    atlas_3d : The same colours on the surface.
 
     Examples
     --------
@@ -45,14 +52,17 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     )
     axes.add_collection(PolyCollection(corners, facecolor=colours, edgecolor=colours, linewidth=0.1, rasterized=True))
     axes.autoscale()
-    if isinstance(atlas, GluedAtlas):  # where pieces end, colours of patches do not show
+    if isinstance(atlas, GluedAtlas):  # the colours of patches do not show where pieces end
         axes.add_collection(LineCollection(list(places[atlas.outline]), colors="black", linewidth=0.5, rasterized=True))
     axes.set_title(atlas.title)
     return figure
 
 
 def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "isometric") -> Figure:
-    """Show the distortion of each triangle on the page of an atlas.
+    """Draw the distortion of each triangle on the page of an atlas.
+
+    The colours range from 1 (no distortion) to the 99th percentile of the triangles. For changes of area they begin at
+    the 1st percentile.
 
     Parameters
     ----------
@@ -61,12 +71,16 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     pixel_size : float, optional
         Side of a pixel, mm.
     of : {"isometric", "quasi_conformal", "areal"}
-        C, K, or the change of area.
+        The measure: C (change of lengths), K (change of angles), or the change of area.
 
     Returns
     -------
     matplotlib.figure.Figure
-        From 1, no change, to the 99th percentile of the triangles; of areas from the 1st.
+        The figure.
+
+    See Also
+    --------
+    heat_map : The same for a flat map.
 
     Examples
     --------

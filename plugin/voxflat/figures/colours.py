@@ -1,4 +1,4 @@
-"""Colours that several figures share: of errors, of areas, of all measures, of patches."""
+"""Colours that several figures share: colours of errors, areas, other measures, and patches."""
 
 from dataclasses import dataclass
 
@@ -13,13 +13,13 @@ ERRORS = "inferno"  # the colour map of distortion, in the plane and in space
 
 ERROR_LABEL = "mean relative error of distances (%)"
 
-AREAS = "RdBu_r"  # the colour map of areas, from shrunk to grown
+AREAS = "RdBu_r"  # the colour map of area changes, from shrunk to grown
 
 AREA_LABEL = "area, log2(flat / surface)"
 
 
 def patch_colours(atlas: FlatPieces) -> NDArray[np.uint8]:
-    """Return the colour of each triangle's patch, shape (F, 3), as files and textures of a page have it."""
+    """Return the colour of each triangle's patch, shape (F, 3), as in image files and textures of a page."""
     return label_colours(atlas.patch_ids[:, None] + 1.0)[:, 0, :3]
 
 
@@ -29,7 +29,7 @@ def top_error(flat_map: FlatMap) -> float:
 
 
 def top(values: NDArray[np.float64]) -> float:
-    """Return the 99th percentile of the values that are defined, for the upper end of colours; it is not 0."""
+    """Return the 99th percentile of the defined values, as the upper end of a colour scale; it is never 0."""
     defined = values[np.isfinite(values)]
     return float(np.percentile(defined, 99)) or 1.0 if len(defined) else 1.0
 
@@ -38,13 +38,13 @@ def top(values: NDArray[np.float64]) -> float:
 class Look:
     """How values are shown."""
 
-    label: str  # beside the colour bar, with the unit
+    label: str  # text at the colour bar, with the unit
     cmap: str  # the colour map's name
-    factor: float = 1.0  # from the array to what is shown: 100 for %
-    least: float | None = 0.0  # where the colours begin; None where they lie around 0
+    factor: float = 1.0  # multiplies the values before they are shown: 100 for %
+    least: float | None = 0.0  # lower end of the colours; None for a scale that is symmetric about 0
 
     def limits(self, values: NDArray[np.float64]) -> tuple[float, float]:
-        """Return what the ends of the colours stand for, with the 99th percentile as the upper one; NaN is left out."""
+        """Return the values at both ends of the colours; the upper one is the 99th percentile, without NaN."""
         if self.least is None:
             most = top(np.abs(values))
             return -most, most
@@ -55,7 +55,7 @@ LOOKS = {
     "distance_error": Look(ERROR_LABEL, ERRORS, factor=100.0),
     "areal": Look(AREA_LABEL, AREAS, least=None),
     "angle": Look("mean change of angles (°)", "viridis"),
-    "isometric": Look("C, factor by which lengths change at most", ERRORS, least=1.0),
-    "quasi_conformal": Look("K, stretch one way by the other", "viridis", least=1.0),
+    "isometric": Look("C, greatest factor by which lengths change", ERRORS, least=1.0),
+    "quasi_conformal": Look("K, ratio of the principal stretches", "viridis", least=1.0),
 }
-"""The look of each measure that has a scale, by its name in `voxflat.distortion.triangles`."""
+"""The look of each measure, by its name in `voxflat.distortion.triangles`."""

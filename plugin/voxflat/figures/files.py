@@ -1,4 +1,4 @@
-"""Figures and pictures as files."""
+"""Write figures, images and movies to files."""
 
 import os
 from collections.abc import Iterator
@@ -21,31 +21,38 @@ from voxflat.io.reading import check_room
 MOVIE_ENDINGS = (".mp4", ".gif")  # how the name of a movie may end
 
 _DPI = 200
-_QUALITY = "18"  # of H.264, from 0 to 51: no loss that one sees
-_BT709 = "bt709"  # what players take colours for that do not say
+_QUALITY = "18"  # of H.264, from 0 (best) to 51; at 18 no loss is visible
+_BT709 = "bt709"  # the colour space that players assume
 _TEXT: Any = {"svg.fonttype": "none", "svg.hashsalt": "voxflat", "pdf.fonttype": 42}
-"""Text stays text, to be edited; equal figures are equal files."""
+"""Text stays editable, and equal figures give equal files."""
 
 
 def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = None) -> None:
-    """Write a figure to a file, all of it or nothing.
+    """Write a figure to a file.
+
+    The file is written completely or not at all. Text stays text in SVG and PDF files. An SVG file of `flat_map` has
+    named layers, which Inkscape shows.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        A figure.
+        The figure.
     path : path
-        Ends in ``.png``, ``.pdf``, ``.svg`` or another ending that matplotlib writes. Names are text in SVG and PDF; an
-        SVG of `flat_map` has layers that Inkscape shows by name.
+        The file: ``.png``, ``.pdf``, ``.svg`` or another format of Matplotlib.
     record : dict, optional
-        What made it, for PNG's text, PDF's subject, SVG's description.
+        The provenance to store in the file: as text in PNG, as the subject in PDF, as the description in SVG.
 
     Raises
     ------
     InputError
-        If the ending is another.
+        If Matplotlib cannot write the format.
     OSError
         If the file cannot be written.
+
+    See Also
+    --------
+    save_picture : Write an image.
+    save_movie : Write a movie.
 
     Examples
     --------
@@ -53,10 +60,12 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     >>> voxflat.figures.save(voxflat.figures.scatter(flat_map), "scatter.pdf")
     """
     path = checked_path(path)
-    checked_kind(figure, "figure", "canvas", "a figure of Matplotlib")
+    checked_kind(figure, "figure", "canvas", "a Matplotlib figure")
     kind = path.suffix[1:].lower()
     if kind not in figure.canvas.get_supported_filetypes():
-        raise InputError(f"cannot write a figure as {path.name}; give a name that ends in .png, .pdf or .svg")
+        raise InputError(
+            f"{path.name}: cannot write a figure in this format. Use a name that ends in .png, .pdf or .svg"
+        )
     with atomic_path(path) as temporary:
         with rc_context(_TEXT):
             figure.savefig(temporary, format=kind, dpi=max(_DPI, figure.dpi), metadata=_metadata(kind, record))
@@ -65,40 +74,48 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
 
 
 def _metadata(kind: str, record: Record | None) -> dict[str, Any] | None:
-    """Return what a kind of file can hold of a record; and no date, so that equal figures are equal files."""
+    """Return the metadata of a file: the record, and no date, so that equal figures give equal files."""
     place = {"png": "Provenance", "pdf": "Subject", "svg": "Description"}.get(kind)
-    told = {} if place is None or record is None else {place: as_text(record)}
-    return {**told, **{"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind, {})} or None
+    stored = {} if place is None or record is None else {place: as_text(record)}
+    return {**stored, **{"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind, {})} or None
 
 
 def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], record: Record | None = None) -> None:
-    """Write a picture, such as `patch_3d` makes, to a file, all of it or nothing.
+    """Write an image, such as `patch_3d` returns, to a file.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     picture : ndarray of uint8, shape (H, W, 3)
-        Colours.
+        The colours of the pixels; shapes (H, W) and (H, W, 4) are also accepted.
     path : path
-        Ends in ``.png``, ``.tif`` or another ending that Pillow writes.
+        The file: ``.png``, ``.tif`` or another format of Pillow.
     record : dict, optional
-        What made it, for PNG's text.
+        The provenance to store as text in a PNG file.
 
     Raises
     ------
     InputError
-        If the ending is another.
+        If Pillow cannot write the format, or the array is not an image.
     OSError
         If the file cannot be written.
+
+    See Also
+    --------
+    save : Write a figure.
 
     Examples
     --------
     >>> voxflat.figures.save_picture(np.zeros((4, 4, 3), np.uint8), "black.png")
     """
-    path, array = checked_path(path), array_of(picture, "values of the picture")
+    path, array = checked_path(path), array_of(picture, "values of the image")
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
-        raise InputError(f"the picture has shape {array.shape} and type {array.dtype}; give (H, W, 3) of uint8")
+        raise InputError(
+            f"the image has shape {array.shape} and type {array.dtype}. Pass uint8 values of shape (H, W, 3)"
+        )
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
-        raise InputError(f"cannot write a picture as {path.name}; give a name that ends in .png or .tif")
+        raise InputError(f"{path.name}: cannot write an image in this format. Use a name that ends in .png or .tif")
     with atomic_path(path) as temporary:
         more: dict[str, Any] = {}
         if path.suffix.lower() == ".png" and record is not None:
@@ -108,15 +125,15 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
 
 
 class Pictures(Protocol):
-    """What a movie is made of: each picture, (H, W, 3), is drawn when it is asked for."""
+    """The frames of a movie: each image, (H, W, 3), is drawn on request."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of each picture, pixels, even numbers."""
+        """Height and width of each frame in pixels; both are even."""
 
     @property
     def rate(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -126,10 +143,12 @@ class Pictures(Protocol):
 
 
 def check_movie(path: str | os.PathLike[str]) -> None:
-    """Refuse a name that no movie can be written to, before the long work."""
+    """Raise an error if no movie can be written to a file of this name."""
     name = Path(path)
     if name.suffix.lower() not in MOVIE_ENDINGS:
-        raise InputError(f"cannot write a movie as {name.name}; give a name that ends in {' or '.join(MOVIE_ENDINGS)}")
+        raise InputError(
+            f"{name.name}: cannot write a movie in this format. Use a name that ends in {' or '.join(MOVIE_ENDINGS)}"
+        )
     if name.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "movie")
 
@@ -137,28 +156,36 @@ def check_movie(path: str | os.PathLike[str]) -> None:
 def save_movie(
     movie: Pictures, path: str | os.PathLike[str], record: Record | None = None, progress: Progress | None = None
 ) -> None:
-    """Write a movie to a file, all of it or nothing.
+    """Write a movie to a file.
+
+    The file is written completely or not at all. Writing an ``.mp4`` keeps one frame in memory; writing a ``.gif``
+    keeps all of them.
 
     Parameters
     ----------
     movie : Movie
-        Or anything else that draws pictures when they are asked for; an ``.mp4`` holds one in memory, a ``.gif`` all.
+        The movie, or another sequence that draws its frames on request.
     path : path
-        Ends in ``.mp4``, H.264 for slides and browsers (``pip install 'voxflat[movie]'``), or ``.gif``, whose pictures
-        last whole hundredths of a second, two at least.
+        The file: ``.mp4`` (H.264, for slides and browsers; needs ``pip install 'voxflat[movie]'``) or ``.gif``. Each
+        frame of a GIF lasts a whole number of hundredths of a second, at least two.
     record : dict, optional
-        What made it: a comment in the file.
+        The provenance to store as a comment in the file.
     progress : callable, optional
-        Called as ``progress(stage, done, total)`` after each picture; if it returns False nothing is written.
+        Called as ``progress(stage, done, total)`` after each frame. If it returns False, nothing is written.
 
     Raises
     ------
     InputError
-        If the ending is another, what writes it is missing, or a ``.gif`` needs more memory than there is.
+        If the file has another format, if the package that writes it is missing, or if a GIF needs more memory than is
+        available.
     Cancelled
         If `progress` returned False.
     OSError
         If the file cannot be written.
+
+    See Also
+    --------
+    movie : Make a movie.
 
     Examples
     --------
@@ -186,9 +213,9 @@ def _write_mp4(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]
     height, width = movie.size
     space = ["-colorspace", _BT709, "-color_primaries", _BT709, "-color_trc", _BT709]
     more = ["-crf", _QUALITY, "-vf", f"scale=out_color_matrix={_BT709}", *space, "-movflags", "+faststart"]
-    told = {"codec": "libx264", "fps": movie.rate, "quality": None, "macro_block_size": 2}
+    codec = {"codec": "libx264", "fps": movie.rate, "quality": None, "macro_block_size": 2}
     comment = ["-metadata", f"comment={text}"]
-    writer = ffmpeg.write_frames(str(path), (width, height), **told, output_params=[*more, *comment])
+    writer = ffmpeg.write_frames(str(path), (width, height), **codec, output_params=[*more, *comment])
     try:
         writer.send(None)
         for picture in pictures:
@@ -196,19 +223,19 @@ def _write_mp4(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]
     except OSError as error:
         if error.errno is not None:
             raise
-        raise InputError(f"ffmpeg failed ({one_line(error)}): install imageio-ffmpeg again, or give a .gif") from error
+        raise InputError(f"ffmpeg failed: {one_line(error)}. Reinstall imageio-ffmpeg, or write a .gif file") from error
     finally:
         writer.close()
 
 
 def _write_gif(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
     height, width = movie.size
-    check_room(2 * len(movie) * height * width)  # Pillow holds them all
+    check_room(2 * len(movie) * height * width)  # Pillow keeps all frames
     shown = [Image.fromarray(movie[n]) for n in sorted({0, len(movie) // 2, len(movie) - 1})]
     together = Image.fromarray(np.concatenate([np.asarray(one) for one in shown]))
     palette = together.quantize(255, method=Image.Quantize.MAXCOVERAGE)
     frames = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
-    lasts = max(2, round(100 / movie.rate)) * 10  # ms; players make less than 20 longer
+    lasts = max(2, round(100 / movie.rate)) * 10  # ms; players slow down frames of less than 20 ms
     first = next(frames)
     first.save(
         path, format="GIF", save_all=True, append_images=frames, duration=lasts, loop=0, comment=text.encode("utf-8")

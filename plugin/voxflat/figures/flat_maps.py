@@ -1,4 +1,4 @@
-"""The figure of a flat map that one reads: folds, data over them, parcels, names and marks."""
+"""Figures of flat maps for publication: folds, data over them, parcels, names and annotations."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.paper import DARK, LIGHT, STRIP, WHEEL_STRIP, Page, Panel
+from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page, Panel
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -20,11 +20,14 @@ from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 
-UNDERLAYS = ("curvature", "sulcal depth", "none")  # what the folds may be shown by
+UNDERLAYS = ("curvature", "sulcal depth", "none")  # measures that may show the folds
 
 _LINE, _THIN = 0.5, 0.35  # points
-_NO_FOLDS = 0.66  # grey where nothing is known
-_EDGES = {"curvature": 0.02, "sulcal depth": 0.8}  # from where on it is all gyrus or sulcus, 1/mm, mm
+_NO_FOLDS = 0.66  # grey where the folds are unknown
+_EDGES = {
+    "curvature": 0.02,
+    "sulcal depth": 0.8,
+}  # values from which a point is drawn as all gyrus or all sulcus, 1/mm, mm
 _PARCELS_OPACITY = 0.75
 
 
@@ -43,47 +46,58 @@ def flat_map(
     width: float | None = None,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw a flat map, or both hemispheres side by side: folds, data over them, parcels, and marks.
+    """Draw a flat map, or the maps of both hemispheres side by side.
+
+    The figure shows the folds, data over them, the borders and names of parcels, a scale bar, and the names of cuts.
+    Arrows show anatomical directions at the middle of the map if the space of the surface is known. A warning lists
+    names that do not fit into their parcels. PNG files are at least 1,700 pixels wide.
 
     Parameters
     ----------
     flat_map : FlatMap, or sequence of two
         A flat map, or the maps of the left and the right hemisphere, which share one colour scale.
     overlay : Overlay, path, ndarray, image object or Volume, optional
-        Data over the folds: everything that `FlatMap.image` takes, or an `Overlay` that says how they are shown. For
-        two maps a volume or CIFTI file that covers both, or a sequence of two, one for each map.
-    depth, fraction, layering
-        As in `FlatMap.image`, of overlay and parcels, as far as they are volumes.
+        Data over the folds: everything that `FlatMap.image` accepts, or an `Overlay` with display options. For two
+        maps, a volume or CIFTI file that covers both, or a sequence of two, one for each map.
+    depth, fraction : float or sequence of float, optional
+        Where to sample overlay and parcels that are volumes, as in `FlatMap.image`.
+    layering : str
+        The meaning of `fraction`, as in `FlatMap.image`.
     opacity : float, Overlay, path, ndarray, image object or Volume, optional
-        Opacity of the overlay: a number from 0 to 1, or a second map, such as t or R². Where that map is 0 the overlay
-        is transparent; it is opaque where the magnitude reaches the upper limit of ``Overlay(map, limits=(0, 5))``, by
-        default its 99th percentile. By default 1; without an overlay this is the opacity of the parcels, by default
+        Opacity of the overlay: a number from 0 to 1, or a second map, such as t or R². The overlay is transparent where
+        that map is 0, and opaque where its magnitude reaches the upper limit of ``Overlay(map, limits=(0, 5))``, by
+        default its 99th percentile. By default 1. Without an overlay, this is the opacity of the parcels, by default
         0.75.
     parcels : path, ndarray, image object, Volume or Parcels, optional
-        Labels, as in `parcels_of`: their borders and names, and without an overlay their colours, as the file has them.
-        For two maps as `overlay`.
+        Labels whose borders and names are drawn. Without an overlay, the parcels are filled with the colours of the
+        file. For two maps, pass them as for `overlay`.
     table : path, optional
-        Names and colours of the parcels where their file has none: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
+        Names and colours of the parcels if their file has none: a table such as FreeSurferColorLUT.txt or a BIDS
+        dseg.tsv.
     underlay : {"curvature", "sulcal depth", "none"}
-        What the folds are shown by: gyri are light, sulci dark.
+        The measure that shows the folds: gyri are light, sulci are dark.
     title : str, optional
-        Above the map.
+        Text above the map.
     width : float, optional
         Width of the figure on paper, mm: by default 85 (one column) for one map, 170 for two. Fonts have 6 points or
         more at this size.
     ax : matplotlib.axes.Axes, optional
-        Draw into these axes, with their size, instead of a new figure.
+        Draw into these axes instead of a new figure.
 
     Returns
     -------
     matplotlib.figure.Figure
-        1,700 pixels wide or more in PNG. The directions of the body are those at the middle of the map, of a surface
-        whose space is known. Names that have no room in their parcel are left out, and it is said how many.
+        The figure, or the figure of `ax`.
 
     Raises
     ------
     InputError
-        As in `FlatMap.image`; if a value is none of those above, or the overlay lies elsewhere than the map.
+        If an argument is invalid, or if the overlay does not cover the map.
+
+    See Also
+    --------
+    movie : The same for each frame of a series.
+    save : Write the figure to a file.
 
     Examples
     --------
@@ -104,7 +118,7 @@ def flat_map(
         for n, panel in enumerate(page.panels)
     ]
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
-        raise InputError("depth and fraction are for volumes: neither overlay nor parcels is one; leave them out")
+        raise InputError("depth and fraction apply to volumes, but no overlay or parcels are a volume. Omit them")
     full = _full(sides, shown_by)
     colours = None if of is None else OverlayColours.of(*_pooled(sides), of)
     for side in sides:
@@ -130,13 +144,13 @@ def flat_map(
         rim = outline(side.flat_map.uv, side.flat_map.faces[~side.flat_map.torn])
         side.panel.lines(rim, "marks", _LINE, "0.25")
     if of is not None and colours is not None:
-        told = of.label if of.label is not None else _named(sides[0], *of.thresholds)
+        label = of.label if of.label is not None else _named(sides[0], *of.thresholds)
         if full is not None and sides[0].opacity is not None:
-            told += f", opacity: {sides[0].opacity.name} from 0 to {full:.3g}"
+            label += f", opacity: {sides[0].opacity.name} from 0 to {full:.3g}"
         if colours.is_cyclic:
-            page.wheel(colours, told, of.zero)
+            page.wheel(colours, label, of.zero)
         elif colours.colour_map is not None:
-            page.bar(colours, told)
+            page.bar(colours, label)
     page.marks()
     figure: Figure = page.figure
     return figure
@@ -146,30 +160,32 @@ _COLUMN = 85.0  # mm
 
 
 def maps_of(given: object) -> list[FlatMap]:
-    """Return the maps to be shown: one, or those of both hemispheres."""
+    """Return the maps to draw: one map, or the maps of both hemispheres."""
     maps: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
     if not 1 <= len(maps) <= 2:
-        raise InputError(f"a figure shows one map, or those of both hemispheres; {len(maps)} are given")
+        raise InputError(
+            f"a figure shows one map, or the maps of both hemispheres, but got {len(maps)} maps. Pass one or two"
+        )
     for one in maps:
         checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
     return maps
 
 
 def _opacity(opacity: object) -> Any:
-    """Return an opacity as a number, or the map that it is taken from as an `Overlay`."""
+    """Return the opacity as a number, or the map that sets it."""
     if opacity is None:
         return 1.0
     if isinstance(opacity, int | float | np.number) and not isinstance(opacity, bool):
         if not 0 <= checked_number(float(opacity), "opacity") <= 1:
-            raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1, or a map")
+            raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1, or a map")
         return float(opacity)
     if isinstance(opacity, bool):
-        raise InputError(f"the opacity is {opacity}; give a number from 0 to 1, or a map")
+        raise InputError(f"opacity is {opacity}. Pass a number from 0 to 1, or a map")
     return opacity
 
 
 class _Side:
-    """A map of the figure, and what is shown on it."""
+    """A map of the figure with its data."""
 
     def __init__(
         self,
@@ -199,7 +215,7 @@ class _Side:
         self.parcels: Parcels | None = own
 
     def _own(self, values: Any) -> Any:
-        """Return this side's of values that are given for each; else all of them."""
+        """Return the values of this side if each side has its own; otherwise all values."""
         is_each = isinstance(values, list | tuple) and len(values) == self._count > 1
         return values[self._number] if is_each else values
 
@@ -214,14 +230,14 @@ class _Side:
         return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
 
     def shares(self, full: float | None) -> NDArray[np.float64]:
-        """Return how opaque the overlay is at each pixel."""
+        """Return the opacity of the overlay at each pixel, from 0 to 1."""
         assert self.opacity is not None
         assert full is not None
         return np.asarray(np.clip(np.abs(np.nan_to_num(self.opacity.data)) / full, 0, 1))
 
 
 def _full(sides: list[_Side], opacity: Any) -> float | None:
-    """Return the magnitude of the opacity's map from which the overlay is opaque."""
+    """Return the magnitude of the opacity map at which the overlay becomes opaque."""
     images = [side.opacity for side in sides if side.opacity is not None]
     if not images:
         return None
@@ -232,12 +248,12 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
     else:
         full = max(abs(checked_number(float(end), "limit of the opacity")) for end in limits)
     if full <= 0:
-        raise InputError("the map of the opacity is 0 everywhere on the flat map: do their affines agree?")
+        raise InputError("the opacity map is 0 everywhere on the flat map. Check that the affines of both agree")
     return full
 
 
 def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
-    """Return the overlay of all sides, and its strength, in one image each, by which colours are chosen."""
+    """Return the overlay of all sides and its strength, each as one image, to choose colours from."""
     found = []
     for images in ([side.image for side in sides], [side.strength for side in sides]):
         first = images[0]
@@ -252,11 +268,11 @@ def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
 
 
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:
-    """Return the grey picture of the folds, RGBA: gyri light, sulci dark; an even grey where they are not known."""
+    """Return an RGBA image of the folds: gyri light, sulci dark, and a uniform grey where they are unknown."""
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":
-        log.info("the map has no %s, whose surface has no triangles: it is shown in an even grey", underlay)
+        log.info("The map has no %s because its surface has no triangles. It is drawn in a uniform grey", underlay)
     if values is not None:
         outwards = raster.interpolate(values if underlay == "curvature" else -values)
         level = np.clip(outwards / _EDGES[underlay], -1, 1)
@@ -268,7 +284,7 @@ def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDA
 
 
 def _named(side: _Side, above: float | None, below: float | None) -> str:
-    """Return what the colour bar says of its own: the overlay, and where it is shown if that is not to be seen."""
+    """Return the default label of the colour bar: the name of the overlay, and the threshold on its strength."""
     assert side.image is not None
     name = "" if side.image.name == "volume" else side.image.name
     if side.strength is None:
@@ -278,6 +294,6 @@ def _named(side: _Side, above: float | None, below: float | None) -> str:
 
 
 def _over(pixels: NDArray[np.uint8], grey: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return how light it is where pixels lie over a grey."""
+    """Return the lightness of pixels over a grey background."""
     share = pixels[..., 3] / 255
     return np.asarray(share * (pixels[..., :3] @ np.array([0.3, 0.59, 0.11])) + (1 - share) * grey)

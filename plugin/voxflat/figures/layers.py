@@ -1,4 +1,4 @@
-"""Layers of a figure in SVG files: those that Inkscape shows by name."""
+"""Named layers in SVG files of figures, as Inkscape shows them."""
 
 import re
 from pathlib import Path
@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from voxflat.io.formats.svg import AXES, EXTENT
 
-MAP = "map"  # what the axes of a flat map are labelled, in mm of the map
+MAP = "map"  # label of the axes of a flat map, whose units are mm of the map
 
 LAYERS = ("curvature", "data", "parcels", "names", "marks")
-"""Layers of a flat map, from below, by the gid of the artists that they hold."""
+"""Layers of a flat map, from bottom to top; each holds the artists with its name as their gid."""
 
 _SVG = "http://www.w3.org/2000/svg"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -27,7 +27,7 @@ _PREFIXES = {
 
 
 def name_layers(path: Path, drawn: Figure) -> None:
-    """Sort what an SVG file of matplotlib draws into layers, by artists' gid; the root tells where the map lies."""
+    """Sort the elements of a Matplotlib SVG file into layers by gid, and store the map's position at the root."""
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):
         return
@@ -38,7 +38,7 @@ def name_layers(path: Path, drawn: Figure) -> None:
     layers: dict[str, Any] = {name: _layer(name) for name in ("background", *LAYERS)}
     for axes in drawn.axes:
         if axes.get_label() == MAP:
-            box, (width, height) = axes.get_position(), 72 * drawn.get_size_inches()  # in points, y downwards
+            box, (width, height) = axes.get_position(), 72 * drawn.get_size_inches()  # in points, y pointing down
             at = (box.x0 * width, (1 - box.y1) * height, box.width * width, box.height * height)
             root.set(AXES, " ".join(f"{value:.6g}" for value in at))
             root.set(EXTENT, " ".join(f"{value:.9g}" for value in (*axes.get_xlim(), *axes.get_ylim())))
@@ -60,7 +60,7 @@ def _layer(name: str) -> Any:
 
 
 def _sort(group: Any, layers: dict[str, Any]) -> None:
-    """Move what has a layer's name into it, and what is drawn elsewhere into the lowest one."""
+    """Move each element into the layer that it names, and all other elements into the lowest layer."""
     for child in list(group):
         name = child.get("id", "")
         if name in layers:

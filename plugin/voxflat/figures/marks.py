@@ -1,4 +1,4 @@
-"""Marks of a map: where anterior and superior are, which side it is, names of its cuts, a round length."""
+"""Annotations of a map: anatomical directions, the hemisphere, names of cuts, and the length of the scale bar."""
 
 from dataclasses import dataclass
 
@@ -8,26 +8,26 @@ from numpy.typing import NDArray
 from voxflat.maps.flat_map import FlatMap
 
 _MIDDLE = 0.35  # of the radius of a disk of the map's area
-_TELLING = 0.3  # R² from which a direction lies in the plane
+_TELLING = 0.3  # R² from which a direction counts as lying in the plane
 _APART = np.cos(np.radians(30))
 _SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the body on the map."""
+    """An anatomical direction on the map."""
 
     letter: str  # R, A or S: right, anterior, superior
     u: float  # (u, v) is a unit vector
     v: float
-    share: float  # R² of the linear fit: how much of the coordinate's variance the plane explains
+    share: float  # R² of the linear fit: the share of the coordinate's variance that the plane explains
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:
-    """Find the two directions of the body that lie best in the plane, at the middle of a map whose space is known.
+    """Find the two anatomical directions that lie best in the plane at the middle of the map.
 
-    To the points around the middle each of their coordinates is fitted linearly in (u, v); its gradient points where it
-    grows most.
+    Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction. The
+    list is empty if the space of the map is unknown.
     """
     is_known = flat_map.space.name != "unknown" or flat_map.metadata.get("structure") in _SIDES
     if not is_known:
@@ -57,13 +57,13 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 
 def side(flat_map: FlatMap) -> str | None:
-    """Return "L" or "R" where it is known of which hemisphere a map is, by its file or its registered sphere."""
-    told = (flat_map.metadata.get("structure"), (flat_map.metadata.get("sphere") or {}).get("side"))
-    return next((_SIDES[one] for one in told if one in _SIDES), None)
+    """Return "L" or "R" if the file or the registered sphere of a map tells its hemisphere, otherwise None."""
+    known = (flat_map.metadata.get("structure"), (flat_map.metadata.get("sphere") or {}).get("side"))
+    return next((_SIDES[one] for one in known if one in _SIDES), None)
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
-    """Find where the names of cuts belong, (u, v) in mm: between the lips, where they are farthest apart."""
+    """Return the names of cuts with their positions (u, v) in mm: between both sides, where the gap is wide."""
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []
     rows: dict[object, list[int]] = {}
@@ -74,8 +74,8 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
             rows.setdefault(tuple(key) if isinstance(key, list) else key, []).append(row)
     found = []
     for name, path in zip(names, paths, strict=False):
-        lips = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]
-        places = [flat_map.uv[lip] for lip in lips if lip]
+        both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]
+        places = [flat_map.uv[points] for points in both_sides if points]
         if name and places:
             u, v = _widest(places)
             found.append((str(name), u, v))
@@ -83,8 +83,8 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
 
 
 def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
-    """Return the middle of the lips a third of the way in from where they are farthest apart to where they meet."""
-    gaps = [float(np.ptp(lip, axis=0).max()) for lip in places]
+    """Return the middle between both sides of a cut, where two thirds of the cut have a smaller gap."""
+    gaps = [float(np.ptp(points, axis=0).max()) for points in places]
     widest = int(np.argmax(gaps))
     if gaps[widest] == 0:
         return tuple(places[len(places) // 2].mean(axis=0).tolist())
@@ -95,6 +95,6 @@ def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
 
 
 def round_length(room: float) -> float:
-    """Return the greatest of 1, 2, 5 times a power of ten that is no longer than the room."""
+    """Return the largest of 1, 2 and 5 times a power of ten that is not longer than the available room."""
     power = 10.0 ** np.floor(np.log10(room))
     return float(power * max(step for step in (1, 2, 5) if step * power <= room * (1 + 1e-9)))

@@ -1,4 +1,4 @@
-"""Movies of a series on the flat map: folds, data over them, one scale of colours, and the time."""
+"""Movies of a series on the flat map: folds, data over them, a fixed colour scale, and the time."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -15,41 +15,48 @@ from voxflat.arguments import Progress, checked_choice, checked_switch, is_numbe
 from voxflat.errors import InputError
 from voxflat.figures.flat_maps import UNDERLAYS, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.paper import Page, Panel
+from voxflat.figures.page import Page, Panel
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.raster import FlatImage, FlatStack
 
-_WIDTH = 120.0  # mm of paper that the pictures stand for: fonts of 6.5 points are 24 of 1,280 pixels
+_WIDTH = 120.0  # width of a frame on paper, mm: fonts of 6.5 points are 24 pixels high in a frame of 1,280 pixels
 _SIZES = (320, 3840)
 _LINE = 0.5  # points
-_LOOKED_AT = 16  # frames by which colours are chosen
-_VALUES = 1 << 20  # values of them
-_TIME, _CORNER = 3.2, 1.8  # mm of paper: height of the letters, and where they begin
+_LOOKED_AT = 16  # number of frames from which colours are chosen
+_VALUES = 1 << 20  # number of values from these frames
+_TIME, _CORNER = 3.2, 1.8  # mm of paper: height of the letters, and their distance from the corner
 
 
 class Movie(Sequence[NDArray[np.uint8]]):
-    """Pictures of the frames of a series, each drawn when it is asked for: ``movie[3]`` is (H, W, 3), uint8.
+    """A sequence of images, one per frame of a series.
+
+    Frames are drawn on request: ``movie[3]`` is an array of uint8 of shape (H, W, 3). `movie` makes such objects.
 
     Parameters
     ----------
     stacks : sequence of FlatStack
-        The frames, of each map that is shown.
+        The frames of each map.
     colours : OverlayColours
-        Of all of them.
+        The colours of all frames.
     page : Page
-        What lies around them.
+        The layout.
     layers : tuple of two ndarrays of uint8, shape (H, W, 4)
-        What is below the data and above.
+        The images below and above the data.
     rate : float
-        Frames a second.
+        Frames per second.
+
+    See Also
+    --------
+    movie : Make a movie of a series.
+    save_movie : Write a movie to a file.
 
     Examples
     --------
     >>> flat_map = voxflat.samples.hill().flatten()
     >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320)
-    <Movie: overlay, 3 frames of 320 x 358 pixels, 10 a second>
+    <Movie: overlay, 3 frames of 320 x 358 pixels, 10 per second>
     """
 
     def __init__(
@@ -73,15 +80,28 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     def __repr__(self) -> str:
         height, width = self.size
-        return f"<Movie: {self.stack.name}, {len(self)} frames of {width} x {height} pixels, {self.rate:g} a second>"
+        return f"<Movie: {self.stack.name}, {len(self)} frames of {width} x {height} pixels, {self.rate:g} per second>"
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of each picture, pixels; both are even."""
+        """Height and width of each frame in pixels.
+
+        Both are even, as H.264 requires.
+
+        See Also
+        --------
+        movie : Its parameter `size` sets the width.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320).size
+        (358, 320)
+        """
         return (self._below.height, self._below.width)
 
-    def _told(self, n: int) -> str:
-        """Return what is written above a frame: its time, else its name, else its number from 0."""
+    def _caption(self, n: int) -> str:
+        """Return the text above a frame: its time, or its name, or its number from 0."""
         times = self.stack.times
         if times is None:
             return self.stack.names[n] or f"frame {n}"
@@ -105,7 +125,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
             data = self.colours.paint(stack[n].data)
             drawn.alpha_composite(Image.fromarray(data[rows][:, columns]), (left, top))
         drawn.alpha_composite(self._above)
-        ImageDraw.Draw(drawn).text((self._corner, self._corner), self._told(n), (0, 0, 0), self._font)
+        ImageDraw.Draw(drawn).text((self._corner, self._corner), self._caption(n), (0, 0, 0), self._font)
         return np.asarray(drawn.convert("RGB"))
 
 
@@ -124,40 +144,52 @@ def movie(
     size: int = 1280,
     progress: Progress | None = None,
 ) -> Movie:
-    """Show a series on a flat map frame by frame: folds, data over them in one scale of colours, and the time.
+    """Draw a series on a flat map, frame by frame.
+
+    Each frame shows the folds, the data over them, and the time. All frames have the same colour scale. Default limits
+    and percentiles are computed from up to 16 evenly spaced frames.
 
     Parameters
     ----------
     flat_map : FlatMap, or sequence of two
-        A flat map, or those of both hemispheres, as in `figures.flat_map`.
-    overlay : Overlay, path, ndarray, image object
-        A series: everything that `FlatMap.images` takes, or an `Overlay` that says how it is shown. Values are sampled
-        linearly between voxels unless it says otherwise: series are hardly ever of labels. Limits that are not given,
-        and percentiles, are those of up to 16 frames, spread evenly.
-    depth, fraction, layering
-        As in `FlatMap.images`; of several depths the mean is shown.
+        A flat map, or the maps of both hemispheres, as in `flat_map`.
+    overlay : Overlay, path, ndarray or image object
+        A series: everything that `FlatMap.images` accepts, or an `Overlay` with display options. Values are
+        interpolated linearly between voxels by default.
+    depth, fraction : float or sequence of float, optional
+        Where to sample volumes, as in `FlatMap.images`. With several depths, the mean is shown.
+    layering : str
+        The meaning of `fraction`, as in `FlatMap.images`.
     change : bool
-        Show the change from each place's mean, %, as `FlatStack.percent_change`: raw signals show little but anatomy.
+        Show the change from the mean of each point in %, as `FlatStack.percent_change` does, because raw signals show
+        mostly anatomy.
     opacity : float
-        Of the data, from 0 to 1.
-    underlay, title
-        As in `flat_map`.
+        Opacity of the data, from 0 to 1.
+    underlay : {"curvature", "sulcal depth", "none"}
+        The measure that shows the folds.
+    title : str, optional
+        Text above the map.
     rate : float
-        Frames a second.
+        Frames per second.
     size : int
-        Width of the pictures, pixels.
+        Width of the frames in pixels.
     progress : callable, optional
-        As in `FlatStack.percent_change`.
+        Reports progress, as in `FlatStack.percent_change`.
 
     Returns
     -------
     Movie
-        A sequence of pictures, for `save_movie`.
+        A sequence of images.
 
     Raises
     ------
     InputError
-        As `flat_map`; if there is one frame only, or a number is out of bounds.
+        If an argument is invalid, or if the series has only one frame.
+
+    See Also
+    --------
+    save_movie : Write the movie to a file.
+    flat_map : Draw one map of values.
 
     Examples
     --------
@@ -169,15 +201,15 @@ def movie(
     maps = maps_of(flat_map)
     of = Overlay._of(overlay, len(maps))
     if of.channel is not None or of.strength is not None or of.period is not None:
-        raise InputError("channel, strength and period are for figures: a movie shows the values of all frames")
+        raise InputError("channel, strength and period apply to figures, not to movies. Omit them")
     checked_choice(underlay, "underlay", UNDERLAYS)
     checked_switch(change, "change")
     if not (is_number(rate) and 0.1 <= rate <= 120):
-        raise InputError(f"the rate is {shown(rate)}; give 0.1 to 120 frames a second")
+        raise InputError(f"rate is {shown(rate)}. Pass 0.1 to 120 frames per second")
     if not (is_whole(size) and _SIZES[0] <= size <= _SIZES[1]):
-        raise InputError(f"the size is {shown(size)}; give the pictures' width, {_SIZES[0]} to {_SIZES[1]} pixels")
+        raise InputError(f"size is {shown(size)}. Pass the width of the frames: {_SIZES[0]} to {_SIZES[1]} pixels")
     if not (is_number(opacity) and 0 <= opacity <= 1):
-        raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
+        raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
     depths = Depths.of(depth, fraction, layering)
     how: dict[str, Any] = {"interpolation": of.interpolation or "linear", "time_step": of.time_step, "average": True}
@@ -190,7 +222,8 @@ def movie(
         panel.image(folds(panel.flat_map, raster, underlay), raster, "curvature")
         stacks.append(stack.percent_change(progress) if change else stack)
     if len({len(stack) for stack in stacks}) > 1:
-        raise InputError(f"the series have {' and '.join(str(len(one)) for one in stacks)} frames: give equally many")
+        counts = " and ".join(str(len(one)) for one in stacks)
+        raise InputError(f"the series have {counts} frames. Pass series with the same number of frames")
     colours = OverlayColours.of(_look(stacks), None, of, opacity)
     beneath = _pixels(page)
     for panel in page.panels:
@@ -205,15 +238,15 @@ def movie(
 
 def _check_series(stack: FlatStack) -> None:
     if len(stack) < 2:
-        raise InputError(f"{stack.name} has one frame: voxflat figure shows it (figures.flat_map)")
+        raise InputError(f"{stack.name} has only one frame. Draw it with voxflat figure or figures.flat_map")
     if stack[0].is_colour:
-        raise InputError("colours are no series: give values")
+        raise InputError(f"{stack.name} has colours, not values. Pass a series of values")
     if stack.timing is None and not any(stack.names):
-        log.info("%s does not say how far apart its frames are: they are numbered; the time step says it", stack.name)
+        log.info("%s has no time step, so its frames are numbered. Pass time_step to show times", stack.name)
 
 
 def _look(stacks: Sequence[FlatStack]) -> FlatImage:
-    """Return values of frames spread over the series, in one image, for the choice of colours."""
+    """Return values of evenly spaced frames as one image, to choose colours from."""
     first, count = stacks[0], len(stacks[0])
     frames = np.unique(np.linspace(0, count - 1, min(_LOOKED_AT, count)).round().astype(int)).tolist()
     every = max(1, len(frames) * sum(stack[0].data.size for stack in stacks) // _VALUES)
@@ -221,12 +254,12 @@ def _look(stacks: Sequence[FlatStack]) -> FlatImage:
         stack[n].data.ravel()[n % every :: every][: stack[0].data.size // every] for stack in stacks for n in frames
     ]
     if len(frames) < count:
-        log.info("colours are chosen by %d of %d frames", len(frames), count)
+        log.info("The colour limits are computed from %d of %d frames", len(frames), count)
     return FlatImage(np.concatenate(values)[None], first.pixel_size, first.origin, first.name, labels=False)
 
 
 def _pixels(page: Page) -> NDArray[np.uint8]:
-    """Draw what is on a page, (H, W, 4); height and width are even, as H.264 wants them."""
+    """Draw a page as an image (H, W, 4) whose height and width are even, as H.264 requires."""
     canvas: Any = FigureCanvasAgg(page.figure)
     canvas.draw()
     drawn = np.asarray(canvas.buffer_rgba()).copy()
@@ -235,9 +268,9 @@ def _pixels(page: Page) -> NDArray[np.uint8]:
 
 
 def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
-    """Return of rows, and of columns, the first of a picture that shows the map, and which pixels these show."""
+    """Return, for rows and columns of a frame, the first that shows the map, and the pixels of the map from there."""
     per_mm = page.figure.dpi / 25.4
-    left, bottom = (per_mm * at for at in panel.at(*stack.origin))  # of pixel (0, 0), from the lower left corner
+    left, bottom = (per_mm * at for at in panel.at(*stack.origin))  # pixel (0, 0) from the lower left corner
     step = per_mm * page.scale * stack.pixel_size
     down = np.arange(shape[0]) + 0.5 - (page.figure.bbox.height - bottom)
     right = np.arange(shape[1]) + 0.5 - left
@@ -250,10 +283,10 @@ def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) 
 
 
 def _decimals(stack: FlatStack) -> int:
-    """Return how many decimals the times of a series need, at most 3."""
+    """Return the number of decimals that the times of a series need, at most 3."""
     assert stack.timing is not None
-    told = (stack.timing.step, stack.timing.start)
-    return next(n for n in range(4) if n == 3 or all(abs(round(value, n) - value) < 1e-6 for value in told))
+    times = (stack.timing.step, stack.timing.start)
+    return next(n for n in range(4) if n == 3 or all(abs(round(value, n) - value) < 1e-6 for value in times))
 
 
 @lru_cache

@@ -1,4 +1,4 @@
-"""Names inside their regions: where they have room, and in which size."""
+"""Placement of names inside their regions: position and font size."""
 
 import re
 from collections.abc import Iterable
@@ -20,20 +20,20 @@ _MARGIN = 0.3  # around a name, mm
 
 @dataclass(frozen=True)
 class PlacedName:
-    """A name in the middle of its box, which lies in the region, so that no two boxes meet; in pixels."""
+    """A name and its box in pixels. The box lies inside the region, so boxes of different regions do not overlap."""
 
-    label: int  # the region's
-    text: str  # in lines
+    label: int  # label of the region
+    text: str  # may have several lines
     row: float
     column: float
     height: int
     width: int
-    size: float  # of the font, points
-    is_upright: bool = False  # read from below, turned by 90°
+    size: float  # font size, points
+    is_upright: bool = False  # rotated by 90°, read from bottom to top
 
 
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
-    """Find a place for names in their regions, in the largest size that fits; a pixel's side is in mm of paper."""
+    """Place names in their regions at the largest size that fits, and list those that do not fit; `pixel` is in mm."""
     placed, left_out = [], []
     for label, name in names.items():
         mask = labels == label
@@ -48,7 +48,7 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
 
 
 def text_size(text: str, size: float) -> tuple[float, float]:
-    """Return width and height of a text on paper, mm; the font's size is in points."""
+    """Return width and height of a text on paper, mm; the font size is in points."""
     lines = text.split("\n")
     return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)
 
@@ -76,7 +76,7 @@ def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> Plac
 
 
 def _tries(name: str) -> Iterable[tuple[str, float, bool]]:
-    """Return a name in all sizes, and whether it is upright: readable ones, in one or more lines, before small ones."""
+    """Yield text, font size and orientation to try: readable sizes with all line breaks first, then small ones."""
     broken = list(dict.fromkeys([name, _broken(name, 2), _broken(name, 3)]))
     for sizes in ([size for size in _SIZES if size >= _READABLE], [size for size in _SIZES if size < _READABLE]):
         yield from ((text, size, upright) for size in sizes for upright in (False, True) for text in broken)
@@ -101,6 +101,6 @@ def _broken(name: str, lines: int) -> str:
 
 @lru_cache(maxsize=4096)
 def _width(line: str) -> float:
-    """Return the width of a line, in sizes of the font."""
+    """Return the width of a line in multiples of the font size."""
     path: Any = TextPath((0, 0), line or " ", size=100)
     return float(path.get_extents().width) / 100 + 0.1

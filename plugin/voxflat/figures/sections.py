@@ -1,4 +1,4 @@
-"""Sections through what was taken for a brain, beside the template that did not fit."""
+"""Draw sections through a white-matter mask with the outline of a template that did not fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OUTLINE = "#d62728"
 
 
 def sections(white: NDArray[np.bool_], affine: Affine, template: NDArray[np.bool_] | None) -> Figure:
-    """Draw sections through the middle of a mask, in RAS+, and the outline of a template on the same grid."""
+    """Draw sections through the middle of a mask, in RAS+, with the outline of a template on the same grid."""
     from matplotlib.figure import Figure
 
     axes = nib.orientations.io_orientation(affine)  # type: ignore[no-untyped-call]
@@ -36,8 +36,8 @@ def sections(white: NDArray[np.bool_], affine: Affine, template: NDArray[np.bool
             ax.contour(outline, [0.5], colors=_OUTLINE, linewidths=1)
         ax.set_title(name if axis == 0 else f"{name}, left on the left", fontsize=9)
         ax.set_axis_off()
-    told = "white: taken for white matter" + ("" if other is None else "; red: MNI152's, where it fits best")
-    figure.supxlabel(told, fontsize=9)
+    legend = "white: assumed white matter" + ("" if other is None else "; red: white matter of MNI152, best fit")
+    figure.supxlabel(legend, fontsize=9)
     return figure
 
 

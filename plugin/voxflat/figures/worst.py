@@ -1,4 +1,4 @@
-"""Figures of the worst places of a map: `worst_places` in the plane, `worst_places_3d` on the surface."""
+"""Figures of the regions of highest area distortion: `worst_places` on the map, `worst_places_3d` on the surface."""
 
 from typing import Any
 
@@ -13,37 +13,44 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_kind
 from voxflat.figures.colours import AREAS
-from voxflat.figures.space import drawn_from_both_sides, load_pyvista
+from voxflat.figures.views_3d import drawn_from_both_sides, load_pyvista
 from voxflat.io.grid import in_unit
 from voxflat.maps.lines import outline, rim
 from voxflat.maps.worst_places import WorstPlaces
 
 _LABEL = "area on the map / on the surface"
 _OUTLINE, _CUT, _BORDER = "black", "#1a7f37", "#606060"
-_APART = 0.03  # of a number from its place, as a share of the map's height
-_THICK = 0.0016  # of lines on the surface, as a share of its size
+_APART = 0.03  # distance of a number from its region, as a share of the map's height
+_THICK = 0.0016  # radius of lines on the surface, as a share of its size
 _FACTORS = (0.25, 0.5, 0.67, 0.8, 1.0, 1.25, 1.5, 2.0, 4.0)
 
 
 def worst_places(worst: WorstPlaces) -> Figure:
-    """Show a map's worst places: outlines and numbers over the change of areas, and the cuts that relieve them.
+    """Draw the regions of highest area distortion on the map.
+
+    The regions are outlined and numbered over the change of area, at the scale that preserves the total area. Colours
+    end at twice `WorstPlaces.beyond` in both directions. Green lines are cuts that would reduce the distortion.
 
     Parameters
     ----------
     worst : WorstPlaces
-        As `voxflat.worst_places` returns them.
+        The regions, as `voxflat.worst_places` returns them.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Areas at the scale that keeps the area of the whole, to twice `WorstPlaces.beyond` either way; cuts are green.
+        The figure.
+
+    See Also
+    --------
+    worst_places_3d : The same on the surface.
 
     Examples
     --------
     >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
     >>> figure = voxflat.figures.worst_places(worst)
     """
-    checked_kind(worst, "worst", "places", "WorstPlaces, as worst_places returns them")
+    checked_kind(worst, "worst", "places", "WorstPlaces, as returned by voxflat.worst_places")
     flat_map = worst.flat_map
     wide, high = np.ptp(flat_map.uv, axis=0).tolist()
     figure = Figure(figsize=(7.6, float(np.clip(6.4 * high / wide, 2.4, 8.0)) + 0.6), layout="compressed")
@@ -72,24 +79,31 @@ def worst_places(worst: WorstPlaces) -> Figure:
 
 
 def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) -> NDArray[np.uint8]:
-    """Picture a map's worst places on its surface, from outside and from the other side.
+    """Draw the regions of highest area distortion on the surface.
+
+    The image shows the surface from outside and from the opposite side, in the colours of `worst_places`. Numbers of
+    hidden regions are in brackets.
 
     Parameters
     ----------
     worst : WorstPlaces
-        As `voxflat.worst_places` returns them.
+        The regions, as `voxflat.worst_places` returns them.
     size : tuple of 2 ints
         Width and height in pixels.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        In the colours of `worst_places`, for `save_picture`. Numbers of places that are hidden are in brackets.
+        An image for `save_picture`.
 
     Raises
     ------
     InputError
         If PyVista is missing or cannot draw.
+
+    See Also
+    --------
+    worst_places : The same on the map.
 
     Examples
     --------
@@ -97,7 +111,7 @@ def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) 
     >>> voxflat.figures.worst_places_3d(worst, size=(200, 100)).shape
     (100, 200, 3)
     """
-    checked_kind(worst, "worst", "places", "WorstPlaces, as worst_places returns them")
+    checked_kind(worst, "worst", "places", "WorstPlaces, as returned by voxflat.worst_places")
     pyvista = load_pyvista()
     flat_map, norm = worst.flat_map, _norm(worst)
     patch = pyvista.PolyData.from_regular_faces(flat_map.points, flat_map.faces.astype(np.int64))

@@ -1,5 +1,6 @@
-"""A subject in one call, a study in one more: files found, flattened, judged, written where a lab's tools look.
+"""Flatten the hemispheres of a subject or a study, and write maps, measures and reports in the layout of other tools.
 
-`inputs` finds what a hemisphere is made of, `results` says where its results go and whether they are up to date,
-`subject` makes them, `study` goes through participants, `group` compares them; `report` and `study_report` show them.
+`inputs` finds the input files, `results` names the output files, `freshness` tells whether they are up to date,
+`subject` makes them, `study` runs over participants, `group` compares participants, and `report` and `study_report`
+write the HTML pages.
 """

@@ -1,4 +1,4 @@
-"""Hemispheres beside each other: which stand out, and means over maps that lie alike."""
+"""Comparison of hemispheres: outliers, and means over maps with standard cuts."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,40 +11,40 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 _PIXEL = 1.0  # mm
-_LEAST = 5  # maps, of which some may stand out
-_FAR = 3.5  # of modified z scores (Iglewicz, Hoaglin 1993)
-_NORMAL = 0.6745  # of a normal distribution's standard deviation: the median absolute deviation
+_LEAST = 5  # least number of maps among which outliers are reported
+_FAR = 3.5  # threshold on modified z scores (Iglewicz, Hoaglin 1993)
+_NORMAL = 0.6745  # median absolute deviation of a normal distribution with standard deviation 1
 
 
 @dataclass(frozen=True)
 class Row:
-    """A hemisphere of the table."""
+    """A row of the table: one hemisphere."""
 
     name: str
-    session: str  # ses-02, or nothing
+    session: str  # _ses-02, or empty
     letter: str  # L or R
-    page: str  # the report's file
-    record: dict[str, Any] | None  # of its results; None if there are none
-    reason: str = ""  # why there are none
-    outliers: tuple[str, ...] = ()  # places of figures that stand out
+    page: str  # file of the report
+    record: dict[str, Any] | None  # record of its results; None if there are none
+    reason: str = ""  # why there are no results
+    outliers: tuple[str, ...] = ()  # names of measures in which it is an outlier
 
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation over standard maps; NaN where fewer than half of them, or than two, have a value."""
+    """Mean and standard deviation over standard maps; NaN where fewer than half of them, or than two, have values."""
 
     name: str
     letter: str
     mean: FlatImage
     deviation: FlatImage
-    count: NDArray[np.int64]  # (H, W): how many maps have a value there
+    count: NDArray[np.int64]  # (H, W): number of maps with a value there
 
 
 @dataclass
 class Sums:
-    """Running mean and sum of squared deviations of maps, pixel by pixel (Welford 1962), on a grid that they share."""
+    """Running mean and sum of squared deviations of maps, pixel by pixel, on a common grid (Welford 1962)."""
 
-    low: tuple[float, float]  # the least (u, v) of all maps, mm
+    low: tuple[float, float]  # smallest (u, v) of all maps, mm
     high: tuple[float, float]
     maps: int = 0
     count: NDArray[np.int64] = field(init=False)
@@ -59,7 +59,7 @@ class Sums:
         self.count, self.mean, self.squares = np.zeros(shape, np.int64), np.zeros(shape), np.zeros(shape)
 
     def add(self, flat_map: FlatMap, values: NDArray[np.float64]) -> None:
-        """Add a map's values at its points, shape (N,)."""
+        """Add the values of a map at its points, shape (N,)."""
         at = flat_map.look_up(self.places)
         found = np.full(at.face_ids.shape, np.nan)
         inside = at.face_ids >= 0
@@ -73,7 +73,7 @@ class Sums:
         self.squares += step * np.where(is_there, found - self.mean, 0.0)
 
     def result(self, name: str, letter: str) -> Mean:
-        """Return mean and standard deviation."""
+        """Return the mean and the standard deviation."""
         enough = self.count >= max(2, (self.maps + 1) // 2)
         mean = np.where(enough, self.mean, np.nan)
         deviation = np.where(enough, np.sqrt(self.squares / np.maximum(self.count - 1, 1)), np.nan)
@@ -87,7 +87,7 @@ class Sums:
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which values stand out: those whose modified z score is beyond 3.5; none of fewer than five, or of NaN."""
+    """Return which values are outliers, with a modified z score above 3.5; never NaN, nor any of fewer than five."""
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:
         return np.zeros(len(values), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Whether results are up to date, by what they are made of; and files that are written where they change alone."""
+"""Check whether results are up to date, by checksums of their inputs, and write files only if they change."""
 
 import hashlib
 import json
@@ -15,19 +15,19 @@ from voxflat.io.files import atomic_path
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record
 
-_FORMAT = 1  # of what is written; raise it where a rerun should make all results anew
+_FORMAT = 1  # version of the output; increase it if a rerun should make all results again
 _BLOCK = 1 << 20
-_HEAD = 4096  # bytes at the beginning of a page, in which its key stands
+_HEAD = 4096  # number of bytes at the beginning of a page that contain its key
 
 Request = dict[str, Any]
-"""What results are made of: ``voxflat`` (the version), ``parameters``, ``inputs`` (path and SHA-256 of each file)."""
+"""What determines results: ``voxflat`` (version), ``parameters``, and ``inputs`` (path and SHA-256 of each file)."""
 
 
 def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
-    """Return what results are made of, files by their SHA-256: they are up to date as long as it is the same."""
+    """Return what determines the results; they are up to date as long as it does not change."""
     inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
-    told = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
-    return {"voxflat": __version__, "format": _FORMAT, "parameters": told, "inputs": inputs}
+    options = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
+    return {"voxflat": __version__, "format": _FORMAT, "parameters": options, "inputs": inputs}
 
 
 def _sha256(path: Path) -> str:
@@ -39,16 +39,16 @@ def _sha256(path: Path) -> str:
 
 
 def state(results: Results, wanted: Request) -> tuple[str, str]:
-    """Say whether results are "missing", "stale" or "done", and why they are not done."""
+    """Return whether results are "missing", "stale" or "done", and the reason if they are not done."""
     if not results.record.is_file():
-        return "missing", "there is no result"
+        return "missing", "there are no results"
     try:
         record = read_record(results.record)
     except InputError as error:
         return "stale", str(error)
     for name in ("voxflat", "format"):
         if record[name] != wanted[name]:
-            return "stale", f"it was made by voxflat {record['voxflat']} (format {record['format']})"
+            return "stale", f"made by voxflat {record['voxflat']} (format {record['format']})"
     changed = [
         f"{key}: {record['parameters'].get(key)!r} before, now {value!r}"
         for key, value in wanted["parameters"].items()
@@ -59,36 +59,36 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
     changed = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
     if changed:
-        return "stale", f"changed: {', '.join(changed)}"
+        return "stale", f"changed inputs: {', '.join(changed)}"
     for name, size in record["outputs"].items():
         path = results.folder / name
         if not path.is_file() or path.stat().st_size != size:
-            return "stale", f"{name} is missing, or not as it was written"
+            return "stale", f"{name} is missing or was modified"
     return "done", ""
 
 
 def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
-    """Return what a page is made of, records and reasons of failures, as a SHA-256: it stands at its beginning."""
+    """Return the SHA-256 of everything that determines a page: records, and reasons of failures."""
     made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
     return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()
 
 
 def is_page_of(path: Path, key: str) -> bool:
-    """Say whether a page is there and made of what a key says."""
+    """Return whether a page exists and has this key."""
     if not path.is_file():
         return False
     with path.open(encoding="utf-8", errors="replace") as file:
-        told = re.search(r'name="voxflat" content="([0-9a-f]+)"', file.read(_HEAD))
-    return told is not None and told[1] == key
+        found = re.search(r'name="voxflat" content="([0-9a-f]+)"', file.read(_HEAD))
+    return found is not None and found[1] == key
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> bool:
-    """Write JSON, unless the file holds it already; return whether it was written."""
+    """Write JSON unless the file already has this content; return whether it was written."""
     return write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def write_text(path: Path, text: str) -> bool:
-    """Write a text, all of it or nothing, unless the file holds it already; return whether it was written."""
+    """Write a text, completely or not at all, unless the file already has it; return whether it was written."""
     data = text.encode()
     if path.is_file() and path.read_bytes() == data:
         return False

@@ -1,4 +1,4 @@
-"""A study as a whole: every measure in a table, what stands out, and means over maps that lie alike."""
+"""Group level of a study: a table of all measures, outliers, and means over maps with standard cuts."""
 
 import io
 import json
@@ -13,27 +13,28 @@ from voxflat.errors import InputError, told
 from voxflat.lab.comparison import Mean, Row, Sums, outliers
 from voxflat.lab.freshness import is_page_of, page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, participants
-from voxflat.lab.results import FIGURES, Results, Shown, figure_of, read_record
+from voxflat.lab.results import FIGURES, LoadedResults, Results, figure_of, read_record
 from voxflat.lab.study import NO_FILES, pages_of, results_of
 from voxflat.maps.flat_map import FlatMap
 
-_COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # none is right
+_COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # a correct map has none
 _STEM = "group_desc-voxflat"
 
 
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
     """Compare the participants of a study.
 
-    `source`, `labels`: as in `participants`: those without results are listed, too. `out`: what `study` has written;
-    gets ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images of means and standard
-    deviations (``.nii.gz``) and the page ``group.html``. Returns ``maps``, ``missing`` (why, by participant and
-    hemisphere), ``outliers`` likewise, ``written``: names of files; none where everything was up to date. Raises
-    InputError if there are no results; OSError if something cannot be read or written.
+    `source`, `labels`: as in `participants`; participants without results are listed as well. `out`: the output
+    directory of `study`. It receives ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that describes it), images
+    of means and standard deviations (``.nii.gz``) and the page ``group.html``. Returns a dict: ``maps`` (number),
+    ``missing`` (reasons, by participant and hemisphere), ``outliers`` (measures, likewise), and ``written`` (names of
+    files, empty if all was up to date). Raises InputError if there are no results, and OSError if a file cannot be read
+    or written.
     """
     rows = _with_outliers(list(_rows(source, out, labels)))
     there = [row for row in rows if row.record is not None]
     if not there:
-        raise InputError(f"{out}: no participant has a map there: run voxflat bids {source} {out} participant")
+        raise InputError(f"{out}: no participant has a map. Run voxflat bids {source} {out} participant first")
     reasons = {f"{row.name}{row.session} {row.letter}": row.reason for row in rows if row.record is None}
     key = page_key([row.record for row in there if row.record is not None], reasons)
     page, table = out / "group.html", out / f"{_STEM}_measures.tsv"
@@ -64,7 +65,7 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
 
 
 def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
-    """Go through the hemispheres of all participants: those asked for before, or that have results or a failure."""
+    """Yield the hemispheres of all participants that have results or a failure."""
     for one in participants(source, labels):
         session = f"_ses-{one.session}" if one.session else ""
         about = (f"sub-{one.label}", session)
@@ -82,18 +83,18 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
                 except InputError as error:
                     yield Row(*about, letter, page, None, told(error))
         if not found:
-            yield Row(*about, "n/a", page, None, NO_FILES if one.folder is None else "it has not been flattened yet")
+            yield Row(*about, "n/a", page, None, NO_FILES if one.folder is None else "not flattened yet")
 
 
 def _reason(results: Results) -> str:
     try:
         return str(json.loads(results.failure.read_text(encoding="utf-8"))["reason"])
     except (ValueError, KeyError, OSError):
-        return f"{results.failure} is damaged"
+        return f"{results.failure} is damaged: run voxflat bids participant again"
 
 
 def _with_outliers(rows: list[Row]) -> list[Row]:
-    """Mark what stands out among the same hemispheres."""
+    """Mark outliers among the hemispheres of the same side."""
     marks: dict[int, list[str]] = {}
     for letter in ("L", "R"):
         own = [n for n, row in enumerate(rows) if row.letter == letter and row.record is not None]
@@ -113,7 +114,7 @@ def _number(value: float | None) -> float:
 
 
 def _places(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the places of all figures that records have, but for standard errors."""
+    """Return the names of all measures in the records, except standard errors."""
 
     def leaves(of: Mapping[str, Any], before: str = "") -> Iterator[str]:
         for key, value in of.items():
@@ -127,7 +128,7 @@ def _places(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    """Return the table of all measures, as BIDS has tables: n/a for what there is none of."""
+    """Return the table of all measures as a BIDS table, with n/a for missing values."""
     places = _places([row.record for row in rows if row.record is not None])
     head = ["participant_id", "session_id", "hemi", "status", "reason", "outliers", "cuts", "points", "width", "height"]
     text = io.StringIO()
@@ -149,20 +150,20 @@ def _cell(value: Any) -> str:
 
 
 def _columns() -> dict[str, Any]:
-    """Return what the columns mean."""
+    """Return the description of the columns."""
     described = {
-        "status": "done, or missing: there is no map",
+        "status": "done, or missing if there is no map",
         "reason": "why there is no map",
-        "outliers": "columns that stand out among the same hemispheres: modified z score beyond 3.5, or triangles that "
-        "are turned over, cover another, or borders that cross",
-        "cuts": "what said where to cut",
-        "points": "vertices on the map",
-        "width": {"Description": "of the map", "Units": "mm"},
-        "height": {"Description": "of the map", "Units": "mm"},
+        "outliers": "columns in which the hemisphere is an outlier among those of its side (modified z score > 3.5), "
+        "or whose count of flipped triangles, covering triangles or boundary crossings is not 0",
+        "cuts": "source of the cuts: standard, automatic, given, or the name of a template",
+        "points": "number of vertices on the map",
+        "width": {"Description": "width of the map", "Units": "mm"},
+        "height": {"Description": "height of the map", "Units": "mm"},
         "raw.relative_error": "mean of |d - δ|/δ over pairs of points, d on the map and δ on the cut surface",
-        "best_scale.relative_error": "the same at the scale of the map that makes it least",
-        "triangles.equal_area_p95": "95th percentile of |log2(area on the map / on the surface)|, total area kept",
-        "triangles.area_beyond_1_5": "share of the surface whose area changes by more than 1.5 times, total area kept",
+        "best_scale.relative_error": "the same at the scale of the map that minimises it",
+        "triangles.equal_area_p95": "95th percentile of |log2(map area / surface area)|, total area preserved",
+        "triangles.area_beyond_1_5": "share of the surface whose area changes by a factor above 1.5, area preserved",
     }
     return {name: {"Description": of} if isinstance(of, str) else of for name, of in described.items()}
 
@@ -171,11 +172,11 @@ def _columns() -> dict[str, Any]:
 
 
 def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> list[Mean]:
-    """Return means over standard maps; every map, of which one is held at a time, is shown."""
+    """Return means over standard maps, and pass every map to `show`; one map is in memory at a time."""
     sums: dict[tuple[str, str], Sums] = {}
     ends = _ends(rows)
     for row in rows:
-        shown = Shown.read(_results(out, row))
+        shown = LoadedResults.read(_results(out, row))
         show(row, shown.flat_map)
         if shown.record["map"]["frame"] != "standard":
             continue
@@ -192,7 +193,7 @@ def _results(out: Path, row: Row) -> Results:
 
 
 def _ends(rows: Sequence[Row]) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
-    """Return the least and greatest (u, v) of all maps of each side."""
+    """Return the smallest and largest (u, v) of all maps of each side."""
     found: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
     for letter in ("L", "R"):
         own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]

@@ -1,4 +1,4 @@
-"""What a hemisphere is made of: found in a FreeSurfer directory, in derivatives of sMRIPrep, or as a segmentation."""
+"""Find the input files of hemispheres: in FreeSurfer directories, sMRIPrep derivatives, or as segmentations."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -9,65 +9,65 @@ from typing import ClassVar
 from voxflat.errors import InputError
 
 HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
-"""FreeSurfer's name of a hemisphere, with BIDS's and that of the side."""
+"""The BIDS letter and the side of each hemisphere, by its FreeSurfer name."""
 
 GEOMETRIES = ("midthickness", "white", "pial")
-"""On which surface distances may be measured."""
+"""The surfaces on which distances can be measured."""
 
 _NEEDED = {"midthickness": ("white", "pial"), "white": ("white",), "pial": ("pial",)}
 _USUAL_OVERLAY = "thickness"
 _VOLUME_ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
 _FILLED = {"lh": 255, "rh": 127}  # labels of mri/filled.mgz, the white matter of each hemisphere
-_NOBODY = re.compile(r"fsaverage|[lr]h\.EC_average|.*\.(long|base)\b")  # what recon-all leaves beside subjects
+_NOBODY = re.compile(r"fsaverage|[lr]h\.EC_average|.*\.(long|base)\b")  # directories of recon-all that are not subjects
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """What is to be made of each hemisphere."""
+    """How to flatten each hemisphere."""
 
-    cuts: str = "standard"  # or "automatic", or a file, in whose name {hemi} stands for lh or rh, or L or R
-    geometry: str = "midthickness"  # of `GEOMETRIES`: on which distances are measured
-    volume: bool = False  # whether to start from the white matter in voxels instead
+    cuts: str = "standard"  # or "automatic", or a file; {hemi} in its name stands for lh or rh, or L or R
+    geometry: str = "midthickness"  # one of `GEOMETRIES`, on which distances are measured
+    volume: bool = False  # whether to start from a white-matter volume instead of surfaces
     overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Hemisphere:
-    """One hemisphere, and the files that it is made of."""
+    """A hemisphere and its input files."""
 
     hemi: str  # lh or rh
     files: dict[str, Path]  # white, pial, sphere, cortex or areas, volume, cuts
     overlays: dict[str, Path] = field(default_factory=dict)
-    label: int | None = None  # of the volume
+    label: int | None = None  # label of the hemisphere in the volume
 
     @property
     def letter(self) -> str:
-        """As BIDS has it: L or R."""
+        """The BIDS letter: L or R."""
         return HEMISPHERES[self.hemi][0]
 
     @property
     def side(self) -> str:
-        """As people have it: "left" or "right"."""
+        """The side: "left" or "right"."""
         return HEMISPHERES[self.hemi][1]
 
     @property
     def everything(self) -> dict[str, Path]:
-        """All files, overlays among them."""
+        """All files, including overlays."""
         return {**self.files, **{f"overlay {name}": path for name, path in self.overlays.items()}}
 
 
 @dataclass(frozen=True)
 class Participant:
-    """A participant of a study, or one session."""
+    """A participant of a study, or one session of a participant."""
 
     label: str  # without sub-
     session: str | None  # without ses-
-    folder: Path | None  # FreeSurfer's of the subject, or anat of derivatives; None where there is none
+    folder: Path | None  # FreeSurfer directory of the subject, or anat of derivatives; None if there is none
 
     @property
     def name(self) -> str:
-        """As file names begin: ``sub-01``, ``sub-01_ses-02``."""
+        """The prefix of file names: ``sub-01``, ``sub-01_ses-02``."""
         return f"sub-{self.label}" + (f"_ses-{self.session}" if self.session else "")
 
 
@@ -75,9 +75,9 @@ class Participant:
 
 
 def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
-    """Find a hemisphere's files in FreeSurfer's directory, or derivatives such as ``sub-01/anat``, or InputError."""
+    """Find the files of a hemisphere in a FreeSurfer directory, or in derivatives such as ``sub-01/anat``."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such directory; name one that recon-all or sMRIPrep has written")
+        raise InputError(f"{folder}: the directory does not exist. Pass an output directory of recon-all or sMRIPrep")
     find = _FreeSurfer(folder, hemi) if (folder / "surf").is_dir() or (folder / "mri").is_dir() else _Bids(folder, hemi)
     files: dict[str, Path | None] = {}
     if parameters.volume:
@@ -88,7 +88,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
         if files["cortex"] is None:
             files["areas"] = find.one("areas")
     if parameters.cuts not in ("standard", "automatic"):
-        files["cuts"] = _given(find, parameters.cuts, "the file of cuts")
+        files["cuts"] = _given(find, parameters.cuts, "the cuts file")
     overlays: dict[str, Path] = {}
     usual = find.one(_USUAL_OVERLAY) if not parameters.overlays and not parameters.volume else None
     if usual is not None:
@@ -96,23 +96,23 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     for text in parameters.overlays:
         name = _name_of(text)
         if name in overlays:
-            raise InputError(f"two overlays have the name {name}: rename the file of one ({text})")
+            raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
         overlays[name] = find.one(text) or _given(find, text, "the overlay")
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
     return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
 
 
 def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
-    """Return a file that the user named, for this hemisphere and subject."""
+    """Return a file that the user named, with the placeholders filled in."""
     named = find.filled(text)
     for path in (find.folder / named, Path(named)):
         if path.is_file():
             return path
-    raise InputError(f"{what} {text}: there is no file {find.folder / named}, nor {named}")
+    raise InputError(f"{what} {text} does not exist: found neither {find.folder / named} nor {named}. Check the name")
 
 
 def _name_of(overlay: str) -> str:
-    """Return the name of an overlay: of ``lh.thickness``, ``sub-01_hemi-L_thickness.shape.gii`` it is thickness."""
+    """Return the name of an overlay, such as thickness of ``sub-01_hemi-L_thickness.shape.gii``."""
     name = Path(overlay).name.replace("{hemi}", "lh").replace("{subject}", "sub")
     name = re.sub(r"^[lr]h\.", "", name).split("_")[-1]
     name = re.sub(r"\.(nii|func|shape|label)?\.?(gz|gii|nii|mgz|mgh|npy|txt|annot)$", "", name)
@@ -120,7 +120,7 @@ def _name_of(overlay: str) -> str:
 
 
 class _FreeSurfer:
-    """Finds files in the directory of a subject as recon-all leaves it."""
+    """Finds files in a subject directory of recon-all."""
 
     _PLACES: ClassVar[dict[str, str]] = {
         "white": "surf/{hemi}.white",
@@ -145,14 +145,14 @@ class _FreeSurfer:
         found = self.one(name)
         if found is None:
             place = self.folder / self.filled(self._PLACES[name])
-            raise InputError(f"{place}: there is no such file; has recon-all finished for {self.folder.name}?")
+            raise InputError(f"{place}: the file does not exist. Check that recon-all finished for {self.folder.name}")
         return found
 
 
 class _Bids:
-    """Finds files of derivatives by their entities, as sMRIPrep and fMRIPrep name them."""
+    """Finds files in derivatives by their BIDS entities, as sMRIPrep and fMRIPrep name them."""
 
-    # in each row the first pattern that is there counts; they are of what follows hemi-L in a name
+    # the first pattern that matches is used; patterns apply to the part of a name after hemi-L
     _PATTERNS: ClassVar[dict[str, tuple[str, ...]]] = {
         "white": (r"_white\.surf\.gii", r"_smoothwm\.surf\.gii"),
         "pial": (r"_pial\.surf\.gii",),
@@ -187,7 +187,7 @@ class _Bids:
             if len(found) > 1:
                 raise InputError(
                     f"{self.folder} has {len(found)} files for {name} of hemisphere {self.letter} "
-                    f"({', '.join(found)}): leave one there"
+                    f"({', '.join(found)}). Keep only one of them"
                 )
             if found:
                 return self.folder / found[0]
@@ -199,7 +199,7 @@ class _Bids:
             looked = {
                 "volume": f"*_hemi-{self.letter}_label-WM_mask.nii.gz or ..._probseg.nii.gz",
             }.get(name, f"*_hemi-{self.letter}_{name}.surf.gii")
-            raise InputError(f"{self.folder}: there is no {looked}; has sMRIPrep finished for {self.subject}?")
+            raise InputError(f"{self.folder}: found no {looked}. Check that sMRIPrep finished for {self.subject}")
         return found
 
 
@@ -207,15 +207,15 @@ class _Bids:
 
 
 def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
-    """Find the participants of a study, by their names; raises InputError if there are none.
+    """Find the participants of a study, sorted by name.
 
-    `folder`: FreeSurfer's directory of subjects, derivatives, or a data set of BIDS with either in ``derivatives`` or
-    ``sourcedata/freesurfer``; what lies in it directly goes first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`:
-    those that are wanted, with or without ``sub-``; all by default. One that was asked for, or that the data set has,
-    and for whom there are no files, has no folder.
+    `folder`: a FreeSurfer subjects directory, derivatives, or a BIDS dataset with either of them in ``derivatives`` or
+    ``sourcedata/freesurfer``. The directory itself is searched first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`:
+    participants to include, with or without ``sub-``; all by default. Participants without files have no folder. Raises
+    InputError if there are no participants.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such directory")
+        raise InputError(f"{folder}: the directory does not exist. Check the path")
     own = [path for path in sorted(folder.glob("sub-*")) if path.is_dir() and not _NOBODY.match(path.name)]
     found: list[Participant] = []
     for place in _places(folder):
@@ -224,13 +224,13 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
             break
     if not found:
         raise InputError(
-            f"{folder}: no participant has FreeSurfer's surf/, anat/*.surf.gii or a white-matter mask there, in "
-            "derivatives/ or sourcedata/freesurfer/; name the directory that has"
+            f"{folder}: no participant has surf/ of FreeSurfer, anat/*.surf.gii or a white-matter mask there, in "
+            "derivatives/ or in sourcedata/freesurfer/. Pass the directory with these files"
         )
     by_name: dict[str, Participant] = {}
     for one in found:
         if one.name in by_name:
-            raise InputError(f"{by_name[one.name].folder} and {one.folder} are both {one.name}: rename one of them")
+            raise InputError(f"{by_name[one.name].folder} and {one.folder} are both {one.name}. Rename one of them")
         by_name[one.name] = one
     known = {one.label for one in found}
     wanted = [label.removeprefix("sub-") for label in labels]
@@ -241,7 +241,7 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
 
 
 def _places(folder: Path) -> Iterator[Path]:
-    """Go through the directories in which participants may lie."""
+    """Yield the directories that may contain participants."""
     below = folder / "derivatives"
     named = [below / name for name in ("smriprep", "fmriprep", "freesurfer")]
     others = sorted(path for path in below.glob("*") if path.is_dir() and path not in named)
@@ -251,13 +251,13 @@ def _places(folder: Path) -> Iterator[Path]:
 
 
 def _in(place: Path) -> Iterator[Participant]:
-    """Go through the participants of a directory, if any of them has something to be flattened."""
+    """Yield the participants of a directory, if any of them has files that can be flattened."""
     folders = [path for path in sorted(place.glob("*")) if path.is_dir() and not _NOBODY.match(path.name)]
     if any((path / "surf").is_dir() or (path / "mri").is_dir() for path in folders):
         for path in folders:
-            told = _label(path.name)
-            if told is not None and (path.name.startswith("sub-") or (path / "surf").is_dir()):
-                yield Participant(*told, path)
+            found = _label(path.name)
+            if found is not None and (path.name.startswith("sub-") or (path / "surf").is_dir()):
+                yield Participant(*found, path)
         return
     subjects = [path for path in folders if path.name.startswith("sub-")]
     anatomies = [anat for path in subjects for anat in (*path.glob("anat"), *path.glob("ses-*/anat"))]
@@ -275,14 +275,14 @@ def _names(folder: Path) -> list[str]:
 
 
 def _is_input(name: str) -> bool:
-    """Tell whether something can be flattened: a surface in space, or white matter."""
+    """Return whether a file can be flattened: a white or pial surface, or white matter."""
     return name.endswith(("_white.surf.gii", "_smoothwm.surf.gii", "_pial.surf.gii")) or (
         "_label-WM_" in name and name.endswith(_VOLUME_ENDINGS)
     )
 
 
 def _label(name: str) -> tuple[str, str | None] | None:
-    """Return label and session of a directory's name; other names than BIDS's lose what a label cannot have."""
+    """Return label and session of a directory's name, without characters that a BIDS label cannot have."""
     match = re.fullmatch(r"sub-([A-Za-z0-9]+)(?:_ses-([A-Za-z0-9]+))?", name)
     if match:
         return match[1], match[2]

@@ -1,4 +1,4 @@
-"""A map and its surface in one page of HTML, for a browser or a notebook: no other file, no network."""
+"""An interactive HTML page of a map and its surface, for browsers and notebooks; it is self-contained."""
 
 import os
 from collections.abc import Mapping
@@ -16,22 +16,28 @@ from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit
-from voxflat.lab.pages import Laid, Layer, colour_bar, filled, layers_of, scene
+from voxflat.lab.pages import Layer, MapLike, colour_bar, filled, layers_of, scene
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.laying import laid
 
-_PATCHES = ("patch", "piece")  # labels that begin with 0
-_STEEP = 0.9  # beyond this a surface is seen from above or below
+_PATCHES = ("patch", "piece")  # labels that start at 0
+_STEEP = 0.9  # z component of the normal beyond which a surface is viewed from above or below
 
 
 @dataclass(frozen=True)
 class MapPage:
-    """A page of HTML; a notebook shows it by itself.
+    """An HTML page with a flat map and its surface.
+
+    Notebooks display it automatically.
 
     Parameters
     ----------
     html : str
-        All of it.
+        The complete page.
+
+    See Also
+    --------
+    map_page : Make a page of a flat map.
 
     Examples
     --------
@@ -46,11 +52,13 @@ class MapPage:
         return f"<MapPage: {len(self.html) / 1e6:.1f} MB of HTML>"
 
     def _repr_html_(self) -> str:
-        """Return a frame that holds the page; called by notebooks."""
+        """Return a frame that holds the page, for notebooks."""
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 620px; border: 0"></iframe>'
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the page.
+        """Write the page to a file.
+
+        The file is self-contained: browsers show it offline.
 
         Parameters
         ----------
@@ -60,9 +68,13 @@ class MapPage:
         Raises
         ------
         InputError
-            If it has another ending.
+            If the name does not end in ``.html`` or ``.htm``.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        map_page : Make a page of a flat map.
 
         Examples
         --------
@@ -70,35 +82,39 @@ class MapPage:
         """
         path = checked_path(path)
         if path.suffix.lower() not in (".html", ".htm"):
-            raise InputError(f"cannot save a page as {path.name}; give a name that ends in .html")
+            raise InputError(f"{path.name}: cannot save a page in this format. Use a name that ends in .html")
         with atomic_path(path) as beside:
             beside.write_text(self.html, encoding="utf-8")
 
 
 def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
-    """Show a flat map beside its surface in a notebook or a browser, linked under the pointer.
+    """Show a flat map beside its surface in a notebook or a browser.
 
-    Its measures, folds and depths can be chosen; a slider leads from the surface to the map.
+    The pointer marks the same point on both and shows its values. The page has a menu of measures and a slider that
+    morphs the surface into the map. Larger maps are reduced to about 20,000 points.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     title : str
-        Above it.
+        Heading of the page.
 
     Returns
     -------
     MapPage
-        Which Jupyter shows by itself; `MapPage.save` writes it, as one file that needs no network. It holds at most
-        about 20,000 points, those of the map that stand for all.
+        The page. Jupyter displays it, and `MapPage.save` writes it to a file.
+
+    See Also
+    --------
+    voxflat.figures.flat_map : A figure for a paper.
 
     Examples
     --------
     >>> import numpy as np
     >>> import voxflat
     >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int))
-    >>> page = voxflat.map_page(flat_map, "A sheet")
+    >>> page = voxflat.map_page(flat_map, "A flat sheet")
     >>> page.save("sheet.html")  # doctest: +SKIP
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
@@ -109,7 +125,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
 
 
 def page_of(
-    flat: Laid,
+    flat: MapLike,
     of_points: Mapping[str, NDArray[Any]],
     of_triangles: Mapping[str, NDArray[Any]],
     title: str,
@@ -117,14 +133,14 @@ def page_of(
     first: str | None = None,
     unit: str = "",
 ) -> MapPage:
-    """Return a page of a surface and its map, linked, with named values of points and triangles; or InputError."""
+    """Return a page of a surface and its map with named values of points and triangles."""
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}
     values = {**of_points, **{name: array for name, array in here.items() if name not in of_points}}
     names = sorted(values, key=lambda name: name != first)
     layers = [_layer(name, values[name], faces) for name in names]
     if not layers:
-        raise InputError("the map has no array with a number a point: there is nothing to show")
+        raise InputError("the map has no array with one number per point. Add a point array to show")
     shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
     turn, places = laid(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
     content = scene(flat, layers, {}, places, view=_view(turn), unit=unit)
@@ -135,7 +151,7 @@ def page_of(
 
 
 def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:
-    """Return values as a layer: measures with their own look, labels with a colour each, others as overlays have it."""
+    """Return values as a layer: measures in their own colours, labels with one colour each, others as overlays."""
     shown = values.astype(np.float64)
     if name in LOOKS:
         look = LOOKS[name]
@@ -148,7 +164,7 @@ def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:
 
 
 def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Tell labels from numbers that happen to be whole: labels form areas, so most neighbours have the same."""
+    """Return whether integers are labels: labels form regions, so most neighbours have the same one."""
     if values.dtype.kind not in "iu" or not len(faces):
         return False
     ends = values[faces]
@@ -156,7 +172,7 @@ def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return values of triangles at points: whole numbers by majority, truths of any triangle, others as the mean."""
+    """Return triangle values at points: integers by majority, booleans if any is true, other numbers as the mean."""
     corners, held = faces.ravel(), np.repeat(values, 3)
     if values.dtype.kind == "f":
         known = np.isfinite(held)
@@ -167,14 +183,14 @@ def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray
         return np.bincount(corners[held], minlength=count) > 0
     known, which = np.unique(held, return_inverse=True)
     pairs, times = np.unique(corners.astype(np.int64) * len(known) + which.reshape(-1), return_counts=True)
-    order = np.argsort(times, kind="stable")  # the last one written stays
+    order = np.argsort(times, kind="stable")  # the last value written is kept
     found = np.zeros(count, dtype=values.dtype)
     found[pairs[order] // len(known)] = known[pairs[order] % len(known)]
     return found
 
 
 def _view(turn: NDArray[np.float64]) -> tuple[float, float]:
-    """Return from where to see a surface such that it lies as the map does; `turn` leads from the map to it."""
+    """Return the view in which a surface has the orientation of its map; `turn` rotates the map onto the surface."""
     (x, y, z), up = turn[:, 2].tolist(), turn[:, 1]
     around = np.arctan2(-up[0] * np.sign(z), up[1] * np.sign(z)) if abs(z) > _STEEP else np.arctan2(x, -y)
     return float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))

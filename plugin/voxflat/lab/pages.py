@@ -1,4 +1,4 @@
-"""What pages are made of: values as layers with colours, pictures, a scene to be turned, and templates filled in."""
+"""Parts of HTML pages: layers of values with colours, images, 3-D scenes, and templates."""
 
 import base64
 import io
@@ -26,27 +26,27 @@ from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
-_MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
-_POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
-_NOTHING = 65_535  # in place of a value
-_EXACT = 2**53  # whole numbers below are exact in the page
-_COLOURS = 64  # of a layer in a scene
-PICTURE_WIDTH = 620  # pixels of a picture
-_BAR = 12  # colours of a bar
-_SHADE = 0.45  # how much of an overlay's light the folds take
+_MOST_POINTS = 20_000  # in a scene: 0.5 MB of the page
+_POINTS_A_STEP = 60  # points per smoothing step, so that the smoothing does not depend on the number of points
+_NOTHING = 65_535  # code of a missing value
+_EXACT = 2**53  # smaller integers are exact in JavaScript
+_COLOURS = 64  # number of colours of a layer in a scene
+PICTURE_WIDTH = 620  # width of an image, pixels
+_BAR = 12  # number of colours of a colour bar
+_SHADE = 0.45  # how much the folds darken an overlay
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Values at the points of a map, and how they are shown."""
+    """Values at the points of a map, with their colours."""
 
-    name: str  # as of its file
-    title: str  # what it is, for readers
+    name: str  # name in the file name
+    title: str  # name on the page
     unit: str
-    values: NDArray[np.float64]  # (N,), NaN where there is none
-    colour_map: str  # of matplotlib
-    limits: tuple[float, float]  # the ends of the colours
-    first_label: int | None = None  # the least of labels that stand for something, such as 1; None of values
+    values: NDArray[np.float64]  # (N,), NaN if missing
+    colour_map: str  # a Matplotlib name
+    limits: tuple[float, float]  # values at the ends of the colours
+    first_label: int | None = None  # smallest label that is not background, such as 1; None for values
 
     def __repr__(self) -> str:
         low, high = self.limits
@@ -61,7 +61,7 @@ class Layer:
 
 
 def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[Layer]]:
-    """Return the layers of several maps, whose colours mean the same: measures and overlays, which go first."""
+    """Return the layers of several maps with common colour scales; overlays come before measures."""
     names = list(dict.fromkeys(name for values in maps for name in values))
     known = ("curvature", "distanceerror", "areachange", "sulcaldepth")
     names.sort(key=lambda name: known.index(name) if name in known else -1)
@@ -103,7 +103,7 @@ def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str,
 def pictures(
     flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
 ) -> list[dict[str, Any]]:
-    """Draw layers over a map's folds: of each a PNG as data URI, width and height in pixels (620 by default) and mm."""
+    """Draw each layer over the folds of a map; by default the images are 620 pixels wide. Return them as `png` does."""
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / PICTURE_WIDTH if pixel_size is None else pixel_size)
     under = folds(flat_map, raster)
@@ -113,7 +113,7 @@ def pictures(
         pixels = under
         if layer is not None:
             over = painted(raster.interpolate(layer.values), layer.colour_map, layer.limits)
-            if layer.name not in MEASURES:  # sulci shine through
+            if layer.name not in MEASURES:  # sulci stay visible
                 over[..., :3] = np.round(over[..., :3] * shade)
             pixels = np.where(over[..., 3:] > 0, over, under)
         drawn.append(png(pixels, raster.shape[1] * raster.pixel_size))
@@ -121,7 +121,7 @@ def pictures(
 
 
 def png(pixels: NDArray[np.uint8], mm: float) -> dict[str, Any]:
-    """Return pixels (H, W, 4) that are so many mm wide as a PNG in a page, as `pictures` does."""
+    """Return pixels (H, W, 4) as a PNG data URI (``source``), with width and height in pixels, and width in ``mm``."""
     held = io.BytesIO()
     image = Image.fromarray(pixels)
     image.quantize(colors=255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(held, "PNG")
@@ -130,11 +130,11 @@ def png(pixels: NDArray[np.uint8], mm: float) -> dict[str, Any]:
 
 
 def colour_bar(layer: Layer) -> dict[str, Any]:
-    """Return a layer's colours for a page: ``gradient`` as CSS has it, and the ends."""
+    """Return the colour bar of a layer for a page: a CSS ``gradient``, the values at its ends, and the unit."""
     labels = None if layer.first_label is None else np.unique(layer.values[np.isfinite(layer.values)])
     colours = layer.colours(np.linspace(*layer.limits, _BAR) if labels is None else labels)
     listed = [f"rgb({r} {g} {b})" for r, g, b in colours.tolist()]
-    if labels is not None:  # a field each
+    if labels is not None:  # one field per label
         ends = np.linspace(0, 100, len(labels) + 1)
         listed = [f"{one} {low:.2f}% {high:.2f}%" for one, low, high in zip(listed, ends, ends[1:], strict=False)]
     low, high = (f"{value:.3g}" if labels is None else f"{value:.0f}" for value in layer.limits)
@@ -144,12 +144,12 @@ def colour_bar(layer: Layer) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------ scenes
 
 
-class Laid(Protocol):
-    """What a scene shows of a map: a `FlatMap`, or what holds the same of one."""
+class MapLike(Protocol):
+    """The parts of a map that a scene shows: those of a `FlatMap`."""
 
     @property
     def uv(self) -> NDArray[np.float64]:
-        """Places in the plane, shape (N, 2)."""
+        """Positions in the plane, shape (N, 2)."""
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -157,7 +157,7 @@ class Laid(Protocol):
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """What they are in the input, shape (N,) or (N, 3)."""
+        """Vertices or voxels of the points in the input, shape (N,) or (N, 3)."""
 
     @property
     def faces(self) -> NDArray[np.uint32]:
@@ -165,11 +165,11 @@ class Laid(Protocol):
 
     @property
     def torn(self) -> NDArray[np.bool_]:
-        """Which of them have no surface in between, shape (F,)."""
+        """Which triangles have no surface between their corners, shape (F,)."""
 
 
 def scene(
-    flat_map: Laid,
+    flat_map: MapLike,
     layers: Sequence[Layer],
     cuts: Mapping[str, NDArray[np.int64]],
     target: NDArray[np.float64] | None = None,
@@ -177,15 +177,15 @@ def scene(
     view: tuple[float, float] | None = None,
     unit: str = "mm",
 ) -> str:
-    """Return a map and its surface for the viewer of a page.
+    """Return a map and its surface as JSON for the viewer of a page.
 
-    `cuts`: points of the map along each cut. `target` (N, 3): where the slider leads the surface's points; by default
-    to the surface without its folds. `view`: from where the surface is seen at first, radians: turned about z, seen
-    along y if 0, and from how far above. By default a hemisphere's medial side. `unit`: of places. Returns JSON:
-    numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in base64. Places
-    have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole numbers as they are.
+    `cuts`: points of the map along each cut. `target` (N, 3): positions to which the slider moves the points of the
+    surface; by default the surface without its folds. `view`: the initial view in radians: rotation about z (0 looks
+    along y), and elevation; by default the medial side of a hemisphere. `unit`: the unit of positions. The JSON object
+    has numbers of points and triangles, ranges, and ``data``: all arrays, concatenated, deflated, in base64. Positions
+    have 16 bits per axis (0.005 mm), values 16 bits between minimum and maximum; integers are exact.
     """
-    rows = distinct(flat_map.ids).which  # both sides of a cut have one
+    rows = distinct(flat_map.ids).which  # both sides of a cut share a row
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
     places = flat_map.points[chosen]
     parts: list[bytes] = []
@@ -208,7 +208,7 @@ def scene(
     if target is None:
         of_whole, counts = _edges(rows[flat_map.faces[~flat_map.torn]])
         is_rim = np.zeros(rows.max() + 1, dtype=bool)
-        is_rim[of_whole[counts == 1]] = True  # around the medial wall
+        is_rim[of_whole[counts == 1]] = True  # the rim of the medial wall
         add("smooth", _smoothed(places, faces, rows[chosen], is_rim[rows[chosen]]))
     else:
         add("smooth", target[chosen])
@@ -224,7 +224,7 @@ def scene(
     near = _nearest_points(flat_map, chosen)
     lines = {name: _without_repeats(near[points]) for name, points in cuts.items()}
     parts.append(faces.astype("<u4").tobytes())
-    told = [
+    described = [
         {
             **{"name": layer.name, "title": layer.title, "unit": layer.unit, "limits": layer.limits},
             "labelled": layer.first_label is not None,
@@ -238,18 +238,18 @@ def scene(
         "of": len(flat_map.uv),
         "triangles": len(faces),
         "arrays": arrays,
-        "layers": told,
+        "layers": described,
         "cuts": lines,
         "ids": ids.tolist() if ids.ndim == 1 else [],
         "view": view,
         "unit": unit,
         "data": base64.b64encode(zlib.compress(b"".join(parts), 9)).decode(),
     }
-    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")  # it stands within HTML
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")  # safe within HTML
 
 
 def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the values of which a scene has the colours: each label, or so many between the limits."""
+    """Return the values whose colours a scene contains: all labels, or evenly spaced values between the limits."""
     if layer.first_label is None:
         return np.linspace(*layer.limits, _COLOURS)
     values = layer.values[chosen]
@@ -259,11 +259,11 @@ def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
 def thinned(
     uv: NDArray[np.float64], faces: NDArray[Any], ids: NDArray[np.int64], most: int = _MOST_POINTS
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Take fewer points of a map, for the eye: one in each cell of a grid over the plane, and all along cuts.
+    """Reduce the points of a map for display: one in each cell of a grid over the plane, and all points along cuts.
 
-    `uv` (N, 2): places, mm. `ids` (N,): the vertex that each point is; the two sides of a cut share one. `most`: about
-    how many points are left. Returns those that are left, (k,), at the border those of the border, and triangles of
-    them, (G, 3).
+    `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share one. `most`: the
+    approximate number of points to keep. Returns the kept points, (k,), which include points of the border in border
+    cells, and their triangles, (G, 3).
     """
     used = np.unique(faces)
     if len(used) <= most:
@@ -276,7 +276,7 @@ def thinned(
     size = np.sqrt(area / most)
     cell = distinct(np.floor((uv - uv.min(axis=0)) / size).astype(np.int64)).which
     pairs, counts = _edges(faces)
-    is_single = np.bincount(ids)[ids] == 1  # sides of cuts stay whole, so that they still belong together
+    is_single = np.bincount(ids)[ids] == 1  # keep all points at cuts, so that both sides still match
     within = pairs[(cell[pairs[:, 0]] == cell[pairs[:, 1]]) & is_single[pairs].all(axis=1)]
     shape = (len(uv), len(uv))
     _, group = connected_components(coo_matrix((np.ones(len(within)), within.T), shape), directed=False)
@@ -294,7 +294,7 @@ def thinned(
 
 
 def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the edges of triangles, shape (E, 2), and how many triangles have each."""
+    """Return the edges of triangles, shape (E, 2), and the number of triangles at each."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     found = distinct(np.sort(ends, axis=1))
     return found.rows, found.counts
@@ -303,7 +303,7 @@ def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _smoothed(
     points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64], is_rim: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return places of a surface without its folds, each amid those around; cuts stay closed, the rim where it is."""
+    """Return a surface smoothed until its folds are gone; cuts stay closed, and the rim stays in place."""
     _, first, one = np.unique(ids, return_index=True, return_inverse=True)
     moved, corners = points[first], one.ravel()[faces]
     edges, _ = _edges(corners)
@@ -315,8 +315,8 @@ def _smoothed(
     return np.asarray(moved[one.ravel()])
 
 
-def _nearest_points(flat_map: Laid, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for each point of a map the nearest of those that are left."""
+def _nearest_points(flat_map: MapLike, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each point of a map the nearest kept point."""
     return np.asarray(cKDTree(flat_map.points[chosen]).query(flat_map.points)[1], dtype=np.int64)
 
 
@@ -328,7 +328,7 @@ def _without_repeats(points: NDArray[np.int64]) -> list[int]:
 
 
 def filled(template: str, **content: Any) -> str:
-    """Fill in a template of the package, such as ``subject.html``: a page that needs no other file."""
+    """Render a template of the package, such as ``subject.html``, as a self-contained page."""
     return _environment().get_template(template).render(**content)
 
 

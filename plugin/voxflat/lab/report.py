@@ -1,41 +1,42 @@
-"""The report on a subject: one page of HTML that needs no other file and no network."""
+"""The report on a subject: a self-contained HTML page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from voxflat._core import __version__
+from voxflat.citation.methods_text import cite
 from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import PICTURE_WIDTH, colour_bar, filled, layers_of, pictures, scene
-from voxflat.lab.results import FIGURES, Shown, figure_of
+from voxflat.lab.results import FIGURES, LoadedResults, figure_of
 from voxflat.maps.worst_search import worst_places
 
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "standard": {
-        "fsaverage5's white surface, these cuts": (
+        "fsaverage5 white surface, standard cuts": (
             (10.69, 12.44, 12.28, 0.1349, 13.71, 0.112, 0.340, 0, 0),
             (9.89, 11.99, 12.05, 0.1235, 13.12, 0.107, 0.349, 0, 0),
         ),
-        "FreeSurfer's own map of it": (
+        "FreeSurfer's flat map of fsaverage5": (
             (11.37, 13.69, 16.00, 0.1455, 18.36, 0.269, 0.893, 0, 0),
             (11.09, 14.06, 15.83, 0.1352, 18.18, 0.275, 0.779, 0, 0),
         ),
     },
     "automatic": {
-        "fsaverage5's white surface, automatic cuts": (
+        "fsaverage5 white surface, automatic cuts": (
             (4.87, 7.97, 8.61, 0.0525, 8.95, 0.071, 0.254, 0, 0),
             (5.19, 7.61, 8.25, 0.0593, 9.14, 0.071, 0.275, 0, 0),
         ),
     },
 }
-"""By what said where to cut: maps of fsaverage5, left and right, in the order of `FIGURES`
+"""Reference maps of fsaverage5, left and right, by the source of the cuts; measures in the order of `FIGURES`
 (docs/benchmarks/standard.md)."""
 
 
-def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
-    """Return the report on a subject, as HTML, of hemispheres, "lh" and "rh", and of failures: why one has no map."""
+def subject_page(name: str, shown: Mapping[str, LoadedResults], failures: Mapping[str, str]) -> str:
+    """Return the report on a subject as HTML, from the results and the failures of "lh" and "rh"."""
     hemispheres: list[dict[str, Any]] = []
     drawn: dict[str, dict[str, Any]] = {}
     together = layers_of([one.values for one in shown.values()])
@@ -69,13 +70,13 @@ def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, s
         hemispheres=hemispheres,
         drawn=list(drawn.values()),
         failures={HEMISPHERES[hemi][1]: reason for hemi, reason in failures.items()},
-        citation=citation([one.record for one in shown.values()]),
+        citation=cite(*(one.flat_map for one in shown.values())),
         version=__version__,
     )
 
 
 def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
-    """Return the rows of the table of figures."""
+    """Return the rows of the table of measures."""
     side = list(HEMISPHERES).index(hemi)
     references = REFERENCES.get(record["map"]["cuts_by"], {})
     rows = []
@@ -95,24 +96,3 @@ def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def citation(records: Sequence[Mapping[str, Any]]) -> str:
-    """Return a paragraph on what was done, for a methods section."""
-    if not records:
-        return ""
-    record = records[0]
-    told, of_surface = record["parameters"], record["surface"]
-    by = record["map"]["cuts_by"]
-    cuts = {
-        "standard": f"along standard lines ({', '.join(record['map']['cut_names'])}) traced by the registered sphere",
-        "automatic": "where that relieved the map most",
-    }.get(by, f"as {by} says")
-    on = "the surface of white matter in voxels" if told["volume"] else f"the {told['geometry']} surface"
-    figures = record["figures"]
-    return (
-        f"Cortical hemispheres were flattened with voxflat {record['voxflat']}, which keeps geodesic distances over "
-        f"{on} ({of_surface['vertices']:,} vertices). Surfaces were cut {cuts}. Maps were judged by the distances from "
-        f"{figures['sources']} random sources ({figures['reference']}): relative errors are means of |d − δ|/δ over "
-        "all pairs, d on the map and δ on the cut surface."
-    )

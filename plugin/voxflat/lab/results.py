@@ -1,4 +1,4 @@
-"""The results of a hemisphere: where they go, what is told of them, and how they are read."""
+"""The results of a hemisphere: their files, their measures, and how to read them."""
 
 import json
 from collections.abc import Mapping
@@ -15,43 +15,43 @@ from voxflat.io.overlays import read_overlay
 from voxflat.maps.flat_map import FlatMap, load
 
 MEASURES = {
-    "distanceerror": "mean relative error of the distances from each place, as a fraction",
-    "areachange": "log2 of the area on the map over that on the surface",
+    "distanceerror": "mean relative error of the distances from each point, as a fraction",
+    "areachange": "log2(area on the map / area on the surface)",
     "curvature": "mean curvature, 1/mm, positive on gyri",
     "sulcaldepth": "sulcal depth, mm, positive in sulci",
 }
-"""What is told of every place of a map, by the names of the files."""
+"""The measures at every point of a map, by the names of their files."""
 
 FIGURES: dict[str, tuple[str, float, str]] = {
     "best_scale.relative_error": ("Distance error", 100, "%"),
     "best_scale.relative_error_30mm": ("Distance error up to 30 mm", 100, "%"),
     "best_scale.relative_error_10mm": ("Distance error up to 10 mm", 100, "%"),
     "best_scale.stress_1": ("Stress\u20111", 1, ""),
-    "triangles.edge": ("Change of edges", 100, "%"),
+    "triangles.edge": ("Edge length change", 100, "%"),
     "triangles.equal_area_median": ("Area change, |log2|: median", 1, ""),
     "triangles.equal_area_p95": ("Area change: 95th percentile", 1, ""),
-    "triangles.flipped": ("Triangles turned over", 1, ""),
-    "triangles.covering": ("Triangles that cover another", 1, ""),
+    "triangles.flipped": ("Flipped triangles", 1, ""),
+    "triangles.covering": ("Triangles covering another", 1, ""),
 }
-"""Figures of a page: their place in a record, what they are called, a factor, the unit."""
+"""Measures of a page by their path in a record: name, factor, and unit."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """The files of one hemisphere."""
+    """The output files of one hemisphere."""
 
     folder: Path
-    prefix: str  # how their names begin
+    prefix: str  # prefix of their names
     of_freesurfer: bool  # lh.voxflat.flat.surf.gii; else sub-01_hemi-L_desc-voxflat_flat.surf.gii
 
     @classmethod
     def in_freesurfer(cls, folder: Path, hemi: str) -> "Results":
-        """Return those of a hemisphere in FreeSurfer's directory of a subject."""
+        """Return the results of a hemisphere in a FreeSurfer subject directory."""
         return cls(folder / "surf", f"{hemi}.voxflat", True)
 
     @classmethod
     def in_bids(cls, folder: Path, name: str, letter: str) -> "Results":
-        """Return those of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in a folder ``anat``."""
+        """Return the results of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in ``anat``."""
         return cls(folder, f"{name}_hemi-{letter}_desc-voxflat", False)
 
     def _named(self, name: str) -> Path:
@@ -59,17 +59,17 @@ class Results:
 
     @property
     def record(self) -> Path:
-        """What made them, with figures, as JSON; it is written last, so that where it is there, all are."""
+        """The JSON file with provenance and measures. It is written last, so if it exists, all files do."""
         return self._named("flat.json")
 
     @property
     def failure(self) -> Path:
-        """Why there are none."""
+        """The JSON file with the reason of a failure."""
         return self._named("failure.json")
 
     @property
     def map(self) -> Path:
-        """All of the map."""
+        """The complete map."""
         return self._named("flat.npz")
 
     @property
@@ -79,29 +79,31 @@ class Results:
 
     @property
     def patch(self) -> Path:
-        """The map as FreeSurfer's patch."""
+        """The map as a FreeSurfer patch."""
         return self._named("flat.patch.3d")
 
     def values(self, name: str) -> Path:
-        """Return where a measure or an overlay goes."""
+        """Return the file of a measure or an overlay."""
         return self._named(f"{name}.shape.gii")
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read the record of a hemisphere's results; raises InputError if it is damaged."""
+    """Read the record of a hemisphere's results; a damaged record raises an InputError."""
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        is_whole = all(name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures"))
+        is_complete = all(
+            name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures")
+        )
     except (ValueError, TypeError):
-        is_whole = False
-    if not is_whole:
-        raise InputError(f"{path} is no record of voxflat, or damaged: delete it")
+        is_complete = False
+    if not is_complete:
+        raise InputError(f"{path} is not a record of voxflat, or is damaged. Delete it, and run voxflat again")
     return record
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """The results of a hemisphere, as they were written."""
+class LoadedResults:
+    """The results of a hemisphere, read from their files."""
 
     results: Results
     record: dict[str, Any]
@@ -109,8 +111,8 @@ class Shown:
     values: dict[str, NDArray[np.float64]]  # measures and overlays at the points of the map, (N,)
 
     @classmethod
-    def read(cls, results: Results) -> "Shown":
-        """Read results; raises InputError, OSError if they are damaged, or not there."""
+    def read(cls, results: Results) -> "LoadedResults":
+        """Read results; damaged or missing files raise an InputError or an OSError."""
         record, flat_map = read_record(results.record), load(results.map)
         names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
         structure = flat_map.metadata.get("structure")
@@ -125,7 +127,7 @@ class Shown:
 
     @property
     def cuts(self) -> dict[str, NDArray[np.int64]]:
-        """Points of the map along each cut, by its name."""
+        """The points of the map along each cut, by the name of the cut."""
         metadata = self.flat_map.metadata
         rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
         given = zip(metadata["cut_names"], metadata["cuts"], strict=True)
@@ -140,7 +142,7 @@ def _key(of: Any) -> Any:
 
 
 def figure_of(record: Mapping[str, Any], place: str) -> float | None:
-    """Return a figure of a record by its place, such as ``best_scale.stress_1``; None where it is undefined."""
+    """Return a measure of a record by its path, such as ``best_scale.stress_1``; None if it is undefined."""
     value: Any = record["figures"]
     for key in place.split("."):
         value = None if value is None else value.get(key)

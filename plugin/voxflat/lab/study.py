@@ -1,4 +1,4 @@
-"""Participants, one after the other: what is missing or stale is made, and one that fails never stops the others."""
+"""Run over the participants of a study: make missing or outdated results, and continue after failures."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -12,15 +12,15 @@ from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, told
 from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
-from voxflat.lab.results import Results, Shown, read_record
+from voxflat.lab.results import LoadedResults, Results, read_record
 from voxflat.lab.subject import make
 
 BIDS_VERSION = "1.10.0"
 
-NO_FILES = "there is neither a directory of FreeSurfer nor a surface of this participant"
+NO_FILES = "found neither a FreeSurfer directory nor a surface of this participant. Check the label and the inputs"
 
 _IGNORED = """\
-# BIDS has no flat surfaces (*_flat.surf.gii), no measures of maps at vertices, and no pages of a whole study
+# BIDS defines neither flat surfaces (*_flat.surf.gii), nor measures of maps at vertices, nor pages of a study
 *.surf.gii
 *.shape.gii
 *_flat.json
@@ -35,31 +35,32 @@ Report = Callable[["Outcome"], None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a hemisphere."""
+    """The outcome for one hemisphere."""
 
-    name: str  # the participant's: sub-01, sub-01_ses-02, or FreeSurfer's name of the subject
+    name: str  # name of the participant: sub-01, sub-01_ses-02, or the FreeSurfer subject
     hemi: str  # lh or rh
-    state: str  # made, done (up to date) or failed; missing and stale are to be made, in a plan
-    reason: str = ""  # why it failed, or is to be made
-    record: dict[str, Any] | None = None  # of what was made
+    state: str  # made, done (up to date) or failed; in a plan also missing or stale, which have to be made
+    reason: str = ""  # why it failed, or has to be made
+    record: dict[str, Any] | None = None  # record of the results that were made
 
     @property
     def letter(self) -> str:
-        """As BIDS has it: L or R."""
+        """The BIDS letter: L or R."""
         return HEMISPHERES[self.hemi][0]
 
 
 def freesurfer(
     folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
 ) -> list[Outcome]:
-    """Flatten the hemispheres of a subject of FreeSurfer, into its own directory.
+    """Flatten the hemispheres of a FreeSurfer subject, and write the results into its directory.
 
-    `folder`: FreeSurfer's of the subject, which gets ``surf/?h.voxflat...`` and the report ``voxflat.html``. `tell`:
-    takes the outcome of each. `**how`: ``threads``, ``memory_limit``, ``progress``: as in `voxflat.flatten`. Raises
-    InputError if there is no such directory; Cancelled if `progress` returned False.
+    `folder`: the FreeSurfer directory of the subject. It receives ``surf/?h.voxflat...`` and the report
+    ``voxflat.html``. `tell`: called with each outcome. `**how`: ``threads``, ``memory_limit`` and ``progress``, as in
+    `voxflat.flatten`. Raises InputError if the directory is not a FreeSurfer subject, and Cancelled if `progress`
+    returned False.
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
-        raise InputError(f"{folder}: there is no surf/ in it: give the directory that recon-all made for a subject")
+        raise InputError(f"{folder} has no directory surf/. Pass the directory of a subject that recon-all made")
     name, results = folder.resolve().name, partial(Results.in_freesurfer, folder)
     return _each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how)
 
@@ -75,12 +76,13 @@ def study(
     dask: str | None = None,
     **how: Any,
 ) -> list[Outcome]:
-    """Flatten the hemispheres of participants, into derivatives of BIDS.
+    """Flatten the hemispheres of participants, and write BIDS derivatives.
 
-    `source`, `labels`: as in `participants`. `out`: a directory; made if it is missing. `tell`, `**how`: as in
-    `freesurfer`. `dask`: a cluster, as in `connected`, whose workers take a participant each; they must see the same
-    files. By default this process takes one after the other. Raises InputError if there are no participants, or `out`
-    is that of another program; OSError if nothing can be written to `out`; Cancelled if `progress` returned False.
+    `source`, `labels`: as in `participants`. `out`: the output directory; made if it does not exist. `tell`, `**how`:
+    as in `freesurfer`. `dask`: a cluster, as in `connected`, on which each worker processes one participant at a time;
+    the workers must see the same files. By default this process does all the work. Raises InputError if there are no
+    participants or if `out` belongs to another program, OSError if `out` cannot be written, and Cancelled if `progress`
+    returned False.
     """
     everybody = participants(source, labels)
     describe(source, out)
@@ -95,7 +97,7 @@ def study(
     )
     with connected(dask, most=len(everybody)) as cluster:
         for one, made, error in cluster.each(work, everybody, stage="participants", **how):
-            if error is not None:  # the worker's: those of the work are in the outcomes
+            if error is not None:  # an error of the worker; errors of the work itself are in the outcomes
                 made = _without_worker(one, out, hemis, parameters, error)
             for outcome in made:
                 tell(outcome)
@@ -106,7 +108,7 @@ def study(
 def _participant(
     one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
 ) -> list[Outcome]:
-    """Make what is missing or stale of a participant of a study, and the report."""
+    """Make the missing or outdated results of a participant of a study, and the report."""
     results, page = results_of(one, out), pages_of(one, out)
     return _each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how)
 
@@ -114,7 +116,7 @@ def _participant(
 def _without_worker(
     one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, error: Exception
 ) -> list[Outcome]:
-    """Say what became of a participant whose workers did not come to their end."""
+    """Return the outcomes of a participant whose worker failed."""
     outcomes = []
     for hemi in hemis:
         found = _planned(one, out, hemi, parameters)
@@ -128,7 +130,7 @@ def _without_worker(
 def plan(
     source: Path, out: Path, hemis: Sequence[str], parameters: Parameters, labels: Sequence[str] = ()
 ) -> Iterator[Outcome]:
-    """Say what `study` would do, "failed" where files are not there: nothing is written."""
+    """Yield what `study` would do, without writing anything; the state is "failed" if input files are missing."""
     for one in participants(source, labels):
         for hemi in hemis:
             yield _planned(one, out, hemi, parameters)
@@ -143,23 +145,23 @@ def _planned(one: Participant, out: Path, hemi: str, parameters: Parameters) -> 
 
 
 def results_of(one: Participant, out: Path) -> Callable[[str], Results]:
-    """Return where the results of a participant go, by hemisphere."""
+    """Return a function from a hemisphere to the output files of a participant."""
     folder = out / f"sub-{one.label}" / (f"ses-{one.session}" if one.session else "") / "anat"
     return lambda hemi: Results.in_bids(folder, one.name, HEMISPHERES[hemi][0])
 
 
 def pages_of(one: Participant, out: Path) -> Path:
-    """Return where the report on a participant goes."""
+    """Return the file of the report on a participant."""
     return out / f"{one.name}.html"
 
 
 def describe(source: Path, out: Path) -> None:
-    """Write what BIDS asks for in a directory of derivatives; raises InputError if it is another program's."""
+    """Write the dataset description of BIDS derivatives; a directory of another program raises an InputError."""
     path = out / "dataset_description.json"
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
-        raise InputError(f"{out} holds derivatives of another program ({path}): give another directory")
+        raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")
     if out.resolve() == source.resolve():
-        raise InputError(f"{out} holds the inputs: give another directory, such as {out / 'derivatives' / 'voxflat'}")
+        raise InputError(f"{out} contains the inputs. Pass another one, such as {out / 'derivatives' / 'voxflat'}")
     content = {
         "Name": "voxflat: flat maps of the cortex",
         "BIDSVersion": BIDS_VERSION,
@@ -191,7 +193,7 @@ def _each(
     tell: Report,
     how: dict[str, Any],
 ) -> list[Outcome]:
-    """Make what is missing or stale of a participant, and the report."""
+    """Make the missing or outdated results of a participant, and the report."""
     outcomes = []
     for hemi in hemis:
         outcome = _one(name, folder, hemi, parameters, results(hemi), how)
@@ -202,26 +204,26 @@ def _each(
 
 
 def _show(name: str, outcomes: Sequence[Outcome], results: Callable[[str], Results], page: Path) -> None:
-    """Write the report, unless there is nothing new."""
+    """Write the report, unless it is up to date."""
     there = {one.hemi: results(one.hemi) for one in outcomes if one.state != "failed"}
     failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
     key = page_key([read_record(of.record) for of in there.values()], failures)
-    is_told = bool(there) or page.is_file()  # what an earlier call has written would say that all is well
-    if is_told and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
-        from voxflat.lab.report import subject_page  # brings in matplotlib
+    is_due = bool(there) or page.is_file()  # otherwise an earlier report would not mention the failure
+    if is_due and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
+        from voxflat.lab.report import subject_page  # imports Matplotlib
 
-        write_text(page, subject_page(name, {hemi: Shown.read(of) for hemi, of in there.items()}, failures))
+        write_text(page, subject_page(name, {hemi: LoadedResults.read(of) for hemi, of in there.items()}, failures))
 
 
 def _one(
     name: str, folder: Path | None, hemi: str, parameters: Parameters, results: Results, how: dict[str, Any]
 ) -> Outcome:
-    """Make a hemisphere, unless it is up to date; whatever goes wrong is its own."""
+    """Make the results of a hemisphere unless they are up to date; errors become its outcome."""
     try:
         hemisphere = _found(folder, hemi, parameters)
         now, _ = state(results, request(hemisphere, parameters))
         if now == "done":
-            results.failure.unlink(missing_ok=True)  # of a call with other parameters
+            results.failure.unlink(missing_ok=True)  # from a call with other parameters
             return Outcome(name, hemi, "done")
         return Outcome(name, hemi, "made", record=make(hemisphere, parameters, results, **how))
     except Cancelled:
@@ -231,8 +233,8 @@ def _one(
 
 
 def _failed(name: str, hemi: str, results: Results, error: Exception) -> Outcome:
-    """Keep the reason why there is no result."""
+    """Write the reason of a failure, and return the outcome."""
     reason = told(error)
-    with suppress(OSError):  # what cannot be written is told all the same
+    with suppress(OSError):  # the outcome has the reason even if the file cannot be written
         write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
     return Outcome(name, hemi, "failed", reason)

@@ -1,4 +1,4 @@
-"""The page of a study: its table, what stands out, all maps at one scale, and means."""
+"""The HTML page of a study: table, outliers, all maps at the same scale, and means."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
+from voxflat.citation.methods_text import citation_of, facts_of
 from voxflat.figures.overlays import painted
 from voxflat.lab.comparison import Mean, Row
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
@@ -14,19 +15,19 @@ from voxflat.lab.results import FIGURES, figure_of
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-_SHOWN = 0.9  # pixels of the page a mm of a map
-_AT_FULL = 60  # maps that are drawn with a pixel a mm; more have larger pixels, so that the page stays small
+_SHOWN = 0.9  # pixels of the page per mm of a map
+_AT_FULL = 60  # up to this number of maps, 1 pixel is 1 mm; larger studies get larger pixels to keep the page small
 _DOTS = (240.0, 26.0)  # pixels of a row of dots
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
-    """Return the page of a study as HTML: means over standard maps, pictures, and links to the subjects' reports."""
+    """Return the page of a study as HTML: table, maps, means, and links to the reports of subjects."""
     there = [row for row in rows if row.record is not None]
     table = []
     for row in rows:
         cells = [] if row.record is None else [_cell(row, place) for place in FIGURES]
         table.append({"row": row, "cells": cells})
-    parameters = {_told(row.record["parameters"]) for row in there if row.record is not None}
+    parameters = {_listed(row.record["parameters"]) for row in there if row.record is not None}
     versions = {row.record["voxflat"] for row in there if row.record is not None}
     return filled(
         "study.html",
@@ -43,14 +44,15 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mappin
         parameters=sorted(parameters),
         versions=sorted(versions),
         maps=len(there),
+        citation=citation_of([of["facts"] for of in maps]),
         participants=len({row.name + row.session for row in rows}),
     )
 
 
 def map_picture(row: Row, flat_map: FlatMap, of: int) -> dict[str, Any]:
-    """Return the folds of a map as a picture at the scale that all of so many have on the page."""
+    """Return an image of the folds of a map at the scale for a page of `of` maps, and facts for the methods text."""
     (drawn,) = pictures(flat_map, [None], pixel_size=max(1.0, float(np.sqrt(of / _AT_FULL))))
-    return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"])}
+    return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"]), "facts": facts_of(flat_map)}
 
 
 def _cell(row: Row, place: str) -> dict[str, Any]:
@@ -61,12 +63,12 @@ def _cell(row: Row, place: str) -> dict[str, Any]:
     return {"text": text, "is_outlier": place in row.outliers}
 
 
-def _told(parameters: Mapping[str, Any]) -> str:
+def _listed(parameters: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in parameters.items() if name not in ("hemi", "seed") and value)
 
 
 def _mean(one: Mean) -> dict[str, Any]:
-    """Return mean and standard deviation of one thing as pictures."""
+    """Return the mean and the standard deviation of a measure as images."""
     look = layers_of([{one.name: one.mean.data[np.isfinite(one.mean.data)]}])[0][0]
     spread = one.deviation.data[np.isfinite(one.deviation.data)]
     high = float(np.percentile(spread, 99)) if len(spread) else 1.0
@@ -89,7 +91,7 @@ def _drawn(image: FlatImage, layer: Layer) -> dict[str, Any]:
 
 
 def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
-    """Return how a figure is spread over hemispheres, as places of dots."""
+    """Return a dot plot of a measure over hemispheres."""
     title, factor, unit = FIGURES[place]
     width, height = _DOTS
     found = [(row, figure_of(row.record or {}, place)) for row in rows]

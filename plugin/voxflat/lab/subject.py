@@ -1,4 +1,4 @@
-"""One hemisphere, from its files to a flat map, measures, and a record of how they came to be."""
+"""Make the flat map, the measures and the record of one hemisphere."""
 
 import logging
 import os
@@ -31,9 +31,9 @@ from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.lips import one_point_a_vertex
 
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
-_ONE = "give a file with one; a series is for voxflat image and voxflat movie, with the map"
-_PROBABLE = 0.5  # of white matter
-_NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # in aparc.annot
+_ONE = "Pass a file with one map; draw series with voxflat image or voxflat movie"
+_PROBABLE = 0.5  # threshold on the probability of white matter
+_NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # labels of aparc.annot
 
 
 def make(
@@ -45,14 +45,14 @@ def make(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Flatten a hemisphere, write the map, its measures and the record, and return that."""
+    """Flatten a hemisphere, write the map, its measures and the record, and return the record."""
     clock = _Clock()
     with clock("reading and checksums"):
         wanted = request(hemisphere, parameters)
         common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
         whole = _surface(hemisphere, parameters, common)
         part = _part(hemisphere, parameters, whole)
-    with clock("flattening and judging"):
+    with clock("flattening and measuring"):
         cuts = str(hemisphere.files.get("cuts", parameters.cuts))
         sphere = hemisphere.files.get("sphere")
         flat_map = part.flatten(cuts=cuts, sphere=sphere, seed=parameters.seed, **common)
@@ -65,7 +65,7 @@ def make(
         "hemi": hemisphere.letter,
         "overlays": sorted(hemisphere.overlays),
         "outputs": {path.name: path.stat().st_size for path in written},
-        **_told(whole, flat_map, doubts),
+        **_description(whole, flat_map, doubts),
         "notes": notes,
         "seconds": clock.seconds,
     }
@@ -75,7 +75,7 @@ def make(
 
 
 class _Clock:
-    """How long each step took."""
+    """Measures the duration of each step."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -89,7 +89,7 @@ class _Clock:
 
 @contextmanager
 def _noting() -> Iterator[list[str]]:
-    """Hold what is said of files, such as that they lack triangles at cuts, for the record."""
+    """Collect warnings about files, such as omitted triangles at cuts, for the record."""
     notes: list[str] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: notes.append(record.getMessage())  # type: ignore[method-assign]
@@ -100,7 +100,7 @@ def _noting() -> Iterator[list[str]]:
         log.removeHandler(handler)
 
 
-# ------------------------------------------------------------------------------------ to the map
+# -------------------------------------------------------------------------------------------- map
 
 
 def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, Any]) -> Surface:
@@ -111,37 +111,38 @@ def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, A
         return surface(files["volume"], label=hemisphere.label, threshold=threshold, repair="voxels", **common)
     for name in ("white", "pial", "sphere"):
         if name in files and not is_mesh_name(files[name]):
-            raise InputError(f"{files[name]} holds no surface ({files[name].stat().st_size} bytes): make it again")
+            size = files[name].stat().st_size
+            raise InputError(f"{files[name]} is not a surface ({size} bytes). Run recon-all or sMRIPrep again")
     if parameters.geometry == "midthickness":
         return surface(files["white"], pial=files["pial"], **common)
     return surface(files[parameters.geometry], **common)
 
 
 def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> Surface:
-    """Return the part that is flattened: the cortex, where a file says which it is."""
+    """Return the part to flatten: the cortex, if a file defines it."""
     if "cortex" in hemisphere.files:
         return whole.keep(hemisphere.files["cortex"])
     if "areas" in hemisphere.files:
         return whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count))
-    is_known = whole.thickness is not None and parameters.cuts == "automatic"  # templates have their own outline
+    is_known = whole.thickness is not None and parameters.cuts == "automatic"  # templates exclude it themselves
     return whole.drop("medial wall") if is_known else whole
 
 
 def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
-    """Return which vertices a parcellation of the cortex leaves out."""
+    """Return which vertices a parcellation of the cortex excludes."""
     with naming(annotation, REMEDY):
         labels, names = read_annot(annotation, contents(annotation))
     if len(labels) != count:
-        raise InputError(f"{annotation} has {len(labels)} labels, the surface {count} vertices: is it of this one?")
+        raise InputError(f"{annotation} has {len(labels)} labels for {count} vertices. Check the subject")
     others = [n for n, name in enumerate(names) if name.lower() in _NO_CORTEX]
     is_beside = (labels < 0) | np.isin(labels, others)
     if is_beside.all():
-        raise InputError(f"{annotation}: no vertex has a label of the cortex")
+        raise InputError(f"{annotation}: no vertex has a label of the cortex. Check the annotation")
     return np.asarray(is_beside)
 
 
 def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
-    """Return what is told of every point of the map."""
+    """Return the measures at every point of the map."""
     triangles = flat_map.distortion.triangles
     found = {
         "distanceerror": flat_map.distortion.per_point,
@@ -153,43 +154,43 @@ def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
 
 
 def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.float64]]:
-    """Return the overlays at every point of the map; volumes in the middle of the cortex, where that is known."""
+    """Return the overlays at every point of the map; volumes are sampled in the middle of the cortex if it is known."""
     sampler = flat_map._triangles.on_surface
     in_cortex = flat_map.white_points is not None and flat_map.pial_points is not None
     depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
     found = {}
     for name, path in hemisphere.overlays.items():
         if name in MEASURES:
-            raise InputError(f"the overlay {path} has the name of a measure, {name}: rename it")
+            raise InputError(f"the overlay {path} has the name of a measure, {name}. Rename the file")
         if path.name.lower().endswith(_LABELS):
-            raise InputError(f"the overlay {path} has labels, not values: voxflat figure MAP --parcels shows those")
+            raise InputError(f"the overlay {path} has labels, not values. Draw it with voxflat figure MAP --parcels")
         if sampler.is_overlay(path):
             values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
             if values.ndim > 1:
-                raise InputError(f"the overlay {path} has {values.shape[1]} maps: {_ONE}")
+                raise InputError(f"the overlay {path} has {values.shape[1]} maps. {_ONE}")
             found[name] = values[flat_map.ids].astype(np.float64)
         else:
             with naming(path, REMEDY):
                 series = series_of(path)
             if series is not None:
-                raise InputError(f"the overlay {path} has {len(series[0])} frames: {_ONE}")
+                raise InputError(f"the overlay {path} has {len(series[0])} frames. {_ONE}")
             places = [flat_map.space.to_scanner(points) for points in sampler.at(depths)]
             found[name] = sample_mean(sampler.placed(path), places)
             if found[name].ndim > 1:
-                raise InputError(f"{path} has colours or several volumes: give one of values")
+                raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
         if not np.isfinite(found[name]).any():
-            raise InputError(f"the overlay {path} has no value anywhere on the map: does it belong to this subject?")
+            raise InputError(f"the overlay {path} has no values on the map. Check that it belongs to this subject")
     return found
 
 
-# ------------------------------------------------------------------------------------ to the files
+# ------------------------------------------------------------------------------------------ files
 
 
 def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: Results) -> list[Path]:
-    """Write the map and what is told of its points; return the files."""
+    """Write the map and the values of its points, and return the files."""
     results.folder.mkdir(parents=True, exist_ok=True)
     before = _written_before(results)
-    results.record.unlink(missing_ok=True)  # from here on they are not those that it tells of
+    results.record.unlink(missing_ok=True)  # from here on it no longer describes the files
     written = [results.map, results.surface]
     if results.of_freesurfer and not flat_map.is_voxels:
         written.append(results.patch)
@@ -199,19 +200,19 @@ def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: R
     rows = None if flat_map.is_voxels else one_point_a_vertex(flat_map.ids, flat_map.faces)
     for name, at_points in values.items():
         at_vertices = at_points
-        if rows is not None:  # as the flat surface has them
+        if rows is not None:  # one value per vertex, as in the flat surface
             at_vertices = np.full(flat_map.metadata["vertices"], np.nan)
             at_vertices[flat_map.ids[rows]] = at_points[rows]
         with atomic_path(results.values(name)) as temporary:
             temporary.write_bytes(value_bytes({name: at_vertices}, structure, flat_map.provenance))
         written.append(results.values(name))
-    for path in before - set(written):  # overlays that nobody asked for this time
+    for path in before - set(written):  # overlays of the previous run that were not requested again
         path.unlink(missing_ok=True)
     return written
 
 
 def _written_before(results: Results) -> set[Path]:
-    """Return the files of a result that is made anew."""
+    """Return the files of the previous run."""
     try:
         names = read_record(results.record)["outputs"]
     except (InputError, OSError):
@@ -219,12 +220,12 @@ def _written_before(results: Results) -> set[Path]:
     return {results.folder / name for name in names if Path(name).name == name and name.startswith(results.prefix)}
 
 
-def _told(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any]:
-    """Return what the record says of surface and map."""
+def _description(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any]:
+    """Return the description of surface and map for the record."""
     topology, metadata = whole.core.topology(), flat_map.metadata
     first = topology["components"][0]
     width, height = np.ptp(flat_map.uv, axis=0).tolist()
-    mended = {name: len(places) for name, places in metadata.get("mended", {}).items() if np.ndim(places)}
+    repaired = {name: len(places) for name, places in metadata.get("mended", {}).items() if np.ndim(places)}
     return {
         "surface": {
             "vertices": len(whole),
@@ -234,7 +235,7 @@ def _told(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any
             "boundaries": len(topology["loops"]),
             "handles_cut": len(metadata.get("handles_cut", [])),
             "voxels_changed": int(np.count_nonzero(whole.changed_voxels())) if whole.is_voxels else 0,
-            "mended": mended,
+            "mended": repaired,
             "measured_on": metadata.get("measured_on", "the surface itself"),
             "space": metadata["space"]["name"],
         },

@@ -187,7 +187,7 @@ class FlatMap(Planar):
         Parameters
         ----------
         picture : array_like, shape (H, W) or (H, W, C)
-            Laid over the map: centred, in its proportions, just covering the map's bounding box.
+            MapLike over the map: centred, in its proportions, just covering the map's bounding box.
 
         Returns
         -------

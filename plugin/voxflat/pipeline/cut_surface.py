@@ -176,7 +176,8 @@ class CutSurface(Generic[_Surface]):
         """Return the surface with its cuts, and their lengths, for Jupyter."""
         lengths = ["" if one.length is None else f"{one.length:.0f} mm" for one in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
-        figure = importlib.import_module("voxflat.figures.opened").opened(self.surface)  # it stands above the pipeline
+        drawing = importlib.import_module("voxflat.figures.cut_surfaces")  # a higher layer than the pipeline
+        figure = drawing.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
         return page(
             self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides, its cuts in red"

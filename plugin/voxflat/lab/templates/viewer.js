@@ -1,5 +1,5 @@
-// Draws a map and its surface beside each other, by WebGL: a layer in its colours, the surface to be turned, and what
-// the values are under the pointer. No library: two meshes of 20,000 points need none.
+// Draws a flat map and its surface side by side with WebGL. The user chooses a layer, rotates the surface, and reads
+// the values under the pointer. Two meshes of 20,000 points need no library.
 "use strict";
 
 const CUT_COLOURS = ["#e6550d", "#3182bd", "#31a354", "#d6409f", "#8c6bd8", "#c9a400", "#00a5a5", "#a0522d"];
@@ -32,7 +32,7 @@ class Canvas {
   constructor(element) {
     this.element = element;
     const gl = (this.gl = element.getContext("webgl", { antialias: true, preserveDrawingBuffer: true }));
-    if (!gl) throw new Error("no WebGL");
+    if (!gl) throw new Error("WebGL is not available");
     gl.getExtension("OES_element_index_uint");
     this.program = gl.createProgram();
     [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER].forEach((kind, n) => {
@@ -96,7 +96,7 @@ class Viewer {
     this.faces = new Uint32Array(buffer.slice(at, at + 12 * content.triangles));
     this.flat = new Canvas(root.querySelector("canvas.flat"));
     this.space = new Canvas(root.querySelector("canvas.space"));
-    this.turn = content.view ?? [root.dataset.side === "right" ? -Math.PI / 2 : Math.PI / 2, 0.1]; // medial, where most cuts are
+    this.turn = content.view ?? [root.dataset.side === "right" ? -Math.PI / 2 : Math.PI / 2, 0.1]; // medial: most cuts are there
     this.zoom = 1;
     this.marked = -1;
     this.places = new Float32Array(3 * content.points);
@@ -104,7 +104,7 @@ class Viewer {
     for (let n = 0; n < content.points; n++) this.flatPlaces.set(this.values.uv.subarray(2 * n, 2 * n + 2), 3 * n);
     this.flatNormals = this.flatPlaces.map((_, n) => Number(n % 3 === 2));
     this.lines = Object.values(content.cuts).map((line) => [line]);
-    this.lips = this.lipsOfCuts();
+    this.cutSides = this.sidesOfCuts();
     this.layer(0);
     this.smooth(Number(root.querySelector("input[type=range]").value));
     this.listen();
@@ -153,7 +153,7 @@ class Viewer {
   }
 
   axes() {
-    // seen along y (anterior), turned about z (superior), then from above
+    // the view direction: along y (anterior), rotated about z (superior), then tilted to look from above
     const [around, tilt] = this.turn;
     const [ca, sa, ct, st] = [Math.cos(around), Math.sin(around), Math.cos(tilt), Math.sin(tilt)];
     return { right: [ca, sa, 0], up: [-sa * st, ca * st, ct], away: [-sa * ct, ca * ct, -st] };
@@ -169,7 +169,7 @@ class Viewer {
     let farthest = 0;
     for (let n = 0; n < p.length; n += 3)
       farthest = Math.max(farthest, Math.hypot(p[n] - middle[0], p[n + 1] - middle[1], p[n + 2] - middle[2]));
-    const size = 2 * farthest || 1; // whichever way it is turned
+    const size = 2 * farthest || 1; // fits at any rotation
     const { clientWidth: width, clientHeight: height } = this.space.element;
     const fit = (1.96 * this.zoom * Math.min(width, height)) / size, x = fit / width, y = fit / height, z = 0.5 / size;
     const at = (axis, scale) => -scale * (axis[0] * middle[0] + axis[1] * middle[1] + axis[2] * middle[2]);
@@ -180,7 +180,7 @@ class Viewer {
   draw() {
     if (!this.normals) return;
     for (const [canvas, places, normals, view, lit, cuts] of [
-      [this.flat, this.flatPlaces, this.flatNormals, this.flatView(), 0, this.lips],
+      [this.flat, this.flatPlaces, this.flatNormals, this.flatView(), 0, this.cutSides],
       [this.space, this.places, this.normals, this.spaceView(), 1, this.lines],
     ]) {
       const gl = canvas.gl;
@@ -194,7 +194,7 @@ class Viewer {
         const mark = new Float32Array(this.colours.length);
         for (let n = 0; n < mark.length; n += 3) mark[n + 1] = 1;
         gl.disable(gl.DEPTH_TEST);
-        canvas.attribute("place", places); // cuts were drawn since
+        canvas.attribute("place", places); // drawing the cuts replaced these buffers
         canvas.attribute("normal", normals);
         canvas.attribute("colour", mark);
         canvas.draw(gl.POINTS, new Uint32Array([this.marked]), 0);
@@ -203,8 +203,8 @@ class Viewer {
     }
   }
 
-  lipsOfCuts() {
-    // edges of the map's border whose ends lie on a cut: the sides of a cut have points of their own, at the same place
+  sidesOfCuts() {
+    // boundary edges of the map whose ends lie on a cut: each side of a cut has its own points, at the same position
     const { folded } = this.values, place = (point) => folded.subarray(3 * point, 3 * point + 3).join();
     const border = new Map();
     this.faces.forEach((from, n) => {
@@ -218,7 +218,7 @@ class Viewer {
   }
 
   drawCuts(canvas, places, normals, cuts) {
-    // a little outside of the surface, and as ribbons, since lines of WebGL are a pixel wide
+    // slightly above the surface, as ribbons, because WebGL draws lines only one pixel wide
     const wide = 0.9;
     cuts.forEach((lines, number) => {
       const colour = rgb(CUT_COLOURS[number % CUT_COLOURS.length]), corners = [], faces = [];
@@ -249,7 +249,7 @@ class Viewer {
       const of = (k) => view[k] * places[n] + view[4 + k] * places[n + 1] + view[8 + k] * places[n + 2] + view[12 + k];
       const apart = Math.hypot(((of(0) - x) * box.width) / 2, ((of(1) - y) * box.height) / 2);
       if (apart > within) continue;
-      const rank = canvas === this.flat ? apart : apart + 400 * of(2); // the one in front
+      const rank = canvas === this.flat ? apart : apart + 400 * of(2); // prefer the point in front
       if (rank < least) [best, least] = [n / 3, rank];
     }
     return best;
@@ -262,19 +262,19 @@ class Viewer {
       output.textContent = "Point at the map or the surface to read values.";
     } else {
       const id = this.content.ids[point];
-      const told = this.content.layers.map(({ name, title, unit }) => {
+      const values = this.content.layers.map(({ name, title, unit }) => {
         const value = this.values[name][point];
         const shown = Number.isInteger(value) ? String(value) : value.toPrecision(3);
-        return `${title}: ${Number.isNaN(value) ? "none" : shown + (unit ? " " + unit : "")}`;
+        return `${title}: ${Number.isNaN(value) ? "no value" : shown + (unit ? " " + unit : "")}`;
       });
       const place = [0, 1, 2].map((k) => this.values.folded[3 * point + k].toFixed(1)).join(", ");
-      output.textContent = (id === undefined ? "" : `Vertex ${id}, `) + `at (${place})${this.content.unit && " " + this.content.unit}. ` + told.join(" · ");
+      output.textContent = (id === undefined ? "" : `Vertex ${id}, `) + `at (${place})${this.content.unit && " " + this.content.unit}. ` + values.join(" · ");
     }
     this.draw();
   }
 
   goTo(place) {
-    // the point of the surface that is nearest to a place, turned to the eye
+    // show the point of the surface nearest to a position, and rotate the surface so that it faces the viewer
     const { folded } = this.values;
     let best = 0, least = Infinity;
     for (let n = 0; n < this.content.points; n++) {
@@ -325,13 +325,13 @@ for (const root of document.querySelectorAll(".viewer")) {
   const content = JSON.parse(root.querySelector("script").textContent);
   unpacked(content.data)
     .then((buffer) => {
-      root.hidden = false; // canvases need their size
+      root.hidden = false; // a hidden canvas has no size
       root.viewer = new Viewer(root, content, buffer);
     })
     .catch((reason) => {
       root.hidden = false;
       root.replaceChildren(Object.assign(document.createElement("p"), {
-        className: "note", textContent: `This browser cannot draw the surface (${reason.message}); the pictures below show the maps.`,
+        className: "note", textContent: `This browser cannot draw the surface (${reason.message}). Open the page in a browser with WebGL.`,
       }));
     });
 }

@@ -1,4 +1,4 @@
-"""The sheet of paper of a map's figure: the map above, marks and the colour bar in a strip below."""
+"""Page layout of a flat-map figure: the map above, annotations and the colour bar in a strip below."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,24 +23,24 @@ from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import Raster
 
 DARK, LIGHT = 0.47, 0.75  # greys of sulci and gyri
-STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, and of one that has a wheel, mm
+STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, without and with a colour wheel, mm
 
 _INCH = 25.4  # mm
 _MOST_PIXELS, _LEAST_DPI = 1700, 300
-_EDGE, _TITLE = 1.5, 5.0  # mm of paper: around everything, of the title
-_WHEEL, _HOLE = 11.0, 0.45  # mm, the wheel of phases; of its radius, the hole
+_EDGE, _TITLE = 1.5, 5.0  # mm of paper: margin, and height of the title
+_WHEEL, _HOLE = 11.0, 0.45  # diameter of the colour wheel, mm; its hole, as a share of the radius
 _WHEEL_PIXELS = 400
-_TALLEST = 1.4  # of the width
+_TALLEST = 1.4  # greatest height, as a multiple of the width
 _FONT, _LETTER = 6.5, 7.5  # points
 _NAMES_PIXEL = 0.2  # mm of paper
-_MARKS = 30.0  # mm, that directions, side and scale bar take
-_SIDE = 14.0  # mm, that directions and side take
+_MARKS = 30.0  # room for directions, hemisphere and scale bar, mm
+_SIDE = 14.0  # room for directions and hemisphere, mm
 _GAP = 2.0  # mm between maps
-_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # a name over data
+_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # background of names over data
 
 
 class Panel:
-    """One map on a page: its axes in mm of the map, and where they lie on paper."""
+    """One map on a page: its axes in mm of the map, and their position on paper."""
 
     def __init__(self, axes: Any, flat_map: FlatMap, corner: tuple[float, float], scale: float) -> None:
         self.axes, self.flat_map, self.corner, self.scale = axes, flat_map, corner, scale
@@ -54,12 +54,12 @@ class Panel:
         self.axes.set(xlim=(self.low[0], right), ylim=(self.low[1], top))
 
     def at(self, u: float, v: float) -> tuple[float, float]:
-        """Return a place of the map on paper, mm."""
+        """Return the position of a map point on paper, mm."""
         left, bottom = self.corner
         return left + (u - self.low[0]) * self.scale, bottom + (v - self.low[1]) * self.scale
 
     def image(self, pixels: NDArray[np.uint8], raster: Raster, layer: str) -> None:
-        """Lay pixels where they lie on the map."""
+        """Draw pixels at their position on the map."""
         height, width = raster.shape
         step = raster.pixel_size
         left, top = raster.origin[0] - step / 2, raster.origin[1] + step / 2
@@ -78,7 +78,7 @@ class Panel:
 
 
 class Page:
-    """A sheet of paper in mm, a figure or given axes: maps side by side on one scale, a strip of marks below."""
+    """A page in mm, as a figure or in given axes: maps side by side at one scale, and a strip of annotations below."""
 
     def __init__(self, width: float, height: float, scale: float, pixels: int | None, axes: Axes | None = None) -> None:
         dpi = max(_LEAST_DPI, int(np.ceil(_MOST_PIXELS * _INCH / width))) if pixels is None else pixels * _INCH / width
@@ -98,7 +98,7 @@ class Page:
         self.paper.patch.set_visible(False)
 
     def _add_axes(self, box: tuple[float, float, float, float], zorder: float = 0) -> Any:
-        """Add axes at a place on paper: left, bottom, width and height, mm."""
+        """Add axes at a position on paper: left, bottom, width and height, mm."""
         if self._within is not None:
             return self._within.inset_axes(box, transform=self._within.transData, zorder=5 + zorder)
         left, bottom, wide, high = box
@@ -117,14 +117,14 @@ class Page:
         pixels: int | None = None,
         axes: Axes | None = None,
     ) -> "Page":
-        """Lay maps on a page, side by side, all in mm; `head` is room above them, `pixels` the page's width."""
+        """Place maps side by side on a page; lengths are in mm, `head` adds room above, `pixels` is the page width."""
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:
-            checked_kind(axes, "ax", "get_window_extent", "axes of matplotlib")
+            checked_kind(axes, "ax", "get_window_extent", "Matplotlib axes")
             box = axes.get_window_extent()
             width, tallest = (side / axes.figure.dpi * _INCH for side in (box.width, box.height))
         elif not 30 <= width <= 1000:
-            raise InputError(f"the width is {shown(width)} mm; give 30 to 1000, such as 85 for a column")
+            raise InputError(f"width is {shown(width)} mm. Pass 30 to 1000 mm, such as 85 for one column")
         checked_text(title, "title")
         sizes = [np.ptp(one.uv, axis=0).tolist() for one in maps]
         wide, high = sum(size[0] for size in sizes), max(size[1] for size in sizes)
@@ -132,7 +132,7 @@ class Page:
         room = width - 2 * _EDGE - (len(maps) - 1) * _GAP
         scale = min(room / wide, (tallest - strip - top - (0 if axes is None else _EDGE)) / high)
         if scale <= 0:
-            raise InputError("the axes are too small for a flat map: make them at least 30 mm wide and high")
+            raise InputError("the axes are too small for a flat map. Make them at least 30 mm wide and high")
         height = strip + _EDGE + high * scale + top
         page = cls(width, height, scale, pixels, axes)
         left = (width - wide * scale - (len(maps) - 1) * _GAP) / 2
@@ -148,14 +148,14 @@ class Page:
         return page
 
     def text(self, x: float, y: float, text: str, layer: str, **how: Any) -> None:
-        """Write a text at a place on paper, mm."""
+        """Write a text at a position on paper, mm."""
         style = {"ha": "center", "va": "center", "size": _FONT, "linespacing": 1.05, "gid": layer, **how}
         self.paper.text(x, y, text, **style)
 
     def names(
         self, panel: Panel, parcels: Parcels, labels: NDArray[np.int64], raster: Raster, look: NDArray[np.float64]
     ) -> None:
-        """Write the names of parcels that have room, black or white."""
+        """Write the names that fit into their parcels, in black or white."""
         every = max(1, int(_NAMES_PIXEL / (raster.pixel_size * self.scale)))
         pixel = every * raster.pixel_size * self.scale
         placed, left_out = place_names(labels[every // 2 :: every, every // 2 :: every], parcels.names, pixel)
@@ -172,19 +172,19 @@ class Page:
             self.text(x, y, name.text, "names", size=name.size, **turned)
         small = sum(name.size < 6 for name in placed)
         if small:
-            log.info("%d of %d names are smaller than 6 points; a wider figure has more room", small, len(placed))
+            log.info("%d of %d names are smaller than 6 points. A wider figure has more room", small, len(placed))
         if left_out:
             log.warning(
-                "%d of %d names have no room in their parcels and are left out: %s; a wider figure has more",
+                "%d of %d names do not fit into their parcels and are omitted: %s. A wider figure has more room",
                 len(left_out),
                 len(left_out) + len(placed),
                 ", ".join(left_out),
             )
 
     def bar(self, colours: OverlayColours, label: str) -> None:
-        """Draw the colour bar, with what is beyond the thresholds in grey."""
+        """Draw the colour bar; values that the thresholds exclude are grey."""
         low, high = colours.limits
-        beside = 0.0 if len(self.panels) == 1 else _SIDE  # the marks of the last map
+        beside = 0.0 if len(self.panels) == 1 else _SIDE  # room for the annotations of the last map
         wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5 - beside
         axes = self._add_axes((x - wide, 4.1, wide, 1.9), zorder=3)
         axes.set_gid("data")
@@ -205,7 +205,7 @@ class Page:
         axes.set_title(label, fontsize=_FONT, pad=1.5, loc="center" if is_narrow else "right")
 
     def wheel(self, colours: OverlayColours, label: str, zero: str) -> None:
-        """Draw the wheel of a cyclic colour map, with the phases at its quarters."""
+        """Draw the colour wheel of a cyclic colour map, with the phases at its quarters."""
         beside = 0.0 if len(self.panels) == 1 else _SIDE
         x, y = self.width - _EDGE - 5.5 - _WHEEL / 2 - beside, WHEEL_STRIP / 2
         axes = self._add_axes((x - _WHEEL / 2, y - _WHEEL / 2, _WHEEL, _WHEEL), zorder=3)
@@ -230,10 +230,10 @@ class Page:
         self.text(x - _WHEEL / 2 - 6.5, WHEEL_STRIP - 5, label, "data", ha="right")
 
     def marks(self) -> None:
-        """Draw the scale bar, and for each map the directions of the body, the side, and the names of cuts."""
+        """Draw the scale bar, and for each map the anatomical directions, the hemisphere, and the names of cuts."""
         x = _EDGE + 4.0
         for panel in self.panels:
-            if panel is not self.panels[0]:  # the last map's marks end the strip
+            if panel is not self.panels[0]:  # the annotations of the last map end the strip
                 x = max(x, self.width - _EDGE - _SIDE + 4.0)
             x = self._directions(panel.flat_map, x)
             if panel is self.panels[0]:
@@ -247,11 +247,11 @@ class Page:
                 self.text(at_x, at_y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
-        """Draw the directions of the body and the side from a place on; return where they end, mm."""
+        """Draw the anatomical directions and the hemisphere from `x` on, and return where they end, mm."""
         middle = STRIP / 2
         found = directions(flat_map)
         if not found and flat_map.space.name == "unknown":
-            log.info("the space of the surface is unknown: where anterior and superior are is not shown")
+            log.info("The space of the surface is unknown, so no anatomical directions are drawn")
         if found:
             centre = np.array([x, middle]) - 1.0 * np.sum([(one.u, one.v) for one in found], axis=0)
             for one in found:
@@ -272,7 +272,7 @@ class Page:
 
 
 def _phase(quarter: int, period: float) -> str:
-    """Return the phase after so many quarters of the period, as text."""
+    """Return the phase after a number of quarters of the period, as text."""
     if np.isclose(period, 2 * np.pi, rtol=1e-6):
         return ("0", "π/2", "π", "3π/2")[quarter]
     return f"{quarter * period / 4:.4g}"

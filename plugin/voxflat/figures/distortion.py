@@ -1,4 +1,4 @@
-"""Figures of what flattening did: `scatter`, `heat_map`, `heat_maps`, `spectrum`."""
+"""Figures of the distortion of flat maps: `scatter`, `heat_map`, `heat_maps`, `spectrum`."""
 
 from typing import Any
 
@@ -23,17 +23,24 @@ _OUTLINE = "#606060"
 
 
 def scatter(flat_map: FlatMap) -> Figure:
-    """Plot flat against geodesic distances (Grossmann et al. 2002, figures 6, 9 and 10b).
+    """Plot flat distances against geodesic distances.
+
+    Pairs on the diagonal have the same distance in the map as on the surface. Colours show the number of pairs. The
+    plot follows figures 6, 9 and 10b of Grossmann et al. (2002).
 
     Parameters
     ----------
     flat_map : FlatMap
-        A flat map; `Distortion.scatter` has the pairs.
+        A flat map. The pairs are those of `Distortion.scatter`.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Colours say how many pairs there are; on the diagonal distances are kept.
+        The figure.
+
+    See Also
+    --------
+    heat_map : The distance error of each point.
 
     Examples
     --------
@@ -54,7 +61,7 @@ def scatter(flat_map: FlatMap) -> Figure:
     )
     axes.set(xlim=(0, end), ylim=(0, end))
     axes.legend(loc="upper left", frameon=False)
-    _add_colour_bar(axes, shown, f"pairs in a hexagon, of {len(flat)}", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
+    _add_colour_bar(axes, shown, f"pairs per hexagon (of {len(flat)})", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
     raw = distortion.raw
     title = (
         rf"$\bar\varepsilon$ = {raw.absolute_error:.2f} mm,  $\bar\varepsilon_r$ = {100 * raw.relative_error:.1f} %,  "
@@ -65,7 +72,10 @@ def scatter(flat_map: FlatMap) -> Figure:
 
 
 def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
-    """Show how well each place's distances are kept.
+    """Draw the mean relative error of the distances from each point, in %.
+
+    The colours range from 0 to the 99th percentile of the points, so that a few torn regions do not take up the whole
+    scale.
 
     Parameters
     ----------
@@ -77,7 +87,12 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Mean relative error in %, from 0 to the 99th percentile of the points: a few torn places would take all colours.
+        The figure.
+
+    See Also
+    --------
+    heat_maps : Several maps side by side.
+    patch_3d : The same colours on the surface.
 
     Examples
     --------
@@ -95,19 +110,25 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
 
 
 def heat_maps(comparison: Comparison) -> Figure:
-    """Show several maps of a surface side by side, in the same colours.
+    """Draw the distortion of several maps of a surface side by side.
+
+    The upper row shows the mean relative error of distances, in %, from 0 to the 99th percentile over all maps. The
+    lower row shows the change of area, up to the 99th percentile of its magnitude. The maps are not rescaled. Undefined
+    values are white.
 
     Parameters
     ----------
     comparison : Comparison
-        Judged maps, from `voxflat.compare`.
+        The maps, as `voxflat.compare` returns them.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Above, how well each place's distances are kept, in % from 0 to the 99th percentile over all maps; below, how
-        much each place's area has changed, to the 99th percentile either way. The maps are as they are, at scale 1;
-        what is undefined is left white.
+        The figure.
+
+    See Also
+    --------
+    heat_map : One map.
 
     Examples
     --------
@@ -115,7 +136,7 @@ def heat_maps(comparison: Comparison) -> Figure:
     >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
     >>> figure = voxflat.figures.heat_maps(comparison)
     """
-    checked_kind(comparison, "comparison", "maps", "a Comparison, as compare returns it")
+    checked_kind(comparison, "comparison", "maps", "a Comparison, as returned by voxflat.compare")
     maps = comparison.maps
     errors = [100 * one.distortion.per_point for one in maps.values()]
     areas = [one.distortion.triangles.areal for one in maps.values() if one.distortion.triangles is not None]
@@ -140,7 +161,10 @@ def heat_maps(comparison: Comparison) -> Figure:
 
 
 def spectrum(flat_map: FlatMap) -> Figure:
-    """Plot the eigenvalues of the scaling: two that stand out mean a surface that unfolds into the plane.
+    """Plot the eigenvalues of classical scaling.
+
+    The eigenvalues of largest magnitude are drawn in descending order. If two are much larger than the others, the
+    surface unfolds into the plane with little distortion.
 
     Parameters
     ----------
@@ -150,12 +174,16 @@ def spectrum(flat_map: FlatMap) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        The eigenvalues of the largest magnitude, by falling magnitude.
+        The figure.
 
     Raises
     ------
     InputError
-        If the map was made without sources, and so without a scaling.
+        If the map was made without sources, so that it has no eigenvalues.
+
+    See Also
+    --------
+    scatter : Distances in the map and on the surface.
 
     Examples
     --------
@@ -165,12 +193,16 @@ def spectrum(flat_map: FlatMap) -> Figure:
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     values = flat_map.eigenvalues
     if len(values) == 0:
-        raise InputError("the map was made without sources, so there are no eigenvalues; flatten with sources")
+        raise InputError(
+            "the map has no eigenvalues because it was made without sources. Flatten with sources=3 or more"
+        )
     used = np.argsort(-values)[:2]
     colours = np.where(values < 0, _NEGATIVE, _POSITIVE)
     colours[used] = _USED
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.add_subplot(xlabel="eigenvalue, by falling magnitude", ylabel=in_unit("|λ| (mm²)", flat_map.metadata))
+    axes = figure.add_subplot(
+        xlabel="eigenvalue, in descending order of magnitude", ylabel=in_unit("|λ| (mm²)", flat_map.metadata)
+    )
     rank = np.arange(1, len(values) + 1)
     axes.bar(rank, np.abs(values), color=colours.tolist(), edgecolor="black", linewidth=0.6)
     axes.set_xticks(rank)
@@ -183,7 +215,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
 
 
 def _map_axes(image: FlatImage, metadata: dict[str, Any]) -> tuple[Figure, Axes]:
-    """Return a figure with axes in mm around an image's outline."""
+    """Return a figure with axes in mm that shows the outline of an image."""
     left, right, bottom, upper = image.extent
     height = float(np.clip(5.0 * (upper - bottom) / (right - left), 2.0, 8.0))
     margin = 0.03 * max(right - left, upper - bottom)
@@ -191,7 +223,7 @@ def _map_axes(image: FlatImage, metadata: dict[str, Any]) -> tuple[Figure, Axes]
     u, v = (in_unit(f"{axis} (mm)", metadata) for axis in "uv")
     axes = figure.add_subplot(xlabel=u, ylabel=v, aspect="equal")
     axes.set(xlim=(left - margin, right + margin), ylim=(bottom - margin, upper + margin), autoscale_on=False)
-    step = image.pixel_size  # a pixel more on each side, where the outline closes
+    step = image.pixel_size  # one more pixel on each side, so that the outline closes
     around = (left - step, right + step, bottom - step, upper + step)
     inside = np.pad(np.isfinite(image.data), 1).astype(float)
     axes.contour(inside, [0.5], colors=_OUTLINE, linewidths=0.6, extent=around, origin="upper")

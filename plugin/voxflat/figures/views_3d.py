@@ -1,4 +1,4 @@
-"""Pictures in space: `patch_3d` of maps, `atlas_3d` of atlases, anything on a map's surface, drawn by PyVista."""
+"""3-D images of surfaces, drawn with PyVista: `patch_3d` of maps and `atlas_3d` of atlases."""
 
 from __future__ import annotations
 
@@ -28,39 +28,45 @@ from voxflat.pipeline.surface import surface
 from voxflat.surfaces.foreground import foreground
 from voxflat.surfaces.manifold import are_triangles
 
-if TYPE_CHECKING:  # drawing alone brings it in
+if TYPE_CHECKING:  # imported only when something is drawn
     import pyvista
 
-_CLOSED = 0.05  # of what the normals would sum up to on a plane
+_CLOSED = 0.05  # share of the total area below which the summed normals mean a closed surface
 _SAME_PLACE = 1e-3  # mm
 _SURROUNDINGS = "#d8d8d4"
 _DPI = 200
-_SCENE = 0.87  # width of the scene in a picture, the rest is the colour bar's
+_SCENE = 0.87  # share of the image width for the scene; the rest is for the colour bar
 
 
 def patch_3d(
     flat_map: FlatMap, whole: object | None = None, *, size: tuple[int, int] = (1200, 1000)
 ) -> NDArray[np.uint8]:
-    """Picture the surface patch in space, in the colours of `heat_map`.
+    """Draw the surface patch in 3-D, in the colours of `heat_map`.
+
+    The patch is seen from outside, with superior up.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     whole : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface, optional
-        The volume or mesh that was flattened: the surface around the patch is shown in grey, too.
+        The volume or mesh that was flattened, to draw the surface around the patch in grey.
     size : tuple of 2 ints
         Width and height in pixels.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        Seen from outside, superior up.
+        An image for `save_picture`.
 
     Raises
     ------
     InputError
-        If PyVista is missing or cannot draw, or the volume or mesh is another.
+        If PyVista is missing or cannot draw, or if the map was not made from the volume or mesh.
+
+    See Also
+    --------
+    heat_map : The same on the map.
 
     Examples
     --------
@@ -85,26 +91,32 @@ def patch_3d(
 
 
 def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
-    """Draw the surface with its patches in colours, by PyVista, or by matplotlib where that is missing.
+    """Draw the surface of an atlas with its patches in colours.
+
+    PyVista draws the image, or Matplotlib if PyVista is missing.
 
     Parameters
     ----------
     atlas : Atlas
-        An atlas, of patches or glued.
+        An atlas of patches, or a glued one.
     towards : sequence of 3 floats
-        From where it is seen, RAS+.
+        The direction from the surface to the viewer, RAS+.
     size : int
-        Width and height, pixels.
+        Width and height in pixels.
 
     Returns
     -------
     ndarray of uint8, shape (H, W, 3)
-        A picture, for `save_picture`.
+        An image for `save_picture`.
 
     Raises
     ------
     InputError
-        If `towards` is no direction.
+        If `towards` is not a direction.
+
+    See Also
+    --------
+    atlas_page : The same colours in the plane.
 
     Examples
     --------
@@ -116,7 +128,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     checked_pixels(size, "size")
     direction = numbers_of(towards, "coordinates of towards")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InputError(f"towards is {shown(towards)}; give a direction of three numbers")
+        raise InputError(f"towards is {shown(towards)}. Pass a direction: three numbers, not all 0")
     colours = patch_colours(atlas)
     try:
         pyvista = load_pyvista()
@@ -131,9 +143,9 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
 
 
 def _both(size: object) -> tuple[int, int]:
-    """Return width and height, pixels."""
+    """Return width and height in pixels."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise InputError(f"the size is {shown(size)}; give width and height, pixels")
+        raise InputError(f"size is {shown(size)}. Pass width and height in pixels")
     width, height = (checked_pixels(side, "size") for side in size)
     return width, height
 
@@ -144,11 +156,11 @@ def drawn_from_both_sides(
     names: Sequence[tuple[NDArray[np.float64], str]],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Draw meshes from both sides, with names where they are seen, in brackets where the first hides them."""
+    """Draw meshes from two opposite sides, with names at their points; names of hidden points are in brackets."""
     pyvista = load_pyvista()
     width, height = size
     extent = float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))
-    written: dict[str, tuple[float, float, str]] = {}  # where, in pixels of the picture
+    written: dict[str, tuple[float, float, str]] = {}  # position in pixels of the image, and text
 
     def look(plotter: Any, turned: bool) -> None:
         _look_from_outside(plotter, flat_map)
@@ -183,21 +195,23 @@ def drawn_from_both_sides(
 
 
 def load_pyvista() -> Any:
-    """Import PyVista, and refuse what would end the process: an old VTK without a display."""
+    """Import PyVista; raise an error for an old VTK without a display, which would end the process."""
     try:
         import pyvista
     except ImportError as error:
-        raise InputError("pictures in space need PyVista: pip install 'voxflat[pyvista]'") from error
+        raise InputError(
+            "3-D images need PyVista, which is not installed. Run pip install 'voxflat[pyvista]'"
+        ) from error
     if sys.platform == "linux" and "DISPLAY" not in os.environ and pyvista.vtk_version_info < (9, 4):
-        raise InputError("this VTK draws only with a display: run it under xvfb-run, or take VTK 9.4 or later")
+        raise InputError("this version of VTK needs a display. Run under xvfb-run, or install VTK 9.4 or later")
     return pyvista
 
 
 def _drawn(
     pyvista: Any, meshes: Sequence[tuple[Any, dict[str, Any]]], window: tuple[int, int], look: Callable[[Any], None]
 ) -> NDArray[np.uint8]:
-    """Draw meshes with their materials, as the camera sees them that `look` places."""
-    with pyvista.vtk_verbosity("error"):  # without a display VTK warns before it draws without
+    """Draw meshes with their materials; `look` places the camera."""
+    with pyvista.vtk_verbosity("error"):  # VTK warns if there is no display, and draws all the same
         plotter = pyvista.Plotter(off_screen=True, window_size=list(window), theme=pyvista.themes.DocumentTheme())
         try:
             for mesh, material in meshes:
@@ -211,7 +225,7 @@ def _drawn(
 
 
 def _up(direction: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return superior, or anterior where that is looked along."""
+    """Return the up direction of a view: superior, or anterior if the view is along superior."""
     return (0.0, 1.0, 0.0) if abs(direction[2]) > 0.9 * np.linalg.norm(direction) else (0.0, 0.0, 1.0)
 
 
@@ -225,7 +239,7 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 def _by_matplotlib(
     atlas: FlatPieces, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
 ) -> NDArray[np.uint8]:
-    """Draw the triangles from the farthest to the nearest."""
+    """Draw the triangles with Matplotlib, from the farthest to the nearest."""
     direction = direction / np.linalg.norm(direction)
     right = np.cross(_up(direction), direction)
     axes_of_view = np.stack([right / np.linalg.norm(right), np.cross(direction, right) / np.linalg.norm(right)])
@@ -245,7 +259,7 @@ def _by_matplotlib(
 
 
 def _patch_alone(flat_map: FlatMap) -> pyvista.PolyData:
-    """Return a skin around the patch's voxels; the map's faces would leave holes where the map is torn."""
+    """Return a smooth surface around the voxels of the patch; the faces of the map have holes where it is torn."""
     low, high = flat_map.ids.min(axis=0) - 3, flat_map.ids.max(axis=0) + 3
     field = np.zeros(high - low + 1, dtype=np.float32)
     field[tuple((flat_map.ids - low).T)] = 1
@@ -253,13 +267,17 @@ def _patch_alone(flat_map: FlatMap) -> pyvista.PolyData:
 
 
 def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]:
-    """Return the patch and what surrounds it, as the surface between foreground and background voxels."""
+    """Return the patch and the surface around it, both from the boundary between foreground and background."""
     data = as_volume(volume).data
     if data.shape != flat_map.volume_shape:
-        raise InputError(f"the volume has shape {data.shape}, the flattened one {flat_map.volume_shape}; give that one")
+        raise InputError(
+            f"the volume has shape {data.shape}, but the map was made from {flat_map.volume_shape}. Pass that volume"
+        )
     mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
     if not mask[tuple(flat_map.ids.T)].all():
-        raise InputError("the map's points are no foreground of this volume; give the one that was flattened")
+        raise InputError(
+            "the points of the map are not in the foreground of this volume. Pass the volume that was flattened"
+        )
     mesh = _iso_surface(flat_map, np.pad(mask, 1).astype(np.float32), 0.5, np.array([-1, -1, -1]))
     # a point of this surface lies half-way between a foreground voxel and a background voxel
     mesh["inside"] = (mesh["distance"] < 0.51).astype(np.float32)
@@ -267,7 +285,7 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
 
 
 def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> list[pyvista.PolyData]:
-    """Return the map's own triangles on the surface, and those of the whole mesh that are around them."""
+    """Return the triangles of the map on the surface, and the triangles of the mesh around them."""
     faces = flat_map.faces[~flat_map.torn].astype(np.int64)
     patch = pyvista.PolyData.from_regular_faces(flat_map.points, faces)
     patch["error"] = 100 * flat_map.distortion.per_point
@@ -276,7 +294,8 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
     mesh = surface(whole)
     if mesh.is_voxels or mesh.count != flat_map.metadata["vertices"]:
         raise InputError(
-            f"the mesh has {mesh.count} vertices, the flattened one {flat_map.metadata['vertices']}; give that one"
+            f"the mesh has {mesh.count} vertices, but the map was made from one with {flat_map.metadata['vertices']}. "
+            "Pass that mesh"
         )
     place = np.full((mesh.count, 3), np.nan)
     place[mesh.ids] = mesh.points
@@ -284,8 +303,8 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
     apart = np.abs(place[flat_map.ids] - flat_map.points).max()
     if not apart <= _SAME_PLACE:
         raise InputError(
-            f"the mesh lies up to {apart:.3g} mm apart from the map; give the one that was flattened: where it had a "
-            "pial surface, voxflat.surface(white, pial=...)"
+            f"the mesh is up to {apart:.3g} mm away from the points of the map. Pass the mesh that was flattened; if "
+            "it had a pial surface, pass voxflat.surface(white, pial=...)"
         )
     is_around = ~are_triangles(mesh.ids[mesh.faces], flat_map.ids[faces])
     if not is_around.any():
@@ -295,7 +314,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
 
 
 def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, first: NDArray[Any]) -> pyvista.PolyData:
-    """Return where a field, from voxel `first`, has a level: a smooth surface, RAS+ mm, with errors of points in %."""
+    """Return the smooth iso-surface of a field whose first voxel is `first`, RAS+ mm, with errors of points in %."""
     import pyvista
 
     grid = pyvista.ImageData(dimensions=field.shape, origin=first)
@@ -309,7 +328,7 @@ def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, fi
 
 
 def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
-    """Point the camera at the patch against its mean normal, superior up; a closed surface is seen from its side."""
+    """Point the camera at the patch along its mean normal, with superior up; view a closed surface from its side."""
     a, b, c = (flat_map.points[flat_map.faces[~flat_map.torn, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     outward = normals.sum(axis=0)
@@ -327,17 +346,17 @@ def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
     camera.position = np.asarray(camera.focal_point) + (width + height + depth) * outward
     camera.up = axes[1]
     camera.parallel_projection = True
-    camera.parallel_scale = 0.58 * max(height, width * pixels[1] / pixels[0])  # half of what is seen of the height
+    camera.parallel_scale = 0.58 * max(height, width * pixels[1] / pixels[0])  # half the visible height
     plotter.reset_camera_clipping_range()
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     length = np.linalg.norm(vector)
-    return np.asarray(vector / length if length > 0 else (0.0, -1.0, 0.0))  # nothing to see: from the front, then
+    return np.asarray(vector / length if length > 0 else (0.0, -1.0, 0.0))  # no direction: use the front
 
 
 def _beside_colour_bar(scene: NDArray[np.uint8], width: int, highest: float) -> NDArray[np.uint8]:
-    """Return a picture with a scene on its left and the colours of the errors on its right."""
+    """Return an image with the scene on the left and the colour bar of errors on the right."""
     height = scene.shape[0]
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     share = scene.shape[1] / width

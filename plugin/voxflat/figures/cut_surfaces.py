@@ -1,4 +1,4 @@
-"""A surface that was cut open, seen from its two broad sides, with its cuts."""
+"""Draw a surface that was cut open, with its cuts, from its two broad sides."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ if TYPE_CHECKING:
     from voxflat.surfaces.manifold import Manifold
 
 _CUT = "#d62728"
-_SHADES = (0.35, 0.9)  # grey of what is seen from the side, and from the front
-_PAPER = 3.2  # inches, the longer side of a view
+_SHADES = (0.35, 0.9)  # grey of points that face sideways, and that face the viewer
+_VIEW = 3.2  # length of the longer side of a view, inches
 
 
-def opened(surface: Manifold) -> Figure:
-    """Draw a surface's points as seen from either side of its shortest axis, and its boundary where it faces there."""
+def cut_surface_views(surface: Manifold) -> Figure:
+    """Draw the points of a surface from both sides of its shortest axis, and the boundary that is visible there."""
     points, faces = surface.points, surface.faces
     axis = int(np.argmin(np.ptp(points, axis=0)))
     across, up = (other for other in range(3) if other != axis)
     width, height = np.ptp(points[:, [across, up]], axis=0)
-    scale = _PAPER / max(width, height)
+    scale = _VIEW / max(width, height)
     figure = Figure(figsize=(2 * scale * width + 0.3, scale * height + 0.3), dpi=110, layout="constrained")
     normals, edges = _normals(points, faces), _boundary(faces)
-    spacing = np.sqrt(width * height / max(len(points) / 4, 1)) * scale * 72  # points of paper
+    spacing = np.sqrt(width * height / max(len(points) / 4, 1)) * scale * 72  # points
     for side, axes in zip((-1, 1), figure.subplots(1, 2), strict=True):
         seen = np.flatnonzero(side * normals[:, axis] > 0)
-        seen = seen[np.argsort(side * points[seen, axis], kind="stable")]  # what is nearer covers the rest
+        seen = seen[np.argsort(side * points[seen, axis], kind="stable")]  # nearer points are drawn last
         shades = np.interp(side * normals[seen, axis], (0, 1), _SHADES)
-        flip = side if across == 0 else -side  # of a right-handed view
+        flip = side if across == 0 else -side  # keeps the view right-handed
         axes.scatter(
             flip * points[seen, across],
             points[seen, up],
@@ -59,7 +59,7 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray
 
 
 def _boundary(faces: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the edges of one triangle only, shape (E, 2)."""
+    """Return the edges that belong to only one triangle, shape (E, 2)."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
     found, counts = np.unique(edges, axis=0, return_counts=True)
     return np.asarray(found[counts == 1])

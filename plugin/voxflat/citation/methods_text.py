@@ -1,0 +1,216 @@
+"""Citations of voxflat: facts are taken from maps, the prose from methods_text.txt, references from references.bib."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from voxflat._core import __version__
+from voxflat.arguments import checked_kind
+from voxflat.io.grid import in_unit
+from voxflat.maps.flat_map import FlatMap
+
+Facts = dict[str, Any]
+"""What the methods text states of a map: ``how`` it was made, and numbers. Maps of equal ``how`` share a paragraph."""
+
+_LISTED = 4  # maps whose errors are listed one by one
+
+
+@dataclass(frozen=True)
+class Citation:
+    """A paragraph for the methods section of a paper, with its references.
+
+    `str` of it is the paragraph followed by the list of references.
+
+    Parameters
+    ----------
+    text : str
+        The paragraph. Maps that were made in different ways have one paragraph each.
+    references : tuple of str
+        The references that the paragraph cites, one per entry.
+    bibtex : str
+        The same references as BibTeX entries.
+
+    See Also
+    --------
+    cite : Make a citation.
+
+    Examples
+    --------
+    >>> citation = voxflat.cite(voxflat.samples.hill().flatten())
+    >>> citation.text[:51]
+    'The surface was flattened into the plane with voxfl'
+    """
+
+    text: str
+    references: tuple[str, ...]
+    bibtex: str
+
+    def __repr__(self) -> str:
+        return f"<Citation: {len(self.text.split())} words, {len(self.references)} references>"
+
+    def __str__(self) -> str:
+        return "\n".join([self.text, "", "References", *(f"- {reference}" for reference in self.references)])
+
+    def _repr_html_(self) -> str:
+        """Return the paragraph, the references and the BibTeX entries, for Jupyter."""
+        listed = "".join(f"<li>{escape(reference)}</li>" for reference in self.references)
+        return f"<p>{escape(self.text)}</p><ul>{listed}</ul><pre>{escape(self.bibtex)}</pre>"
+
+
+def cite(*maps: FlatMap) -> Citation:
+    """Return a paragraph for the methods section of a paper, with its references.
+
+    The paragraph states the version of voxflat, the method with its options, the cuts, and the distance errors. All
+    facts come from the metadata and the provenance of the maps.
+
+    Parameters
+    ----------
+    *maps : FlatMap
+        The maps that the paper shows. Without maps the paragraph is a general one, which cites all references.
+
+    Returns
+    -------
+    Citation
+        The paragraph, its references, and their BibTeX entries.
+
+    Raises
+    ------
+    InputError
+        If one of the maps is not a `FlatMap`.
+
+    See Also
+    --------
+    voxflat.FlatMap.provenance : The record that the facts come from.
+
+    Examples
+    --------
+    >>> citation = voxflat.cite(voxflat.samples.hill().flatten())
+    >>> print(citation.bibtex.splitlines()[0])
+    @software{voxflat,
+    """
+    for one in maps:
+        checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
+    return citation_of([facts_of(one) for one in maps])
+
+
+def facts_of(flat_map: FlatMap) -> Facts:
+    """Return the facts about a map that the methods text states."""
+    metadata, record = flat_map.metadata, flat_map.provenance
+    figures, parameters = record["figures"], record.get("parameters", {})
+    used = {**parameters.get("method", {}), "method": None}
+    used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": metadata["seed"]}
+    used |= {"sources": metadata["sources"]} if "sources" in metadata else {}  # fewer than asked for on small surfaces
+    given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
+    automatic, triangles = metadata.get("automatic_cuts", []), figures["triangles"] or {}
+    how = {
+        **{name: metadata.get(name) for name in ("method", "kind", "measured_on", "cuts_by", "cut_names")},
+        "version": record.get("voxflat", __version__),
+        "options": ", ".join(f"{name}={value}" for name, value in given.items() if value is not None),
+        "is_range_image": "range_image" in metadata,
+        "cuts": len(metadata.get("cuts", [])),
+        "space": (metadata.get("sphere") or {}).get("space"),
+        "reference": figures["reference"],
+    }
+    return {
+        "how": how,
+        "paths": len(automatic),
+        "length": in_unit(f"{sum(cut['length'] for cut in automatic):.0f} mm", metadata),
+        "points": metadata["points"],
+        "sources": figures["sources"],
+        "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",
+        "flipped": triangles.get("flipped"),
+        "covering": triangles.get("covering"),
+        **{name: [of[name]["relative_error"] for of in (figures, figures["standard_error"])] for name in _SCALES},
+    }
+
+
+_SCALES = ("raw", "best_scale")
+
+
+def citation_of(facts: Sequence[Facts]) -> Citation:
+    """Return the citation of maps whose facts are known."""
+    from jinja2 import Environment, StrictUndefined  # takes time to import
+
+    alike: dict[str, list[Facts]] = {}
+    for one in facts:
+        alike.setdefault(json.dumps(one["how"]), []).append(one)
+    entries, cited = bibliography(), dict.fromkeys(["voxflat"])
+    versions = dict.fromkeys(one["how"]["version"] for one in facts) or [__version__]
+    entries["voxflat"]["version"] = ", ".join(versions)
+
+    def cite(key: str) -> str:
+        cited[key] = None
+        return _named(entries[key])
+
+    environment = Environment(trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    template = environment.from_string(_read("methods_text.txt"))
+    tools = {"cite": cite, "span": _span, "errors": _errors, "version": __version__}
+    paragraphs = re.split(r"\n\n+", template.render(groups=list(alike.values()), **tools).strip())
+    text = "\n\n".join(" ".join(paragraph.split()).replace(" .", ".") for paragraph in paragraphs)
+    bibtex = "\n\n".join(_bibtex(key, entries[key]) for key in cited)
+    return Citation(text, tuple(_reference(entries[key]) for key in cited), bibtex)
+
+
+def _span(maps: Sequence[Facts], name: str) -> str:
+    """Return the least and the greatest of a number; some are texts that begin with one."""
+    found = {float(str(one[name]).split()[0]): f"{one[name]:,}" if name == "points" else str(one[name]) for one in maps}
+    return found[min(found)] if len(found) == 1 else f"{found[min(found)]} to {found[max(found)]}"
+
+
+def _errors(maps: Sequence[Facts], scale: str) -> str:
+    """Return the relative errors of maps with their standard errors, one by one or, of many maps, as a range."""
+    if len(maps) <= _LISTED:
+        *others, last = (
+            f"{_percent(value)} (standard error {_percent(error)})" for value, error in (of[scale] for of in maps)
+        )
+        return f"{', '.join(others)} and {last}" if others else last
+    values, errors = ([one[scale][of] for one in maps if one[scale][of] is not None] for of in (0, 1))
+    ends = _percent(min(values, default=None)), _percent(max(values, default=None))
+    return f"{' to '.join(ends)} (standard error at most {_percent(max(errors, default=None))})"
+
+
+def _percent(value: float | None) -> str:
+    return "undefined" if value is None else f"{100 * value:.2f} %"
+
+
+# ------------------------------------------------------------------------------------- references
+
+
+def bibliography() -> dict[str, dict[str, str]]:
+    """Return the fields of each reference by its BibTeX key, with the entry's type as ``type``."""
+    entries = re.findall(r"^@(\w+)\{(\w+),\n(.*?)^\}", _read("references.bib"), re.MULTILINE | re.DOTALL)
+    field = re.compile(r"^ +(\w+) = \{(.*)\},$", re.MULTILINE)
+    return {key: {"type": kind, **dict(field.findall(body))} for kind, key, body in entries}
+
+
+def _read(name: str) -> str:
+    return files("voxflat.citation").joinpath(name).read_text(encoding="utf-8")
+
+
+def _bibtex(key: str, entry: dict[str, str]) -> str:
+    fields = "".join(f"  {name} = {{{value}}},\n" for name, value in entry.items() if name != "type")
+    return f"@{entry['type']}{{{key},\n{fields}}}"
+
+
+def _authors(entry: dict[str, str]) -> list[str]:
+    return entry["author"].strip("{}").split(" and ")
+
+
+def _named(entry: dict[str, str]) -> str:
+    """Return an entry as a sentence names it, such as "Kimmel and Sethian (1998)"."""
+    names = [author.split(",")[0] for author in _authors(entry)]
+    return f"{names[0]} et al. ({entry['year']})" if len(names) > 2 else f"{' and '.join(names)} ({entry['year']})"
+
+
+def _reference(entry: dict[str, str]) -> str:
+    version = f" (version {entry['version']})" if "version" in entry else ""
+    place = "".join(f"{before}{entry[name]}{after}" for name, before, after in _PLACE if name in entry)
+    doi = f" doi:{entry['doi']}" if "doi" in entry else ""
+    return f"{', '.join(_authors(entry))} ({entry['year']}). {entry['title']}{version}{place}.{doi}".replace("--", "–")
+
+
+_PLACE = (("journal", ". ", ""), ("volume", ", ", ""), ("number", "(", ")"), ("pages", ", ", ""))
