@@ -9,7 +9,7 @@ from typing import Any
 
 from voxflat._core import __version__
 from voxflat.distances.cluster import connected
-from voxflat.errors import Cancelled, InputError, told
+from voxflat.errors import Cancelled, InputError, user_message
 from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
 from voxflat.lab.results import Results, Shown, read_record
@@ -139,7 +139,7 @@ def _planned(one: Participant, out: Path, hemi: str, parameters: Parameters) -> 
         wanted = request(_found(one.folder, hemi, parameters), parameters)
         return Outcome(one.name, hemi, *state(results_of(one, out)(hemi), wanted))
     except (InputError, OSError) as error:
-        return Outcome(one.name, hemi, "failed", told(error))
+        return Outcome(one.name, hemi, "failed", user_message(error))
 
 
 def results_of(one: Participant, out: Path) -> Callable[[str], Results]:
@@ -232,7 +232,7 @@ def _one(
 
 def _failed(name: str, hemi: str, results: Results, error: Exception) -> Outcome:
     """Keep the reason why there is no result."""
-    reason = told(error)
+    reason = user_message(error)
     with suppress(OSError):  # what cannot be written is told all the same
         write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
     return Outcome(name, hemi, "failed", reason)

@@ -1,4 +1,4 @@
-"""What the commands for labs share: options that take several values, what is to be made, and how it is told."""
+"""Shared parts of `voxflat freesurfer` and `voxflat bids`: options for the maps, and how outcomes are printed."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,46 +13,47 @@ from voxflat.lab.inputs import GEOMETRIES, Parameters
 _CUTS = {"auto": "automatic"}
 
 
-class Several(cloup.Command):
-    """A command whose options that may be given again also take several values at once, as BIDS-Apps' do."""
+class MultipleValuesCommand(cloup.Command):
+    """A command whose repeatable options also accept several values after one flag, as BIDS Apps do."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give such an option again before each further value; of a choice only what may be chosen is one."""
+        """Repeat the option's name before each further value, as long as the value is one of its choices."""
         several = {name: own for own in self.params if getattr(own, "multiple", False) for name in own.opts}
-        told: list[str] = []
+        words: list[str] = []
         option = ""
         for word in args:
             if word.startswith("-"):
                 option = word if word in several else ""
-            elif option and told[-1] != option:
+            elif option and words[-1] != option:
                 kind = several[option].type
                 if isinstance(kind, click.Choice) and word not in kind.choices:
                     option = ""
                 else:
-                    told.append(option)
-            told.append(word)
-        return super().parse_args(ctx, told)
+                    words.append(option)
+            words.append(word)
+        return super().parse_args(ctx, words)
 
 
-making = options.section(
+map_options = options.section(
     "Maps",
     cloup.option(
         "--cuts",
         default=Parameters.cuts,
         metavar="standard|auto|FILE",
-        help="Cut along standard lines, by the registered sphere; or where it suits each surface best; or as in a file "
-        "of cuts or a template, in whose name {hemi} is filled in.",
+        help="Where the surfaces are cut: along the same lines in every brain (standard, needs a registered sphere), "
+        "automatically for each surface (auto), or as in a file of cuts or a template. {hemi} in the name of FILE is "
+        "replaced by the hemisphere.",
     ),
     cloup.option(
         "--geometry",
         type=click.Choice(GEOMETRIES),
         default=Parameters.geometry,
-        help="The surface on which distances are preserved and measured.",
+        help="Surface on which distances are preserved and measured.",
     ),
     cloup.option(
         "--volume",
         is_flag=True,
-        help="Start from white matter in voxels instead of surfaces: mri/filled.mgz, or *_hemi-L_label-WM_mask.nii.gz "
+        help="Start from a white-matter volume instead of surfaces: mri/filled.mgz, or *_hemi-L_label-WM_mask.nii.gz "
         "(or _probseg).",
     ),
     cloup.option(
@@ -60,39 +61,40 @@ making = options.section(
         "overlays",
         multiple=True,
         metavar="F",
-        help="Data to show on the maps, several after each other: a name such as thickness or curv, or a file of "
-        "values or a volume, in whose name {hemi} and {subject} are filled in.  [default: thickness, if any]",
+        help="Data to show on the maps: a name such as thickness or curv, a file of values, or a volume. Several may "
+        "be given; {hemi} and {subject} in the name of a file are replaced.  [default: thickness, if present]",
     ),
 )
-"""What is made of each hemisphere."""
+"""The options that say how the map of each hemisphere is made."""
 
 
 def parameters_of(given: dict[str, Any]) -> Parameters:
-    """Take what is to be made of each hemisphere out of what is given."""
+    """Remove the options for maps from those of a command, and return them as parameters."""
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
     return Parameters(cuts=_CUTS.get(cuts, cuts), overlays=overlays, **own)
 
 
-def teller(shown: Bars, *, is_told: bool) -> Callable[[Any], None]:
-    """Return what says what became of a hemisphere: failures on stderr, in any case."""
+def outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Any], None]:
+    """Return a function that prints the outcome of a hemisphere; failures are always printed on stderr."""
 
     def tell(one: Any) -> None:
         begin = f"{one.name} {one.hemi}"
         if one.state == "failed":
             shown.hide()
             click.echo(f"voxflat: {begin}: error: {one.reason}", err=True)
-        elif is_told and one.record is None:
+        elif verbose and one.record is None:
             shown.tell(f"{begin}: up to date")
-        elif is_told:
+        elif verbose:
             error, seconds = one.record["figures"]["raw"]["relative_error"], sum(one.record["seconds"].values())
-            shown.tell(f"{begin}: {one.record['map']['points']} points, error {100 * error:.1f} %, {seconds:.1f} s")
+            points = one.record["map"]["points"]
+            shown.tell(f"{begin}: {points} points, relative distance error {100 * error:.1f} %, {seconds:.1f} s")
 
     return tell
 
 
 def as_list(outcomes: list[Any]) -> list[dict[str, Any]]:
-    """Return outcomes, ready for JSON."""
+    """Return outcomes as dictionaries for JSON."""
     return [
         {
             **{"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None},

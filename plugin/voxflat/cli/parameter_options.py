@@ -1,4 +1,4 @@
-"""What the command line says of an option: the first sentences of the Python parameter's own text."""
+"""Build command-line options from Python parameters: the help is the first sentences of the parameter's docstring."""
 
 import inspect
 import re
@@ -15,28 +15,28 @@ _PARAMETER = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : .*$", re.MULTILINE)
 
 
 @lru_cache
-def _texts(of: Callable[..., Any]) -> dict[str, str]:
-    """Return the texts of a docstring's parameters by their names."""
-    doc = inspect.getdoc(of) or ""  # there is none under python -OO
+def _descriptions(of: Callable[..., Any]) -> dict[str, str]:
+    """Return the descriptions of the parameters in a docstring, by parameter name."""
+    doc = inspect.getdoc(of) or ""  # python -OO removes docstrings
     section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n[A-Z]\w+\n-+\n|\Z)", doc, re.DOTALL)
     text = "" if section is None else section[1]
     starts = list(_PARAMETER.finditer(text))
     ends = [start.start() for start in starts[1:]] + [len(text)]
     found: dict[str, str] = {}
     for start, end in zip(starts, ends, strict=True):
-        told = " ".join(text[start.end() : end].split())
-        found |= {name.lstrip("*"): told for name in start[1].split(", ")}
+        description = " ".join(text[start.end() : end].split())
+        found |= {name.lstrip("*"): description for name in start[1].split(", ")}
     return found
 
 
-def text_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
-    """Return the first sentences on a parameter, as the docstring of a function, or of a class of options, has them."""
-    found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _texts(of).get(name, ""))
+def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
+    """Return the first sentences that the docstring of a function or of a dataclass has on a parameter."""
+    found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _descriptions(of).get(name, ""))
     return " ".join(found[:sentences]).replace("`", "").replace("  ", " ")
 
 
 def default_of(of: Callable[..., Any], name: str) -> Any:
-    """Return a parameter's default; None where there is none."""
+    """Return the default of a parameter, or None if it has none."""
     if is_dataclass(of):
         return next(one.default for one in fields(of) if one.name == name)
     default = inspect.signature(of).parameters[name].default
@@ -46,11 +46,11 @@ def default_of(of: Callable[..., Any], name: str) -> Any:
 def option_of(
     of: Callable[..., Any], name: str, *, sentences: int = 1, default: str | None = None, **more: Any
 ) -> Callable[[_Command], _Command]:
-    """Return the option for a parameter, with its name, default (in words for None), and `sentences` of its text."""
+    """Return the option for a parameter: its name, its default (in words if None) and `sentences` of its docstring."""
     usual = default_of(of, name)
-    told = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)
-    if usual is not None and not is_dataclass(of):  # an option of one method is given or not
+    shown = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)
+    if usual is not None and not is_dataclass(of):  # method options stay None unless the user gives them
         more.setdefault("default", usual)
-    help_ = more.pop("help", None) or text_of(of, name, sentences)
-    ending = "" if told is None else f"  [default: {told}]"
+    help_ = more.pop("help", None) or description_of(of, name, sentences)
+    ending = "" if shown is None else f"  [default: {shown}]"
     return cloup.option(f"--{name.replace('_', '-')}", help=help_ + ending, show_default=False, **more)
