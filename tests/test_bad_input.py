@@ -105,7 +105,7 @@ API = {
     ),
     "sources twice": (sheet(), {"sources": [[9, 9, 2], [0, 0, 2], [9, 9, 2]]}, r"\[9, 9, 2\] is given 2 times"),
     "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
-    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices .*, whole"),
+    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices \(integers\)"),
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},

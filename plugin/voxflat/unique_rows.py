@@ -28,7 +28,7 @@ def distinct(rows: NDArray[Any]) -> Distinct:
 
 
 def numbered(*parts: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Number the rows of several arrays from 0 in sorted order; equal rows get the same number."""
+    """Return numbers of the rows of several arrays, from 0 in sorted order; equal rows have equal numbers."""
     which = distinct(np.concatenate(parts)).which
     return tuple(np.split(which, np.cumsum([len(part) for part in parts[:-1]])))
 

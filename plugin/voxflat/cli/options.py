@@ -3,7 +3,7 @@
 import functools
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,9 +23,6 @@ from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
-
-
-# ------------------------------------------------------------------------------------------- values
 
 
 def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[float, ...] | None]:
@@ -138,8 +135,6 @@ class _File(click.Path):
         return path
 
 
-# ----------------------------------------------------------------------------------------- sections
-
 FILE = _File(READ)
 """The type of options and arguments that name a file to read."""
 
@@ -153,9 +148,29 @@ def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _C
     return decorator
 
 
+def flag(name: str, help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option without a value."""
+    return cloup.option(name, *names, is_flag=True, help=help_, **more)
+
+
+def value(name: str, metavar: str, help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option with a value."""
+    return cloup.option(name, *names, metavar=metavar, help=help_, **more)
+
+
+def choice(name: str, of: Iterable[str], help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option whose value is one of several words."""
+    return cloup.option(name, *names, type=click.Choice(list(of)), help=help_, **more)
+
+
 def reads(name: str, help_: str, *, metavar: str = "FILE", **more: Any) -> Callable[[_Command], _Command]:
     """Return an option that names a file to read."""
-    return cloup.option(name, type=FILE, metavar=metavar, help=help_, **more)
+    return value(name, metavar, help_, type=FILE, **more)
+
+
+def writes(name: str, help_: str, *names: str, metavar: str = "FILE") -> Callable[[_Command], _Command]:
+    """Return an option that names a file to write."""
+    return value(name, metavar, help_, *names, type=OUT)
 
 
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
@@ -189,20 +204,19 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
             is_eager=True,  # so that it is known when --overwrite is handled
             help="Also write how OUT was made (inputs, options, version) to OUT.json, for formats that cannot hold it.",
         ),
-        cloup.option(
+        flag(
             "--overwrite",
+            "Replace existing files beside OUT even if voxflat did not write them.",
             "writing",
-            is_flag=True,
             callback=_writing,
-            help="Replace existing files beside OUT even if voxflat did not write them.",
         ),
         as_json,
     )
 
 
-as_json = cloup.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
-debug = cloup.option("--debug", is_flag=True, expose_value=False, help="Print the traceback if an error occurs.")
-quiet = cloup.option("--quiet", is_flag=True, help="Do not print progress, warnings or a summary.")
+as_json = flag("--json", "Print one JSON object to stdout instead of text.", "as_json")
+debug = flag("--debug", "Print the traceback if an error occurs.", expose_value=False)
+quiet = flag("--quiet", "Do not print progress, warnings or a summary.")
 seed = option_of(Surface.flatten, "seed", type=int)
 threads = option_of(Surface.flatten, "threads", type=int, metavar="N")
 memory_limit = option_of(Surface.flatten, "memory_limit", metavar="SIZE", callback=_bytes)
@@ -235,10 +249,10 @@ _surface_options = section(
     "Input",
     option_of(surface, "label", type=int),
     option_of(surface, "threshold", type=float),
-    cloup.option(
+    choice(
         "--hemisphere",
-        type=click.Choice(["left", "right", "both"]),
-        help="Extract this hemisphere from the white matter, or a segmentation, of a whole brain: cerebellum and brain "
+        ["left", "right", "both"],
+        "Extract this hemisphere from the white matter, or a segmentation, of a whole brain: cerebellum and brain "
         'stem are removed, ventricles and deep nuclei filled. "both" runs the command once per hemisphere and writes '
         "lh.OUT and rh.OUT.",
     ),
@@ -257,33 +271,26 @@ def surface_options(command: _Command) -> _Command:
 
 region = section(
     "Region",
-    reads(
-        "--keep",
-        "Restrict the surface to this region: a mask volume, or for meshes a label, patch or GIFTI file.",
-        metavar="FILE",
-    ),
+    reads("--keep", "Restrict the surface to this region: a mask volume, or for meshes a label, patch or GIFTI file."),
     reads(
         "--drop",
         "Exclude this region: a file as for --keep, or medial-wall for the part where white and pial surface touch.",
-        metavar="FILE",
     ),
-    cloup.option(
+    value(
         "--seed-point",
-        metavar="I,J,K|V",
-        callback=_place,
-        help="Restrict the surface to the geodesic disk around this voxel (indices from 0) or mesh vertex (number from "
+        "I,J,K|V",
+        "Restrict the surface to the geodesic disk around this voxel (indices from 0) or mesh vertex (number from "
         "0). Requires --radius.",
+        callback=_place,
     ),
     option_of(Surface.disk, "radius", type=float, metavar="MM"),
     reads(
         "--polygon",
         "Restrict the surface to the region enclosed by shortest paths between the corners listed in FILE (one corner "
         "per line).",
-        metavar="FILE",
         callback=_vertices,
     ),
 )
-"""The options that restrict the surface to a part."""
 
 
 def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> float | bool | None:
@@ -308,23 +315,17 @@ further_cuts = (
         help="Add relaxation cuts (cuts that reduce the distortion of the map) as long as they pay off.  [default: "
         "--relax, unless --cuts or a patch says where to cut]",
     ),
-    cloup.option(
+    value(
         "--relax-length",
+        "MM",
+        "Maximum total length of relaxation cuts, in mm, including those of --cuts.",
         type=click.FloatRange(min=0),
-        metavar="MM",
         is_eager=True,
-        help="Maximum total length of relaxation cuts, in mm, including those of --cuts.",
     ),
     option_of(Surface.cut, "adapt", type=click.FloatRange(min=0, min_open=True), metavar="MM"),
 )
 cuts = section("Cuts", *where_cut, *further_cuts)
-"""The options that say where the surface is cut."""
-
-choice_of_cuts = section("Cuts", *where_cut)
-"""The same for commands that do not add relaxation cuts."""
-
-
-# ------------------------------------------------------------------------------------------- methods
+choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
 
 
 def link_lengths(of: Any) -> Callable[[_Command], _Command]:
@@ -342,11 +343,11 @@ def _of_methods(option: str) -> str:
 method_options = group(
     section(
         "Method",
-        cloup.option(
+        choice(
             "--method",
-            type=click.Choice(list(METHODS)),
+            list(METHODS),
+            f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}.",
             default=next(iter(METHODS)),
-            help=f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}.",
         ),
         option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources")),
         option_of(Voxflat, "sampling", type=click.Choice([*SAMPLINGS, "decimation"]), default=_of_methods("sampling")),
@@ -372,7 +373,6 @@ method_options = group(
     ),
     section("Method saucan2006", option_of(Saucan2006, "bound", type=float, metavar="C")),
 )
-"""The options that select and configure a method."""
 
 _OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "scale", "max_area", "start")
 _OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
@@ -389,23 +389,19 @@ def method_of(given: dict[str, Any]) -> Method:
     return METHODS[name](**chosen)
 
 
-# --------------------------------------------------------------------------------------------- others
-
-period = cloup.option(
+period = value(
     "--period",
+    "P",
+    "Treat values as phases with this period, such as 360, so that averages and colours wrap around.",
     type=click.FloatRange(min=0, min_open=True),
-    metavar="P",
-    help="Treat values as phases with this period, such as 360, so that averages and colours wrap around.",
 )
-"""The option that marks values as phases."""
 
-time_step = cloup.option(
+time_step = value(
     "--time-step",
+    "S",
+    "Time between frames of a series, in seconds.  [default: from the file]",
     type=click.FloatRange(min=0, min_open=True),
-    metavar="S",
-    help="Time between frames of a series, in seconds.  [default: from the file]",
 )
-"""The option for the time between frames."""
 
 store = option_of(Surface.geodesic, "store", type=OUT, metavar="DIR")
 dask = option_of(Surface.geodesic, "dask", metavar="ADDRESS|FILE|local")

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
-import cloup
 
 from voxflat.cli import options
 from voxflat.maps.depth import LAYERINGS
@@ -37,71 +36,59 @@ def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> 
     return ends
 
 
-depth_options = (
-    cloup.option(
-        "--depth",
-        metavar="MM[,MM...]",
-        callback=options.numbers,
-        help="Distance outside the surface at which volumes are sampled, in mm. With several depths, the mean is "
-        "shown, or the most frequent label.  [default: 0]",
-    ),
-    cloup.option(
-        "--fraction",
-        metavar="F[,F...]",
-        callback=options.numbers,
-        help="Cortical depth at which volumes are sampled, from 0 (white surface) to 1 (pial surface). Replaces "
-        "--depth for maps made with --pial.",
-    ),
-    cloup.option(
-        "--layering",
-        type=click.Choice(LAYERINGS),
-        help="Measure --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant).  "
-        "[default: equivolume]",
-    ),
-)
+def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
+    """Return the options for the depth at which volumes are sampled; `several` explains what several depths do."""
+    depth = "Distance outside the surface at which volumes are sampled, in mm; negative values lie inside."
+    fraction = (
+        "Cortical depth from 0 (white surface) to 1 (pial surface), instead of --depth, for maps made with --pial."
+    )
+    layering = "Measure --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant)."
+    return (
+        options.value("--depth", "MM[,MM...]", f"{depth} {several}  [default: 0]", callback=options.numbers),
+        options.value("--fraction", "F[,F...]", f"{fraction} {several}", callback=options.numbers),
+        options.choice("--layering", LAYERINGS, f"{layering}  [default: equivolume]"),
+    )
 
 
 def data_section(overlay: Any, *further: Any, interpolation: str) -> Callable[[_Command], _Command]:
     """Return the section of options that name the data and say how they are sampled."""
     help_ = f"Interpolation between voxels.  [default: {interpolation}]"
-    between = cloup.option("--interpolation", type=click.Choice(["linear", "nearest"]), help=help_)
-    return options.section("Data", overlay, *depth_options, between, *further)
+    between = options.choice("--interpolation", ["linear", "nearest"], help_)
+    return options.section(
+        "Data",
+        overlay,
+        *depth_options("With several, the mean is shown, or the most frequent label."),
+        between,
+        *further,
+    )
 
 
 def colour_section(*further: Any) -> Callable[[_Command], _Command]:
     """Return the section of options for thresholds and colours."""
     return options.section(
         "Colours",
-        cloup.option(
-            "--threshold",
-            type=click.FloatRange(min=0),
-            metavar="X",
-            help="Show only values whose magnitude is greater than X, that is, above X or below -X.",
-        ),
-        cloup.option("--above", type=float, metavar="X", help="Show only values greater than X."),
-        cloup.option(
+        options.value("--threshold", "X", "Show only values above X or below -X.", type=click.FloatRange(min=0)),
+        options.value("--above", "X", "Show only values greater than X.", type=float),
+        options.value(
             "--below",
-            type=float,
-            metavar="X",
-            help="Show only values less than X. With --above, values outside the two limits are shown if --below is "
+            "X",
+            "Show only values less than X. With --above, values outside the two limits are shown if --below is "
             "the smaller one, and values between them otherwise.",
+            type=float,
         ),
-        cloup.option(
+        options.value(
             "--range",
-            "limits",
-            metavar="LO,HI",
-            callback=_limits,
-            help="Values at both ends of the colour scale, as numbers or as percentiles such as 2%,98%.  [default: "
+            "LO,HI",
+            "Values at both ends of the colour scale, as numbers or as percentiles such as 2%,98%.  [default: "
             "1%,99%, made symmetric about 0 if their signs differ]",
+            "limits",
+            callback=_limits,
         ),
-        cloup.option(
-            "--cmap",
-            "colour_map",
-            metavar="NAME",
-            help="Name of a Matplotlib colour map.  [default: viridis, or RdBu_r if the range spans 0]",
+        options.value(
+            "--cmap", "NAME", "Matplotlib colour map.  [default: viridis, or RdBu_r if LO < 0 < HI]", "colour_map"
         ),
-        cloup.option("--label", metavar="TEXT", help="Label of the colour bar.  [default: the name of the file]"),
-        cloup.option("--unit", metavar="TEXT", help="Unit of the data, added in brackets to the colour bar's label."),
+        options.value("--label", "TEXT", "Label of the colour bar.  [default: the name of the file]"),
+        options.value("--unit", "TEXT", "Unit of the data, added in brackets to the colour bar's label."),
         *further,
     )
 
@@ -110,13 +97,13 @@ def page_section(*further: Any) -> Callable[[_Command], _Command]:
     """Return the section of options for everything around the data."""
     return options.section(
         "Page",
-        cloup.option(
+        options.choice(
             "--underlay",
-            type=click.Choice(["curvature", "sulcal depth", "none"]),
+            ["curvature", "sulcal depth", "none"],
+            "Measure shown in grey below the data.",
             default="curvature",
-            help="Measure from which the grey folds are drawn below the data.",
         ),
-        cloup.option("--title", metavar="TEXT", help="Title above the map."),
+        options.value("--title", "TEXT", "Title above the map."),
         *further,
     )
 

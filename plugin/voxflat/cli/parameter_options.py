@@ -18,7 +18,7 @@ _PARAMETER = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : .*$", re.MULTILINE)
 def _descriptions(of: Callable[..., Any]) -> dict[str, str]:
     """Return the descriptions of the parameters in a docstring, by parameter name."""
     doc = inspect.getdoc(of) or ""  # python -OO removes docstrings
-    section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n[A-Z]\w+\n-+\n|\Z)", doc, re.DOTALL)
+    section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n[A-Z][\w ]+\n-+\n|\Z)", doc, re.DOTALL)
     text = "" if section is None else section[1]
     starts = list(_PARAMETER.finditer(text))
     ends = [start.start() for start in starts[1:]] + [len(text)]

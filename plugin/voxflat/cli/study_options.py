@@ -36,33 +36,29 @@ class MultipleValuesCommand(cloup.Command):
 
 map_options = options.section(
     "Maps",
-    cloup.option(
+    options.value(
         "--cuts",
-        default=Parameters.cuts,
-        metavar="standard|auto|FILE",
-        help="Where the surfaces are cut: along the same lines in every brain (standard, needs a registered sphere), "
+        "standard|auto|FILE",
+        "Where the surfaces are cut: along the same lines in every brain (standard, needs a registered sphere), "
         "automatically for each surface (auto), or as in a file of cuts or a template. {hemi} in the name of FILE is "
         "replaced by the hemisphere.",
+        default=Parameters.cuts,
     ),
-    cloup.option(
-        "--geometry",
-        type=click.Choice(GEOMETRIES),
-        default=Parameters.geometry,
-        help="Surface on which distances are preserved and measured.",
+    options.choice(
+        "--geometry", GEOMETRIES, "Surface on which distances are preserved and measured.", default=Parameters.geometry
     ),
-    cloup.option(
+    options.flag(
         "--volume",
-        is_flag=True,
-        help="Start from a white-matter volume instead of surfaces: mri/filled.mgz, or *_hemi-L_label-WM_mask.nii.gz "
+        "Start from a white-matter volume instead of surfaces: mri/filled.mgz, or *_hemi-L_label-WM_mask.nii.gz "
         "(or _probseg).",
     ),
-    cloup.option(
+    options.value(
         "--overlay",
+        "F",
+        "Data to show on the maps: a name such as thickness or curv, a file of values, or a volume. Several may "
+        "be given; {hemi} and {subject} in the name of a file are replaced.  [default: thickness, if present]",
         "overlays",
         multiple=True,
-        metavar="F",
-        help="Data to show on the maps: a name such as thickness or curv, a file of values, or a volume. Several may "
-        "be given; {hemi} and {subject} in the name of a file are replaced.  [default: thickness, if present]",
     ),
 )
 """The options that say how the map of each hemisphere is made."""

@@ -34,25 +34,18 @@ Examples:
 @cloup.argument("level", metavar="participant|group", type=click.Choice(["participant", "group"]))
 @options.section(
     "Participants",
-    cloup.option(
+    options.value(
         "--participant-label",
+        "LABEL",
+        "Process only these participants, with or without the prefix sub-. Several may be given.  [default: all]",
         "--participant_label",
         "labels",
         multiple=True,
-        metavar="LABEL",
-        help="Process only these participants, with or without the prefix sub-. Several may be given.  [default: all]",
     ),
-    cloup.option(
-        "--hemi",
-        "hemis",
-        type=click.Choice(list(_HEMIS)),
-        multiple=True,
-        default=tuple(_HEMIS),
-        help="Process only this hemisphere.",
+    options.choice(
+        "--hemi", list(_HEMIS), "Process only this hemisphere.", "hemis", multiple=True, default=tuple(_HEMIS)
     ),
-    cloup.option(
-        "--dry-run", is_flag=True, help="Print what would be done, as one JSON object per hemisphere, and stop."
-    ),
+    options.flag("--dry-run", "Print what would be done, as one JSON object per hemisphere, and stop."),
 )
 @study_options.map_options
 @options.section("Output", options.as_json)

@@ -9,7 +9,6 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
-from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
@@ -35,13 +34,11 @@ Examples:
 @options.output(
     "Output file. A .json file holds the cuts, for --cuts; .surf.gii, .vtp, .ply, .obj and .patch.3d (for "
     "mris_flatten) hold the cut surface.",
-    cloup.option(
+    options.writes(
         "--save-template",
-        "template",
-        type=OUT,
-        metavar="FILE",
-        help="Also write the cuts and the border of the excluded region as a template (.json). Pass it to --cuts for "
+        "Also write the cuts and the border of the excluded region as a template (.json). Pass it to --cuts for "
         "any surface with a registered sphere of the same side and space.",
+        "template",
     ),
 )
 @options.run(options.threads, options.memory_limit)

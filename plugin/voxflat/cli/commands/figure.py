@@ -40,32 +40,26 @@ Examples:
         "that covers both or --overlay once per map.",
         multiple=True,
     ),
-    cloup.option(
-        "--channel",
-        metavar="NAME|N",
-        help="Map to draw from an overlay with several maps: its name or number (from 0).",
-    ),
+    options.value("--channel", "NAME|N", "Map to draw from an overlay with several maps: its name or number (from 0)."),
     options.period,
     interpolation="nearest for integers, which may be labels; linear otherwise",
 )
 @colour_section(
     options.reads(
-        "--strength",
-        "Apply the threshold to this data instead of the overlay (for example t, R² or coherence).",
-        multiple=True,
+        "--strength", "Apply the threshold to this data instead (such as t, R² or coherence).", multiple=True
     ),
-    cloup.option("--strength-channel", metavar="NAME|N", help="Map to use from --strength, as for --channel."),
-    cloup.option(
+    options.value("--strength-channel", "NAME|N", "Map to use from --strength, as for --channel."),
+    options.choice(
         "--zero",
-        type=click.Choice(["right", "top"]),
+        ["right", "top"],
+        "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise).",
         default="right",
-        help="Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top "
-        "(clockwise).",
     ),
-    cloup.option(
+    options.value(
         "--opacity",
+        "X",
+        "Opacity of the data (default 1), or of parcels without data (default 0.75).",
         type=click.FloatRange(0, 1),
-        help="Opacity of the data, or of the parcels if there is no overlay.  [default: 1, or 0.75 for parcels]",
     ),
     options.reads(
         "--alpha",
@@ -73,11 +67,11 @@ Examples:
         "reaches --alpha-full.",
         multiple=True,
     ),
-    cloup.option(
+    options.value(
         "--alpha-full",
+        "X",
+        "Magnitude of --alpha from which data are opaque.  [default: its 99th percentile]",
         type=click.FloatRange(min=0, min_open=True),
-        metavar="X",
-        help="Magnitude of --alpha from which data are opaque.  [default: its 99th percentile]",
     ),
 )
 @options.section(
@@ -93,9 +87,7 @@ Examples:
     ),
 )
 @page_section(
-    cloup.option(
-        "--width", type=float, metavar="MM", help="Width on paper, in mm.  [default: 85 (one column), 170 for two maps]"
-    )
+    options.value("--width", "MM", "Width on paper, in mm.  [default: 85 (one column), 170 for two maps]", type=float)
 )
 @options.output("Output file: .png, .pdf, or .svg (with layers).")
 @options.run()

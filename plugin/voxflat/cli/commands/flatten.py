@@ -40,7 +40,7 @@ Examples:
     "Output file. .npz and .voxflat hold the complete map; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj "
     "hold the flat surface.",
     option_of(Surface.flatten, "mirror", is_flag=True),
-    cloup.option("--rows", is_flag=True, help="Save the distances from all sources to all points in OUT (large)."),
+    options.flag("--rows", "Save the distances from all sources to all points in OUT (large)."),
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)

@@ -25,13 +25,8 @@ Examples:
 @cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
 @options.section(
     "Hemispheres",
-    cloup.option(
-        "--hemi",
-        "hemis",
-        type=click.Choice(["lh", "rh"]),
-        multiple=True,
-        default=("lh", "rh"),
-        help="Process only this hemisphere.",
+    options.choice(
+        "--hemi", ["lh", "rh"], "Process only this hemisphere.", "hemis", multiple=True, default=("lh", "rh")
     ),
 )
 @study_options.map_options

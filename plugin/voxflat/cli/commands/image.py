@@ -13,11 +13,10 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
-from voxflat.cli.overlay_options import check_depth
+from voxflat.cli.overlay_options import check_depth, depth_options
 from voxflat.errors import InputError
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
-from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
@@ -45,55 +44,36 @@ Examples:
     options.reads(
         "--volume", "Volume to resample (also OME-Zarr); for the map of a mesh, an overlay or the mesh's own texture."
     ),
-    cloup.option(
+    options.value(
         "--channel",
-        metavar="NAME|N",
-        help="Map to show from a GIFTI, CIFTI or 4-D file with several maps: its name or number (from 0).  [default: "
+        "NAME|N",
+        "Map to show from a GIFTI, CIFTI or 4-D file with several maps: its name or number (from 0).  [default: "
         "all; a .png can hold only one]",
     ),
-    cloup.option("--heat-map", is_flag=True, help="Show the local distortion of the map instead of a volume."),
+    options.flag("--heat-map", "Show the local distortion of the map instead of a volume."),
     options.period,
     options.time_step,
 )
 @options.section(
     "Sampling",
-    cloup.option(
-        "--depth",
-        metavar="MM[,MM...]",
-        callback=options.numbers,
-        help="Distance outside the surface at which the volume is sampled, in mm; negative values lie inside. Several "
-        "depths give one image each.  [default: 0]",
-    ),
-    cloup.option(
-        "--fraction",
-        metavar="F[,F...]",
-        callback=options.numbers,
-        help="Cortical depth at which the volume is sampled, from 0 (white surface) to 1 (pial surface). Replaces "
-        "--depth for maps made with --pial; several values give one image each.",
-    ),
-    cloup.option(
-        "--layering",
-        type=click.Choice(LAYERINGS),
-        help="Measure --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant).  "
-        "[default: equivolume]",
-    ),
-    cloup.option("--average", is_flag=True, help="Average over all depths instead of writing one image per depth."),
-    cloup.option(
+    *depth_options("Several give one image each."),
+    options.flag("--average", "Average over all depths instead of writing one image per depth."),
+    options.choice(
         "--interpolation",
-        type=click.Choice(INTERPOLATIONS),
-        help='Interpolation between voxels. "majority" takes the most frequent label of the surrounding voxels over '
+        INTERPOLATIONS,
+        'Interpolation between voxels. "majority" takes the most frequent label of the surrounding voxels over '
         "all depths.  [default: nearest for integers, which may be labels; linear otherwise]",
     ),
 )
 @options.output(
     "Output file: .png to look at, or .tif, .tiff, .nii, .nii.gz (float32) or .npy for the values. Several images can "
     "also be written to .zarr.",
-    cloup.option(
+    options.value(
         "--pixel-size",
-        type=float,
-        metavar="MM",
-        help="Side length of a pixel, in mm.  [default: half the voxel size or edge length; for an atlas, at most half "
+        "MM",
+        "Side length of a pixel, in mm.  [default: half the voxel size or edge length; for an atlas, at most half "
         "the gap between patches]",
+        type=float,
     ),
 )
 @options.run(options.quiet)

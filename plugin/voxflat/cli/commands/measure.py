@@ -10,7 +10,7 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.cli.parameter_options import option_of
 from voxflat.judging.measure import compare, measure
@@ -38,11 +38,8 @@ Examples:
 )
 @options.section(
     "Output",
-    cloup.option(
-        "--heat-maps",
-        type=OUT,
-        metavar="FILE",
-        help="Also draw the distance errors and area changes of all maps side by side (.png, .pdf or .svg).",
+    options.writes(
+        "--heat-maps", "Also draw the distance errors and area changes of all maps side by side (.png, .pdf or .svg)."
     ),
     options.as_json,
 )

@@ -38,16 +38,16 @@ Examples:
         required=True,
         multiple=True,
     ),
-    cloup.option("--change", is_flag=True, help="Show the change from the mean over time, in %, at each point."),
+    options.flag("--change", "Show the change from the mean over time, in %, at each point."),
     options.time_step,
     interpolation="linear",
 )
-@colour_section(cloup.option("--opacity", type=click.FloatRange(0, 1), default=1.0, help="Opacity of the data."))
+@colour_section(options.value("--opacity", "X", "Opacity of the data.", type=click.FloatRange(0, 1), default=1.0))
 @page_section()
 @options.output(
     "Output file: .mp4 (needs pip install 'voxflat[movie]'), or .gif for short movies.",
-    cloup.option("--rate", type=float, default=10.0, metavar="N", help="Frames per second."),
-    cloup.option("--size", type=int, default=1280, metavar="PIXELS", help="Width of the movie, in pixels."),
+    options.value("--rate", "N", "Frames per second.", type=float, default=10.0),
+    options.value("--size", "PIXELS", "Width of the movie, in pixels.", type=int, default=1280),
 )
 @options.run(options.quiet)
 def command(

@@ -13,7 +13,7 @@ from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.files import SAVED_ENDINGS
@@ -40,37 +40,25 @@ Examples:
     option_of(Surface.patches, "bound", type=float, metavar="C"),
     option_of(Surface.patches, "count", type=int, metavar="N"),
     option_of(Surface.patches, "seeds", type=click.Choice(SEEDS)),
-    cloup.option(
-        "--glue",
-        type=float,
-        metavar="C",
-        help="Close the seams between patches as long as no length changes by more than this factor, such as 1.5.",
+    options.value(
+        "--glue", "C", "Close seams between patches while no length changes by more than this factor.", type=float
     ),
 )
 @options.section(
     "Texture",
     option_of(Atlas.page, "packing", type=click.Choice(PACKINGS)),
     options.reads("--volume", "Show this volume; for a mesh, an overlay or the mesh's own texture."),
-    cloup.option("--heat-map", is_flag=True, help="Show C, the factor by which lengths change."),
-    cloup.option(
-        "--depth",
-        type=float,
-        metavar="MM",
-        help="Distance outside the surface at which the volume is sampled, in mm.  [default: 0]",
+    options.flag("--heat-map", "Show C, the factor by which lengths change."),
+    options.value(
+        "--depth", "MM", "Distance outside the surface at which the volume is sampled, in mm.  [default: 0]", type=float
     ),
-    cloup.option(
-        "--pixel-size",
-        type=float,
-        metavar="MM",
-        help="Side length of a pixel, in mm.  [default: half the voxel size or edge length, at most half the gap "
-        "between patches]",
-    ),
+    options.value("--pixel-size", "MM", "Side length of a pixel, in mm.  [default: as for voxflat image]", type=float),
 )
 @options.output(
     "Output file. .npz and .voxflat hold the complete atlas; .obj (with .mtl and .png), .vtp (with .png), .glb and "
     ".ply hold the surface with the page as its texture.",
-    cloup.option("--page", type=OUT, metavar="FILE", help="Also draw all patches on a page (.png, .pdf or .svg)."),
-    cloup.option("--picture", type=OUT, metavar="PNG", help="Also draw the surface with its patches in colours."),
+    options.writes("--page", "Also draw all patches on a page (.png, .pdf or .svg)."),
+    options.writes("--picture", "Also draw the surface with its patches in colours.", metavar="PNG"),
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def command(

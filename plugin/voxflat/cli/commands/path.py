@@ -45,7 +45,7 @@ def command(
     The command prints the length of the path. The points are voxel indices I,J,K or vertex numbers V, counted from 0.
     """
     if len(stops) < 2:
-        raise click.UsageError(f"{len(stops)} point is given. Give at least two.")
+        raise click.UsageError(f"{len(stops)} stop is given. Give at least two stops.")
     if output is not None:
         if given["geodesic"] in ("marching", "exact"):
             raise click.UsageError("This path crosses triangles, so it cannot be a cut. Give --geodesic edges with -o.")

@@ -29,27 +29,26 @@ Examples:
 @cloup.argument("map_", metavar="MAP", type=FILE)
 @options.section(
     "Regions",
-    cloup.option("--svg", type=FILE, metavar="FILE", help="Figure of the map (.svg) with regions drawn in a layer."),
-    cloup.option("--layer", metavar="NAME", help="Name of the layer in --svg that holds the regions.  [default: rois]"),
+    options.value("--svg", "FILE", "Figure of the map (.svg) with regions drawn in a layer.", type=FILE),
+    options.value("--layer", "NAME", "Name of the layer in --svg that holds the regions.  [default: rois]"),
     options.reads("--polygons", 'Polygons in mm, by region name (.json), such as {"V1": [[u, v], ...]}.'),
     options.reads("--image", "Label image on the pixels of the map (.npy, .png, .tif, .nii or .nii.gz)."),
-    cloup.option(
+    options.value(
         "--pixel-size",
+        "MM",
+        "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]",
         type=float,
-        metavar="MM",
-        help="Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]",
     ),
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertices; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
     "voxels.",
     options.reads("--volume", "Volume whose grid is used for voxels.  [default: the flattened volume]"),
-    cloup.option(
+    options.value(
         "--depth",
-        metavar="MM,MM",
+        "MM,MM",
+        "Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without --pial.",
         callback=options.numbers,
-        help="Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without "
-        "--pial.",
     ),
 )
 @options.run()

@@ -10,7 +10,6 @@ from voxflat.arguments import log
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
@@ -31,11 +30,8 @@ Examples:
 @options.surface_options
 @options.output(
     "Output file for the surface: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
-    cloup.option(
-        "--repaired",
-        type=OUT,
-        metavar="FILE",
-        help="Also write the voxels that the repair changed as a label volume: 1 for removed, 2 for added.",
+    options.writes(
+        "--repaired", "Also write the voxels that the repair changed as a label volume: 1 for removed, 2 for added."
     ),
 )
 @options.run(options.threads, options.memory_limit)

@@ -8,7 +8,7 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.reading import reading
@@ -37,23 +37,16 @@ Examples:
 )
 @options.output(
     "Write the list of regions to this file: .json, or .tsv with one row per region.",
-    cloup.option(
+    options.writes(
         "--save-cuts",
+        "Write the cuts of the map and the suggested cuts (.json), for --cuts of voxflat flatten.",
         "cuts_file",
-        type=OUT,
-        metavar="FILE",
-        help="Write the cuts of the map and the suggested cuts (.json), for --cuts of voxflat flatten.",
     ),
-    cloup.option(
-        "--place",
-        "numbers",
-        type=int,
-        multiple=True,
-        metavar="N",
-        help="Save only the suggested cut of region N; may be repeated.  [default: all]",
+    options.value(
+        "--place", "N", "Save only the cut of region N; may be repeated.", "numbers", type=int, multiple=True
     ),
-    cloup.option("--figure", type=OUT, metavar="FILE", help="Draw the regions on the map (.png, .svg or .pdf)."),
-    cloup.option("--picture", type=OUT, metavar="PNG", help="Draw the regions on the surface, from both sides."),
+    options.writes("--figure", "Draw the regions on the map (.png, .svg or .pdf)."),
+    options.writes("--picture", "Draw the regions on the surface, from both sides.", metavar="PNG"),
     required=False,
 )
 @options.run(options.threads)
