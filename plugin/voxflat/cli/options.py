@@ -257,9 +257,9 @@ _surface_options = section(
         "lh.OUT and rh.OUT.",
     ),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
-    option_of(surface, "unit", type=click.Choice(UNITS)),
+    option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
-    option_of(surface, "pial", type=FILE, metavar="FILE"),
+    option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),
 )
 
@@ -303,7 +303,14 @@ def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> fl
 
 where_cut = (
     option_of(
-        Surface.cut, "cuts", type=FILE, metavar="standard|automatic|FILE", multiple=True, callback=paths, sentences=2
+        Surface.cut,
+        "cuts",
+        type=FILE,
+        metavar="standard|automatic|FILE",
+        multiple=True,
+        callback=paths,
+        sentences=3,
+        note="FILE is a file of cuts, a template, or a list of neighbouring vertices (may be repeated).",
     ),
     option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
 )
@@ -330,7 +337,9 @@ choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add rel
 
 def link_lengths(of: Any) -> Callable[[_Command], _Command]:
     """Return the option for the lengths of links between neighbouring voxels."""
-    return option_of(of, "link_lengths", type=click.Choice(["chain-code", "euclidean"]))
+    note = "" if of is Grossmann2002 else "Requires --geodesic chain."
+    kinds = click.Choice(["chain-code", "euclidean"])
+    return option_of(of, "link_lengths", type=kinds, like=Grossmann2002, note=note)
 
 
 def _of_methods(option: str) -> str:
@@ -349,7 +358,7 @@ method_options = group(
             f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}.",
             default=next(iter(METHODS)),
         ),
-        option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources")),
+        option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources"), until=", or the points"),
         option_of(Voxflat, "sampling", type=click.Choice([*SAMPLINGS, "decimation"]), default=_of_methods("sampling")),
     ),
     section(
@@ -358,10 +367,12 @@ method_options = group(
             Voxflat,
             "geodesic",
             type=click.Choice(SOLVERS),
+            sentences=4,
+            like=Surface.geodesic,
             default="graph, or a more exact one if its error exceeds 1 %",
         ),
-        option_of(Voxflat, "weighting", type=click.FloatRange(0, 1)),
-        option_of(Voxflat, "scale", type=click.Choice(SCALES)),
+        option_of(Voxflat, "weighting", type=click.FloatRange(0, 1), metavar="W", sentences=2),
+        option_of(Voxflat, "scale", type=click.Choice(SCALES), sentences=2),
         option_of(Voxflat, "max_area", type=float, metavar="FACTOR"),
         option_of(Voxflat, "start", type=FILE, metavar="MAP"),
     ),

@@ -32,7 +32,9 @@ def _descriptions(of: Callable[..., Any]) -> dict[str, str]:
 def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
     """Return the first sentences that the docstring of a function or of a dataclass has on a parameter."""
     found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _descriptions(of).get(name, ""))
-    return " ".join(found[:sentences]).replace("`", "").replace("  ", " ")
+    text = re.sub(r":\w+:(?=`)", "", " ".join(found[:sentences]))  # without roles
+    text = re.sub(r"(?<!`)`(\w+)`(?!`)", lambda one: f"--{one[1]}" if one[1] in _descriptions(of) else one[1], text)
+    return text.replace("`", "").replace("  ", " ")
 
 
 def default_of(of: Callable[..., Any], name: str) -> Any:
@@ -44,13 +46,32 @@ def default_of(of: Callable[..., Any], name: str) -> Any:
 
 
 def option_of(
-    of: Callable[..., Any], name: str, *, sentences: int = 1, default: str | None = None, **more: Any
+    of: Callable[..., Any],
+    name: str,
+    *,
+    sentences: int = 1,
+    like: Callable[..., Any] | None = None,
+    until: str = "",
+    note: str = "",
+    default: str | None = None,
+    **more: Any,
 ) -> Callable[[_Command], _Command]:
-    """Return the option for a parameter: its name, its default (in words if None) and `sentences` of its docstring."""
+    """Return the option for a parameter, with its name, its default and the first `sentences` of its description.
+
+    `like`: a function with a parameter of the same name whose description is used instead. `until`: a clause of the
+    description that is left out with all that follows. `note`: a sentence that is added. `default`: the default in
+    words; without it, the value, or a clause "by default ..." of the description.
+    """
     usual = default_of(of, name)
     shown = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)
     if usual is not None and not is_dataclass(of):  # method options stay None unless the user gives them
         more.setdefault("default", usual)
-    help_ = more.pop("help", None) or description_of(of, name, sentences)
+    help_ = more.pop("help", None) or description_of(like or of, name, sentences)
+    if until and until in help_:
+        help_ = help_.split(until)[0] + "."
+    if clause := re.search(r"[;,] by default (.*?)(?=\.(?: |$))", help_):
+        help_ = help_.replace(clause[0], "")
+        shown = shown or clause[1]
+    help_ = " ".join(filter(None, (help_, note)))
     ending = "" if shown is None else f"  [default: {shown}]"
     return cloup.option(f"--{name.replace('_', '-')}", help=help_ + ending, show_default=False, **more)

@@ -49,8 +49,8 @@ map_options = options.section(
     ),
     options.flag(
         "--volume",
-        "Start from a white-matter volume instead of surfaces: mri/filled.mgz, or *_hemi-L_label-WM_mask.nii.gz "
-        "(or _probseg).",
+        "Start from a white-matter volume instead of surfaces: mri/filled.mgz, or in BIDS derivatives a mask or "
+        "probability map (label-WM_mask or label-WM_probseg).",
     ),
     options.value(
         "--overlay",

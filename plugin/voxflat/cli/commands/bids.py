@@ -15,6 +15,12 @@ from voxflat.lab.study import plan, study
 
 _MAX_STATUS = 100  # shells give greater exit statuses other meanings
 _HEMIS = {"L": "lh", "R": "rh"}
+_DASK = options.value(
+    "--dask",
+    "ADDRESS|FILE|local",
+    "Process the participants on the workers of a Dask cluster: give the address or the file of its scheduler, or "
+    '"local" for workers on this machine.',
+)
 
 
 @cloup.command(
@@ -49,7 +55,7 @@ Examples:
 )
 @study_options.map_options
 @options.section("Output", options.as_json)
-@options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
+@options.run(_DASK, options.seed, options.threads, options.memory_limit, options.quiet)
 def command(
     source: Path,
     out: Path,
@@ -66,7 +72,7 @@ def command(
 
     BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either directly or
     in derivatives/ or sourcedata/freesurfer. At the level "participant", voxflat writes BIDS derivatives such as
-    sub-*_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results are skipped if they are up
+    sub-01_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results are skipped if they are up
     to date according to the checksums of the inputs and the parameters. A participant that fails does not stop the
     others. The level "group" writes a table of all measures, means over standard maps, and a page of all maps.
 

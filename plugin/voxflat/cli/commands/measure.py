@@ -32,9 +32,13 @@ Examples:
     "Measure",
     option_of(measure, "sources", type=int, metavar="N", default="300, or fewer for exact distances on large meshes"),
     option_of(
-        measure, "reference", type=click.Choice(["exact", "graph"]), default="exact for meshes, graph for volumes"
+        measure,
+        "reference",
+        type=click.Choice(["exact", "graph"]),
+        default="exact for meshes, graph for volumes",
+        help='How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).',
     ),
-    option_of(measure, "on_surface", is_flag=True),
+    option_of(measure, "on_surface", is_flag=True, sentences=2),
 )
 @options.section(
     "Output",

@@ -39,14 +39,14 @@ Examples:
     option_of(Surface.patches, "max_angle", type=float, metavar="DEGREES"),
     option_of(Surface.patches, "bound", type=float, metavar="C"),
     option_of(Surface.patches, "count", type=int, metavar="N"),
-    option_of(Surface.patches, "seeds", type=click.Choice(SEEDS)),
+    option_of(Surface.patches, "seeds", type=click.Choice(SEEDS), sentences=3),
     options.value(
         "--glue", "C", "Close seams between patches while no length changes by more than this factor.", type=float
     ),
 )
 @options.section(
     "Texture",
-    option_of(Atlas.page, "packing", type=click.Choice(PACKINGS)),
+    option_of(Atlas.page, "packing", type=click.Choice(PACKINGS), sentences=2),
     options.reads("--volume", "Show this volume; for a mesh, an overlay or the mesh's own texture."),
     options.flag("--heat-map", "Show C, the factor by which lengths change."),
     options.value(

@@ -32,7 +32,14 @@ Examples:
 @options.surface_options
 @options.section(
     "Path",
-    option_of(Surface.path, "geodesic", type=click.Choice([*SOLVERS, "edges", "chain"]), sentences=4),
+    option_of(
+        Surface.path,
+        "geodesic",
+        type=click.Choice([*SOLVERS, "edges", "chain"]),
+        sentences=5,
+        like=Surface.geodesic,
+        note='"edges": paths along the edges of the triangles, as cuts need them.',
+    ),
     options.link_lengths(Surface.path),
 )
 @options.output("Write the vertices along the path to this file, one per line, for --cuts.", required=False)

@@ -25,7 +25,7 @@ Examples:
 )
 @options.input_
 @options.surface_options
-@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES)))
+@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES), sentences=3))
 @options.output(
     "Output file for the registered sphere, of radius 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as "
     "lh.sphere.reg."

@@ -9,7 +9,7 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import OUT
 from voxflat.cli.output import print_json
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
@@ -28,13 +28,11 @@ Examples:
 @options.input_
 @options.surface_options
 @options.region
-@options.section(
-    "Cuts", option_of(Surface.cut, "cuts", type=FILE, metavar="FILE", multiple=True, callback=options.paths)
-)
+@options.section("Cuts", options.where_cut[0])
 @options.section(
     "Distances",
-    option_of(Surface.geodesic, "geodesic", type=click.Choice([*SOLVERS, "chain"]), sentences=4),
-    option_of(Surface.geodesic, "sources", type=int, required=True, metavar="N"),
+    option_of(Surface.geodesic, "geodesic", type=click.Choice([*SOLVERS, "chain"]), sentences=5),
+    option_of(Surface.geodesic, "sources", type=int, required=True, metavar="N", until=", or "),
     options.sampling,
     options.link_lengths(Surface.geodesic),
 )

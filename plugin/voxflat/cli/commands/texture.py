@@ -28,7 +28,7 @@ Examples:
 @options.section(
     "Picture",
     option_of(FlatMap.textured, "texel_size", type=float, metavar="MM"),
-    option_of(FlatMap.textured, "repeat", is_flag=True),
+    option_of(FlatMap.textured, "repeat", is_flag=True, help="Repeat the picture beyond its borders."),
 )
 @options.output(
     "Output file for the textured surface: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply (with vertex "

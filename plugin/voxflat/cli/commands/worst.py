@@ -31,7 +31,13 @@ Examples:
 @options.section(
     "Regions",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
-    option_of(worst_places, "beyond", type=float, metavar="FACTOR"),
+    option_of(
+        worst_places,
+        "beyond",
+        type=float,
+        metavar="FACTOR",
+        help="List regions whose areas change by more than this factor.",
+    ),
     options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
     options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
 )
