@@ -88,7 +88,7 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
             "--cmap", "NAME", "Matplotlib colour map.  [default: viridis, or RdBu_r if LO < 0 < HI]", "colour_map"
         ),
         options.value("--label", "TEXT", "Label of the colour bar.  [default: the name of the file]"),
-        options.value("--unit", "TEXT", "Unit of the data, added in brackets to the colour bar's label."),
+        options.value("--unit", "TEXT", "Unit of the data, added in parentheses to the colour bar's label."),
         *further,
     )
 

@@ -33,7 +33,8 @@ def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str
     """Return the first sentences that the docstring of a function or of a dataclass has on a parameter."""
     found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _descriptions(of).get(name, ""))
     text = re.sub(r":\w+:(?=`)", "", " ".join(found[:sentences]))  # without roles
-    text = re.sub(r"(?<!`)`(\w+)`(?!`)", lambda one: f"--{one[1]}" if one[1] in _descriptions(of) else one[1], text)
+    others = "|".join(_descriptions(of).keys() - {name})
+    text = re.sub(rf"(?<!`)`({others})`(?!`)", lambda one: f"--{one[1].replace('_', '-')}", text)
     return text.replace("`", "").replace("  ", " ")
 
 

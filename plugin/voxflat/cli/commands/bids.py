@@ -48,9 +48,7 @@ Examples:
         "labels",
         multiple=True,
     ),
-    options.choice(
-        "--hemi", list(_HEMIS), "Process only this hemisphere.", "hemis", multiple=True, default=tuple(_HEMIS)
-    ),
+    options.choice("--hemi", list(_HEMIS), "Hemispheres to process.", "hemis", multiple=True, default=tuple(_HEMIS)),
     options.flag("--dry-run", "Print what would be done, as one JSON object per hemisphere, and stop."),
 )
 @study_options.map_options
@@ -76,7 +74,8 @@ def command(
     to date according to the checksums of the inputs and the parameters. A participant that fails does not stop the
     others. The level "group" writes a table of all measures, means over standard maps, and a page of all maps.
 
-    The exit status is the number of participants that failed (at most 100), or 1 or 2 if the study could not be read.
+    The exit status is the number of participants that failed (at most 100). If nothing could be processed at all, it
+    is 1 or 2, as for the other commands.
     """
     parameters = study_options.parameters_of(given)
     if dask and (dry_run or level == "group"):

@@ -25,9 +25,7 @@ Examples:
 @cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
 @options.section(
     "Hemispheres",
-    options.choice(
-        "--hemi", ["lh", "rh"], "Process only this hemisphere.", "hemis", multiple=True, default=("lh", "rh")
-    ),
+    options.choice("--hemi", ["lh", "rh"], "Hemispheres to process.", "hemis", multiple=True, default=("lh", "rh")),
 )
 @study_options.map_options
 @options.section("Output", options.as_json)

@@ -40,8 +40,8 @@ def command(
 ) -> None:
     """Extract the surface of a volume, or check and convert a mesh.
 
-    Each vertex of a volume's surface is a surface voxel, positioned with subvoxel accuracy. FreeSurfer files are
-    written in tkRAS coordinates with a footer that locates them in scanner space. All other formats are written in
+    Each vertex of a volume's surface is a surface voxel at a subvoxel position; no isosurface is made. FreeSurfer files
+    are written in tkRAS coordinates with a footer that locates them in scanner space. All other formats are written in
     scanner RAS coordinates, which other tools expect for display with volumes.
     """
     check_output(output, **writing)

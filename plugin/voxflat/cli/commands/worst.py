@@ -67,12 +67,12 @@ def command(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """List the regions of highest area distortion, with suggested cuts.
+    """List the regions of highest area distortion.
 
     MAP is a file written by voxflat flatten. Regions are ranked by their area times its change, at the scale that
-    preserves the total area. Each suggested cut runs from the border through its region. Its gain is the estimated
-    decrease of the distance error, from a coarse preview map. The gain can be negative, since a cut that reduces area
-    distortion may increase distance errors.
+    preserves the total area. For each region, a cut is suggested that runs from the border through the region. Its gain
+    is the estimated decrease of the distance error, from a coarse preview map. The gain can be negative, since a cut
+    that reduces area distortion may increase distance errors.
     """
     if numbers and cuts_file is None:
         raise click.UsageError("--place requires --save-cuts.")
