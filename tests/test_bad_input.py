@@ -105,7 +105,7 @@ API = {
     ),
     "sources twice": (sheet(), {"sources": [[9, 9, 2], [0, 0, 2], [9, 9, 2]]}, r"\[9, 9, 2\] is given 2 times"),
     "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
-    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices .*, whole"),
+    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices \(integers\)"),
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},
@@ -425,7 +425,7 @@ def test_a_map_that_is_missing(tmp_path):
 
 
 BAD_IMAGES = {
-    "ending": (["--heat-map", "-o", "a.jpg"], r"a\.jpg: its name must end in \.png or \.tif"),
+    "ending": (["--heat-map", "-o", "a.jpg"], r"a\.jpg: unknown .* Choose a name that ends in \.png or \.tif"),
     "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory"),
     "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
     "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*give a volume of that"),

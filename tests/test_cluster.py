@@ -308,7 +308,7 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
     store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
         ({"dask": ready}, "no store for workers to write into; give a store"),
-        ({"dask": ready, "store": store, "geodesic": "chain"}, "knows no dask; leave it out"),
+        ({"dask": ready, "store": store, "geodesic": "chain"}, "does not have this option; leave it out"),
         (
             {"dask": ready, "store": store, "memory_limit": 1_000_000},
             "memory are needed, 976.6 KiB is the limit; take fewer threads",
@@ -326,4 +326,4 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
 
 def test_dask_is_for_participants(study):
     for more in (["group"], ["participant", "--dry-run"]):
-        fail(2, "--dask is for the level part", "bids", study / "bids", study / "alone", *more, "--dask", "local")
+        fail(2, "--dask requires the level part", "bids", study / "bids", study / "alone", *more, "--dask", "local")

@@ -1,15 +1,17 @@
 """Flatten curved surfaces, such as the cerebral cortex, into the plane while preserving geodesic distances.
 
-`surface` makes a `Surface` of a volume, a mesh or a file, and everything else is a method of it: parts by
-`Surface.keep`, `drop`, `disk` and `polygon`, `Surface.cut`, `Surface.flatten`, distances by `Surface.geodesic` and
-`path`, certified patches by `Surface.patches`. `flatten` does it all with defaults. `methods` has the methods with
-their options. `check` says beforehand whether an input can be flattened; `load` reads a saved map; `measure` judges any
-map, of whatever tool, and `compare` several of them; `worst_places` says where a map changes areas most, and where to
-cut. `samples` has small surfaces to try all of it. `map_page` shows a map beside its surface in a notebook or a
-browser.
+`flatten` flattens an input with default settings. For more control, `surface` makes a `Surface` from a volume, a mesh
+or a file, and the other steps are its methods: `Surface.keep`, `drop`, `disk` and `polygon` select a part,
+`Surface.cut` cuts it open, `Surface.flatten` makes the map, `Surface.geodesic` and `path` measure distances, and
+`Surface.patches` divides the surface into certified patches. `methods` contains the flattening methods with their
+options, and `samples` small surfaces for examples.
 
-`voxflat.figures` draws, `voxflat.io` reads and writes, `voxflat.vtk` has filters of VTK; each is imported when it is
-first asked for. Examples take for granted ``import numpy as np``, ``import pyvista as pv`` and ``import voxflat``.
+`check` reports whether an input can be flattened. `load` reads a saved map. `measure` evaluates a flat map made by any
+tool, `compare` evaluates several, and `worst_places` finds the regions whose areas change most, with suggested cuts.
+`map_page` shows a map beside its surface in a notebook or a browser.
+
+The modules `voxflat.figures` (drawing), `voxflat.io` (files) and `voxflat.vtk` (VTK filters) are imported on first use.
+All examples assume ``import numpy as np``, ``import pyvista as pv`` and ``import voxflat``.
 
 >>> import numpy as np
 >>> import voxflat
@@ -81,7 +83,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> object:
-        """Import what needs packages that not everybody has."""
+        """Import modules that need optional packages on first use."""
         if name in ("figures", "io", "vtk"):
             import importlib
 

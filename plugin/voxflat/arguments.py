@@ -1,4 +1,4 @@
-"""Checks of what users hand over that are the same everywhere: kinds, numbers, places, memory, progress."""
+"""Checks of arguments that many functions share: types, numbers, voxel indices and memory."""
 
 import ctypes
 import logging
@@ -19,27 +19,24 @@ from voxflat.errors import InputError
 
 Progress = Callable[[str, int, int], bool | None]  # called as ``progress(stage, done, total)``; returning False cancels
 
-_PIXELS = (16, 16384)  # of a side of a picture; graphics cards draw no more
-_MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
+_PIXELS = (16, 16384)  # limits of the side of a picture; graphics cards do not draw larger ones
+_MOST_THREADS = 256  # starting many more threads takes minutes, and they would wait for the cores
 _LINE = 80  # characters of a value in a message
 
-log = logging.getLogger("voxflat")  # says what memory is needed, and warns of what the user should know of a map
-
-
-# -------------------------------------------------------------------------------------------- kinds
+log = logging.getLogger("voxflat")  # reports the memory that a computation needs, and warnings about maps
 
 
 def shown(value: object) -> str:
-    """Return what was handed over as one short line."""
+    """Return the representation of a value, as one short line for a message."""
     try:
         line = " ".join(repr(value).split())
-    except ValueError:  # whole numbers of too many digits
+    except ValueError:  # integers with too many digits
         line = f"a number of the type {type(value).__name__}"
     return line if len(line) <= _LINE else line[: _LINE - 4] + " ..."
 
 
 def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
-    """Return a path that the system takes."""
+    """Return a path, after checking that the file system accepts it."""
     text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
     try:
         is_name = isinstance(text, str) and text and b"\0" not in os.fsencode(text)
@@ -51,13 +48,13 @@ def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
 
 
 def checked_kind(value: object, name: str, attribute: str, kind: str) -> None:
-    """Refuse what lacks the attribute by which a kind of object is known."""
+    """Raise an error if a value does not have the attribute that identifies its type."""
     if not hasattr(value, attribute):
         raise InputError(f"the {name} is {shown(value)}; give {kind}")
 
 
 def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
-    """Return which of several choices was made."""
+    """Return a value, after checking that it is one of the choices."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         *others, last = map(repr, known)
@@ -66,73 +63,72 @@ def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
 
 
 def checked_switch(value: object, name: str) -> bool:
-    """Return True or False, of Python or of NumPy."""
+    """Return a boolean of Python or NumPy as a bool."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name} is {shown(value)}; give True or False")
     return bool(value)
 
 
 def checked_text(value: object, name: str) -> str:
-    """Return a text; one that is not given is empty."""
+    """Return a string; None becomes an empty one."""
     if value is not None and not isinstance(value, str):
         raise InputError(f"the {name} is {shown(value)}; give text")
     return value or ""
 
 
-# ------------------------------------------------------------------------------------------ numbers
-
-
 def is_number(value: object) -> TypeGuard[float]:
-    """Say whether something is a number; True and False are none."""
+    """Return whether a value is a real number; True and False are not numbers."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Say whether something is a whole number; True and False are none."""
+    """Return whether a value is an integer; True and False are not integers."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def checked_seed(seed: int) -> int:
-    """Return a seed that the core takes."""
+    """Return a seed, after checking that the core accepts it."""
     if not is_whole(seed) or not 0 <= seed < 2**64:
         raise InputError(f"the seed is {shown(seed)}; give a whole number from 0 to 2**64 - 1")
     return int(seed)
 
 
 def checked_pixels(value: object, name: str) -> int:
-    """Return a number of pixels along one side of a picture."""
+    """Return the number of pixels along one side of a picture."""
     if not is_whole(value) or not _PIXELS[0] <= value <= _PIXELS[1]:
         raise InputError(f"the {name} is {shown(value)}; give {_PIXELS[0]} to {_PIXELS[1]} pixels")
     return int(value)
 
 
 def checked_threads(threads: int | None) -> int | None:
-    """Return a number of threads that can be started; None for one a core."""
+    """Return a number of threads that can be started; None means one for each core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
-        raise InputError(f"threads is {shown(threads)}; give at least 1, at most {most}, or nothing for one a core")
+        raise InputError(
+            f"threads is {shown(threads)}; give at least 1 and at most {most}, or None for one thread per core"
+        )
     return threads
 
 
 def workers(threads: int | None) -> int:
-    """Return how many threads work."""
+    """Return the number of threads that work."""
     return threads or os.cpu_count() or 1
 
 
 def checked_number(value: float, name: str) -> float:
-    """Return a number."""
+    """Return a number as a float."""
     if not is_number(value):
         raise InputError(f"the {name} is {shown(value)}; give a number")
     return as_float(value)
 
 
 def optional_number(value: float | None, name: str) -> float | None:
-    """Return a number, or None where there is none."""
+    """Return a number as a float, or None."""
     return None if value is None else checked_number(value, name)
 
 
 def as_float(value: float) -> float:
-    """Return a number as a float; infinity for a whole one that none holds."""
+    """Return a number as a float; integers that are too large become infinite."""
     try:
         return float(value)
     except OverflowError:
@@ -140,20 +136,20 @@ def as_float(value: float) -> float:
 
 
 def array_of(values: object, name: str) -> NDArray[Any]:
-    """Return an array of any type; rows of one length."""
+    """Return values as an array of any type, after checking that its rows have equal length."""
     try:
         return np.asarray(values)
-    except (TypeError, ValueError):  # ragged, or of a kind with a mind of its own
+    except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
         raise InputError(f"the {name} are {shown(values)}; give rows of one length") from None
 
 
 def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return numbers as an array; nothing but numbers, and rows of one length."""
+    """Return values as an array of floats, after checking that they are numbers in rows of equal length."""
     try:
         array = np.asarray(values)
         if array.dtype.kind in "biuf" or array.size == 0:
             return array.astype(np.float64, copy=False)
-    except (TypeError, ValueError):  # ragged, or of a kind with a mind of its own
+    except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
         pass
     raise InputError(f"the {name} are {shown(values)}; give numbers")
 
@@ -163,62 +159,59 @@ def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
     array = np.asarray(values)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "ui":
         raise InputError(
-            f"{name} must be voxel indices of shape (m, 3), whole numbers, not {array.dtype} of shape {array.shape}"
+            f"{name} must be voxel indices (integers) of shape (m, 3), not {array.dtype} of shape {array.shape}"
         )
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
 def refuse(method: str, **options: object) -> None:
-    """Refuse options that a method, or a kind of distances, does not know; None is not given."""
+    """Raise an error if an option is not None that a method, or a kind of distance, does not have."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")
+            raise InputError(f"{name} is given, but the method {method!r} does not have this option; leave it out")
 
 
-# ------------------------------------------------------------------------------------------- memory
-
-
-_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of glibc's malloc.h
+_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # M_MMAP_THRESHOLD and M_ARENA_MAX of glibc's malloc.h
 _LARGE_ARRAY = 1 << 20
-_THREADS_ADDRESSES = 48 << 20  # that threads to come take for their stacks
+_STACK_ADDRESSES = 48 << 20  # address space for the stacks of threads that will be started
 
 _CGROUPS = Path("/sys/fs/cgroup")
 _OWN_CGROUPS = Path("/proc/self/cgroup")
 
 
 def free_memory() -> int:
-    """Return how many bytes this process may take: of the machine, of its limit (`ulimit -v`), of its containers."""
+    """Return the bytes available to this process on the machine, within its limit (`ulimit -v`) and its containers."""
     return int(max(0, min(psutil.virtual_memory().available, _free_addresses(), _free_in_cgroups())))
 
 
 def _free_addresses() -> float:
-    """Return what RLIMIT_AS leaves."""
-    if not hasattr(psutil, "RLIMIT_AS"):  # not on every system
+    """Return the address space that RLIMIT_AS leaves, in bytes."""
+    if not hasattr(psutil, "RLIMIT_AS"):  # does not exist on every system
         return math.inf
     process = psutil.Process()
     limit, _ = process.rlimit(psutil.RLIMIT_AS)
     if limit == psutil.RLIM_INFINITY:
         return math.inf
     _share_one_heap()
-    return limit - process.memory_info().vms - _THREADS_ADDRESSES
+    return limit - process.memory_info().vms - _STACK_ADDRESSES
 
 
 @lru_cache(maxsize=1)
 def give_back_memory() -> None:
-    """Let memory go back to the system: glibc keeps arrays up to 32 MiB, a third of all for 100,000 vertices."""
+    """Return freed arrays to the system: glibc keeps those up to 32 MiB, a third of all memory for 100,000 vertices."""
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE_ARRAY)
 
 
 @lru_cache(maxsize=1)
 def _share_one_heap() -> None:
-    """Let threads share one heap where addresses are short: glibc reserves 64 MiB for each that has its own."""
+    """Let threads share one heap if address space is limited: glibc reserves 64 MiB for the heap of each thread."""
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _free_in_cgroups() -> float:
-    """Return what the control groups leave that this process and those around it are in, of both versions."""
+    """Return the bytes that the control groups of this process (version 1 or 2) leave."""
     try:
         lines = _OWN_CGROUPS.read_text().splitlines()
     except OSError:
@@ -241,18 +234,18 @@ def _free_in_cgroups() -> float:
 
 
 def _free_in(group: Path, limit: str, usage: str, reclaimable: str) -> float:
-    """Return what one group leaves; pages of files that nobody uses any more are given back when they are needed."""
+    """Return the bytes that one group leaves; unused pages of the file cache count as free."""
     try:
         most = int((group / limit).read_text())
         used = int((group / usage).read_text())
         words = [line.split() for line in (group / "memory.stat").read_text().splitlines()]
         return most - used + sum(int(value) for name, value in words if name == reclaimable)
-    except (OSError, ValueError):  # there is no such group here, or no limit ("max")
+    except (OSError, ValueError):  # the group does not exist here, or has no limit ("max")
         return math.inf
 
 
 def checked_limit(limit: int | None) -> int | None:
-    """Return a limit of memory that is a number of bytes; None for none."""
+    """Return a memory limit in bytes; None means that there is none."""
     if limit is None:
         return None
     if not is_number(limit) or not math.isfinite(limit):
@@ -261,7 +254,7 @@ def checked_limit(limit: int | None) -> int | None:
 
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:
-    """Refuse to start where there is not enough memory."""
+    """Raise an error, before the computation, if it needs more memory than is available."""
     limit = checked_limit(limit)
     allowed = free_memory() if limit is None else limit
     if need > allowed:
@@ -270,7 +263,7 @@ def check_memory(need: int, limit: int | None, remedy: str) -> None:
 
 
 def amount(size: float) -> str:
-    """Return an amount of memory as text."""
+    """Return a number of bytes as text with a binary unit."""
     for unit in ("bytes", "KiB", "MiB"):
         if size < 1024:
             return f"{size:.4g} {unit}"

@@ -1,4 +1,4 @@
-"""The demo: the left hemisphere of the human cortex, from the MNI152 template that nilearn carries."""
+"""The demo: flatten the left cerebral hemisphere of the MNI152 template that is bundled with nilearn."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from voxflat.surfaces.hemispheres import hemisphere
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-THRESHOLD = 0.5  # white matter is where its probability is greater
+THRESHOLD = 0.5  # voxels with a greater probability are white matter
 SEED_POINT = (136, 112, 127)  # voxel indices of the patch's centre: the right central cortex, at (38, −22, 55) mm
-RADIUS = 45.0  # radius of the patch, mm along the surface
-DEPTH = 2.0  # how far outside white matter T1 is sampled, mm: in grey matter
+RADIUS = 45.0  # radius of the patch along the surface, in mm
+DEPTH = 2.0  # distance outside white matter at which T1 is sampled, in mm: within grey matter
 
 
 def demo_cortex() -> tuple[Volume, Volume, Volume]:
-    """Load the demo's volumes from nilearn; nothing is downloaded."""
+    """Load the white-matter, T1 and grey-matter templates that are bundled with nilearn."""
     package = importlib.util.find_spec("nilearn")
     if package is None or package.origin is None:
-        raise InputError("the demo needs nilearn: pip install 'voxflat[demo]'")
+        raise InputError("the demo needs nilearn. Run pip install 'voxflat[demo]'")
     folder = Path(package.origin).parent / "datasets" / "data"
     white_matter, t1, grey_matter = (_template(folder, kind) for kind in ("wm", "t1", "gm"))
     return white_matter, t1, grey_matter
 
 
 def _template(folder: Path, kind: str) -> Volume:
-    """Read a template as nilearn does, without the seconds that importing nilearn takes."""
+    """Read a template as nilearn does, without importing nilearn, which takes seconds."""
     image = require("nibabel").load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
     data = np.asarray(image.dataobj, dtype=np.float32)
     return Volume(data / data.max(), image.affine)
 
 
 def run(output: Path, progress: Progress | None = None, tell: Callable[[str], None] = print) -> FlatMap:
-    """Flatten the demo's hemisphere and write the map, its pictures and its figures."""
-    from voxflat import figures  # brings in matplotlib
+    """Flatten the hemisphere, and write the map, pictures of it and a summary of its distortion."""
+    from voxflat import figures  # imports matplotlib
 
     output.mkdir(parents=True, exist_ok=True)
     white_matter, t1, grey_matter = demo_cortex()
@@ -69,7 +69,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     summary = _summary(flat_map, seconds)
     (output / "summary.txt").write_text(summary + "\n")
     tell(summary)
-    tell(f"\nEverything lies in {output.resolve()}:")
+    tell(f"\nThe results are in {output.resolve()}:")
     tell("  map.npz, summary.txt, " + ", ".join(pictures))
     return flat_map
 
@@ -77,7 +77,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
 def _flat_image(flat_map: FlatMap, volume: Volume, name: str) -> Figure:
     from voxflat import figures
 
-    # right at the border of white matter T1 is the same everywhere
+    # at the border of white matter itself, T1 has the same value everywhere
     label = f"{name}, {DEPTH:g} mm outside white matter"
     return figures.flat_map(flat_map, figures.Overlay(volume, colour_map="gray", label=label), depth=DEPTH)
 
@@ -91,13 +91,12 @@ def _summary(flat_map: FlatMap, seconds: float) -> str:
     return "\n".join(
         [
             "Left hemisphere of the MNI152 template, white matter > 0.5",
-            f"{repair['handles']} handles were repaired: {len(repair['cut'])} voxels removed, "
-            f"{len(repair['filled'])} added",
-            f"the medial wall was left out; standard cuts: {', '.join(metadata['cut_names'])}",
+            f"{repair['handles']} handles repaired: {len(repair['cut'])} voxels removed, {len(repair['filled'])} added",
+            f"medial wall excluded; standard cuts: {', '.join(metadata['cut_names'])}",
             f"{len(flat_map)} vertices flattened in {seconds:.0f} s from {metadata['sources']} sources, "
             f"{width:.0f} x {height:.0f} mm",
-            f"{triangles.flipped} of {len(flat_map.faces)} triangles are turned over, "
-            f"{triangles.covering} cover another one",
+            f"{triangles.flipped} of {len(flat_map.faces)} triangles are flipped, "
+            f"{triangles.covering} overlap another triangle",
             "",
             flat_map.distortion.table(),
         ]

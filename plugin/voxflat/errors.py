@@ -1,11 +1,19 @@
 """The exceptions that voxflat raises on purpose."""
 
 import importlib
+import re
 from typing import Any
 
 
 class VoxflatError(Exception):
-    """Base of every exception that voxflat raises on purpose.
+    """Base class of all exceptions that voxflat raises on purpose.
+
+    Catch it, together with `OSError`, to handle every foreseen failure.
+
+    See Also
+    --------
+    InputError : The input or an argument cannot be used.
+    Cancelled : The user stopped a computation.
 
     Examples
     --------
@@ -18,14 +26,34 @@ class VoxflatError(Exception):
 
     @property
     def remedy(self) -> str:
-        """What to do: the message from its last semicolon or colon on; empty if it says nothing of it."""
+        """Return how to fix the error, as the message says; empty if the message does not say it.
+
+        This is the part of the message after its first sentence, or else after its last semicolon or colon.
+
+        See Also
+        --------
+        InputError : Its messages name the value and the remedy.
+
+        Examples
+        --------
+        >>> voxflat.InputError("radius is -1; give a positive radius").remedy
+        'give a positive radius'
+        """
         text = str(self)
-        at = max(text.rfind(mark) for mark in ("; ", ": "))
+        sentence = re.search(r"\. (?=[A-Z])", text)
+        at = max(text.rfind(mark) for mark in ("; ", ": ")) if sentence is None else sentence.start()
         return text[at + 2 :] if at >= 0 else ""
 
 
 class InputError(VoxflatError, ValueError):
-    """Bad input; the message names the value and the remedy.
+    """Exception for an input or an argument that cannot be used.
+
+    The message names the value, and the file if there is one, and says how to fix the error.
+
+    See Also
+    --------
+    AreaBoundError : No map keeps the area changes within a bound.
+    HemisphereError : No hemisphere was found in a volume.
 
     Examples
     --------
@@ -38,16 +66,23 @@ class InputError(VoxflatError, ValueError):
 
 
 class AreaBoundError(InputError):
-    """No map was found whose areas keep within a bound.
+    """Exception for a map whose area changes cannot be kept within ``Voxflat(max_area=...)``.
+
+    It carries the best map that was found, and cuts that would reduce its area distortion.
 
     Parameters
     ----------
     message : str
-        What was found, and what helps.
+        The error and its remedy.
     best : FlatMap
-        The map whose worst triangle is the best that was found.
+        The map that was found with the smallest maximum change of area.
     places : WorstPlaces
-        Where its areas are beyond the bound, and the cuts that relieve these places.
+        The regions of this map that exceed the bound, with suggested cuts.
+
+    See Also
+    --------
+    voxflat.worst_places : Find the regions of a map whose areas change most.
+    voxflat.methods.Voxflat : The method that takes the bound.
 
     Examples
     --------
@@ -64,23 +99,29 @@ class AreaBoundError(InputError):
         self.best, self.places = best, places
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Go to other processes whole."""
+        """Pickle the exception with all its arguments."""
         return type(self), (str(self), self.best, self.places)
 
 
 class HemisphereError(InputError):
-    """No hemisphere was found in the volume of a brain.
+    """Exception for a volume in which no cerebral hemisphere was found.
+
+    It carries the voxels that were taken for white matter, which `figure` shows.
 
     Parameters
     ----------
     message : str
-        The step that failed, and what helps.
+        The step that failed and the remedy.
     white : ndarray of bool, shape (X, Y, Z)
-        What was taken for white matter.
+        The voxels that were taken for white matter.
     affine : ndarray, shape (4, 4)
-        From its voxels to RAS+ in mm.
+        The affine from voxel indices to RAS+ coordinates in mm.
     template : ndarray of bool, shape (X, Y, Z), or None
-        MNI152's white matter on the same grid, where it fits best; None if no alignment was tried.
+        The white matter of MNI152, aligned on the same grid, or None if no alignment was tried.
+
+    See Also
+    --------
+    voxflat.hemisphere : Extract a hemisphere from the volume of a brain.
 
     Examples
     --------
@@ -95,16 +136,22 @@ class HemisphereError(InputError):
         self.white, self.affine, self.template = white, affine, template
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Go to other processes whole."""
+        """Pickle the exception with all its arguments."""
         return type(self), (str(self), self.white, self.affine, self.template)
 
     def figure(self) -> Any:
-        """Draw three sections through what was taken for white matter, with the template's outline.
+        """Draw three sections through the voxels that were taken for white matter.
+
+        The outline of the template is drawn over them if an alignment was tried.
 
         Returns
         -------
         matplotlib.figure.Figure
             Sagittal, coronal and axial sections through the middle of the white matter.
+
+        See Also
+        --------
+        voxflat.hemisphere : Extract a hemisphere from the volume of a brain.
 
         Examples
         --------
@@ -112,12 +159,18 @@ class HemisphereError(InputError):
         >>> len(error.figure().axes)
         3
         """
-        figures = importlib.import_module("voxflat.figures.sections")  # which stands above
+        figures = importlib.import_module("voxflat.figures.sections")  # a higher layer
         return figures.sections(self.white, self.affine, self.template)
 
 
-class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user asked for it)
-    """The user stopped a computation before its end.
+class Cancelled(VoxflatError):  # noqa: N818  (it is not an error: the user asked for it)
+    """Exception for a computation that the user stopped.
+
+    It is raised after a progress function returned False.
+
+    See Also
+    --------
+    voxflat.flatten : Its parameter `progress` takes the function.
 
     Examples
     --------
@@ -129,14 +182,14 @@ class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user aske
     """
 
 
-def told(error: BaseException) -> str:
-    """Say on one line what went wrong, to users."""
+def user_message(error: BaseException) -> str:
+    """Return the message of an exception for users, on one line."""
     if isinstance(error, VoxflatError):
         text = str(error)
     elif isinstance(error, MemoryError):
-        text = "memory ran out; take a smaller patch or fewer sources"
+        text = "The computation ran out of memory. Take a smaller patch or fewer sources."
     elif isinstance(error, OSError) and error.strerror:
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     else:
-        text = f"{type(error).__name__}: {error} (not foreseen: please report it with the output of --debug)"
+        text = f"{type(error).__name__}: {error} (unexpected error: please report it with the output of --debug)"
     return " ".join(text.split())

@@ -1,4 +1,4 @@
-"""Small surfaces and volumes for examples and first tries."""
+"""Small surfaces and volumes for examples and for trying out voxflat."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,18 @@ __all__ = ["ball", "hill"]
 
 
 def hill() -> Surface:
-    """Return a square sheet of 40 mm with a hill of 10 mm in its middle: 441 vertices.
+    """Return a square surface with a hill in the middle.
+
+    The square has sides of 40 mm and 441 vertices, and the hill is 10 mm high.
 
     Returns
     -------
     Surface
+        A surface of a mesh, with one boundary loop.
+
+    See Also
+    --------
+    ball : A label volume, for closed surfaces.
 
     Examples
     --------
@@ -28,11 +35,18 @@ def hill() -> Surface:
 
 
 def ball() -> NDArray[np.uint8]:
-    """Return a label volume, 24 voxels of 1 mm along each side, whose ball of radius 8 mm has the label 3.
+    """Return a label volume of a ball.
+
+    The volume has 24 voxels of 1 mm along each axis, and the ball has a radius of 8 mm and the label 3.
 
     Returns
     -------
     ndarray of uint8, shape (24, 24, 24)
+        The labels: 3 inside the ball and 0 elsewhere.
+
+    See Also
+    --------
+    hill : A surface with a boundary.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Rows of arrays as values, 3 to 6 times as fast as by `numpy.unique`, which also keeps Python's lock meanwhile."""
+"""Find unique rows of arrays, 3 to 6 times as fast as `numpy.unique`, which also holds the GIL while it sorts."""
 
 from typing import Any, NamedTuple
 
@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 
 class Distinct(NamedTuple):
-    """The different rows of an array."""
+    """The unique rows of an array."""
 
-    rows: NDArray[Any]  # sorted, by the first column first, shape (K, C), or (K,) of an array of one dimension
-    first: NDArray[np.int64]  # where each comes first, shape (K,)
-    which: NDArray[np.int64]  # which of them each row is, shape (N,)
-    counts: NDArray[np.int64]  # how often each comes, shape (K,)
+    rows: NDArray[Any]  # sorted lexicographically, shape (K, C), or (K,) for an array of one dimension
+    first: NDArray[np.int64]  # index of the first occurrence of each, shape (K,)
+    which: NDArray[np.int64]  # index of the unique row that each row of the array equals, shape (N,)
+    counts: NDArray[np.int64]  # number of occurrences of each, shape (K,)
 
 
 def distinct(rows: NDArray[Any]) -> Distinct:
-    """Find the different rows of an array of numbers, none of them NaN; of one dimension each is a row."""
+    """Find the unique rows of an array of numbers without NaN; each element of a 1-D array is a row."""
     columns = rows[:, None] if rows.ndim == 1 else rows
-    order = np.lexsort(columns.T[::-1])  # stable, so that the first of equal ones is first
+    order = np.lexsort(columns.T[::-1])  # stable, so that the first of equal rows comes first
     is_new = np.ones(len(rows), dtype=np.bool_)
     is_new[1:] = (columns[order[1:]] != columns[order[:-1]]).any(axis=1)
     which = np.empty(len(rows), dtype=np.int64)
@@ -28,12 +28,12 @@ def distinct(rows: NDArray[Any]) -> Distinct:
 
 
 def numbered(*parts: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Give rows of several arrays numbers from 0, in the order of the rows, the same to those that are the same."""
+    """Return numbers of the rows of several arrays, from 0 in sorted order; equal rows have equal numbers."""
     which = distinct(np.concatenate(parts)).which
     return tuple(np.split(which, np.cumsum([len(part) for part in parts[:-1]])))
 
 
 def in_rows(rows: NDArray[Any], of: NDArray[Any]) -> NDArray[np.bool_]:
-    """Say which rows are among others."""
+    """Return which rows occur in another array."""
     own, others = numbered(rows, of)
     return np.isin(own, others)

@@ -54,7 +54,7 @@ class TestCommand:
             ("atlas.npz", ("--heat-map",), "--heat-map"),
             ("atlas.npz", ("--pixel-size", 1), "--pixel-size"),
             ("atlas.obj", ("--heat-map", "--volume", mesh), "either --volume or --heat-map"),
-            ("atlas.obj", ("--depth", 1), "--depth is for --volume"),
+            ("atlas.obj", ("--depth", 1), "--depth requires --volume"),
         ):
             fail(2, message, "patches", mesh, "-o", tmp_path / name, *options)
             assert not (tmp_path / name).exists()

@@ -195,10 +195,10 @@ class TestCommand:
     def test_errors_are_one_line(self, mesh, tmp_path):
         out = tmp_path / "atlas.npz"
         for arguments, message in (
-            ((mesh, "-o", tmp_path / "atlas.stl"), "must end in .npz or .voxflat or .obj"),
+            ((mesh, "-o", tmp_path / "atlas.stl"), "ends in .npz or .voxflat or .obj"),
             ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "max_angle and count are given"),
             ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
-            ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "must end in .png"),
+            ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "ends in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
         ):
             assert fail(1, message, "patches", *arguments).stderr.count("\n") == 1

@@ -83,7 +83,7 @@ def test_flatten_says_which_part(shared, tmp_path):
     assert "warning: the surface has 2 components" in told.stderr
     assert "within 6.0 mm of voxel [10, 9, 12]" in run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
     np.save(tmp_path / "keep.npy", np.indices(surface.shape)[2] > 8)
-    assert "those of the mask" in run(*arguments, "--keep", tmp_path / "keep.npy").stdout
+    assert "inside the mask" in run(*arguments, "--keep", tmp_path / "keep.npy").stdout
 
 
 def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
@@ -255,7 +255,7 @@ def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
     far[0, 3] += 500
     write_volume(tmp_path / "far.nii.gz", np.ones((5, 5, 5), np.float32), far)
     words = ["image", shared / "map.npz", "--volume", tmp_path / "far.nii.gz", "-o", tmp_path / "far.png"]
-    fail(1, "shows nothing on the map", *words)
+    fail(1, "does not overlap the map", *words)
     assert not (tmp_path / "far.png").exists()
 
 
@@ -288,7 +288,7 @@ def test_demo_without_its_packages_says_what_to_install(monkeypatch):
     monkeypatch.setattr(demo, "run", missing)
     result = run("demo")
     assert result.exit_code == 1
-    assert result.stderr == "voxflat: error: the demo needs pyvista: pip install 'voxflat[demo]'\n"
+    assert result.stderr == "voxflat: error: the demo needs pyvista. Run pip install 'voxflat[demo]'\n"
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
@@ -298,8 +298,8 @@ def test_help(command):
     assert run("--version").stdout == f"voxflat {voxflat.__version__}\n"
 
 
-def told_default(command, option, method):
-    """The default that --help tells for a method: the one of its name, else the first."""
+def default_in_help(command, option, method):
+    """Return the default in --help for a method: the one after its name, or else the first."""
     text = run(command, "--help").stdout
     found = re.search(rf"^  {option} .*?(?=^  -|\Z)", text, re.MULTILINE | re.DOTALL)[0]
     told = re.search(r"\[default: ([^]]*)\]", " ".join(found.split()))[1].split("; ")
@@ -321,10 +321,10 @@ def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, op
     result = run("flatten", tmp_path / "sheet.npy", "--method", method, "--json", "-o", tmp_path / "map.npz")
     used = json.loads(result.stdout)
     if method == "voxflat":
-        assert told_default("flatten", "--method", None) == method
+        assert default_in_help("flatten", "--method", None) == method
     used["starts"] = len(used.get("starts", ()))  # the stress of each
     for option in options:
-        assert told_default("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
+        assert default_in_help("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
 
 
 FUNCTIONS = {"flatten": voxflat.flatten, "check": voxflat.check, "surface": voxflat.surface, "measure": voxflat.compare}

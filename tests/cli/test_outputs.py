@@ -83,7 +83,7 @@ def test_no_output_is_an_input(folder, case):
     for name in ("cuts.json", "drop.ply.json", "map.npz", "t.png", "v.png", "flat.png", "v.nii"):
         Path(name).write_text("{}")
     before = everything()
-    fail(1, "it is an input; choose another name", *OVER_INPUTS[case].split())
+    fail(1, "it is an input. Choose another name", *OVER_INPUTS[case].split())
     assert everything() == before
 
 
@@ -97,7 +97,7 @@ def test_no_output_is_an_input(folder, case):
 )
 def test_no_output_is_written_twice(folder, command):
     before = everything()
-    fail(1, "twice; choose another name", *command.split())
+    fail(1, "twice. Choose another name", *command.split())
     assert everything() == before
 
 
@@ -164,7 +164,7 @@ def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status
     [
         ("flatten none.npy -o m.npz", 1, "none.npy: No such file or directory", None),
         ("surface sheet.npy --label 7 -o s.ply", 1, "no voxel has label 7", "the volume has labels 1"),
-        ("image m.npz --heat-map -o m.bmp", 1, "cannot write m.bmp", "its name must end in"),
+        ("image m.npz --heat-map -o m.bmp", 1, "cannot write m.bmp", "Choose a name that ends in"),
         ("texture m.npz -o m.obj", 2, "Missing argument 'PICTURE'", None),
         ("flatten lh.white --label 3 -o m.npz", 1, "label is given", "leave it out"),
         ("path lh.white 0", 2, "Give at least two stops.", None),

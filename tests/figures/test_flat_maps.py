@@ -421,7 +421,7 @@ class TestCommand:
         ("options", "said"),
         [
             (["--above", "2"], "--above: only with --overlay"),
-            (["--table", "MAP"], "--table is for --parcels"),
+            (["--table", "MAP"], "--table requires --parcels"),
             (["--overlay", "MAP", "--range", "1"], "is not a pair"),
             (["--opacity", "3"], "opacity"),
         ],

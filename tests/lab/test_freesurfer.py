@@ -39,7 +39,7 @@ def test_what_is_written(flattened):
     measures = ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z")
     wanted |= {f"{h}.voxflat.{name}.shape.gii" for h in ("lh", "rh") for name in measures}
     assert {path.name for path in (made / "surf").glob("*voxflat*")} == wanted
-    assert re.search(r"sub-01 lh: \d+ points, error \d+\.\d %", result.stdout)
+    assert re.search(r"sub-01 lh: \d+ points, relative distance error \d+\.\d %", result.stdout)
     assert f"report: {made}/voxflat.html" in result.stdout
 
 

@@ -1,7 +1,7 @@
-"""The command line: `program` puts together the commands, one a module.
+"""The command line: `program` collects the commands, one per module.
 
-`options` holds what several commands take, `input` makes of it what they work on, `output` says whether a result can be
-written, and `console` shows progress, notes and errors.
+`options` defines the options that several commands share, `parameter_options` builds options from Python parameters,
+`input` makes the surface that a command works on, `output` checks output files, `console` shows progress and errors.
 """
 
 from voxflat.cli.program import main

@@ -1,4 +1,4 @@
-"""The terminal: how errors, progress and notes are shown."""
+"""The terminal: how errors, progress, notes and warnings are shown."""
 
 import atexit
 import json
@@ -17,46 +17,46 @@ import cloup
 from tqdm import tqdm
 
 from voxflat.arguments import Progress, log
-from voxflat.errors import Cancelled, told
+from voxflat.errors import Cancelled, user_message
 
-CANCELLED, TERMINATED = 130, 143  # as of programs that SIGINT and SIGTERM ended
+CANCELLED, TERMINATED = 130, 143  # the statuses of programs that SIGINT and SIGTERM end
 
 
 class Program(cloup.Group):
-    """A group of commands that turns whatever goes wrong into one line on stderr, or one JSON object, and a status.
+    """A group of commands that reports every error as one line on stderr, and as a JSON object with ``--json``.
 
-    1 for an input that cannot be used and work that failed, 2 for wrong usage, 130 where the user stopped it.
+    The exit status is 1 if the input cannot be used or the computation failed, 2 for wrong usage, and 130 if cancelled.
     """
 
     def main(self, args: Sequence[str] | None = None, *further: Any, **more: Any) -> Any:
-        """Run the program."""
+        """Run the program and exit."""
         arguments = list(sys.argv[1:] if args is None else args)
         try:
             status = self._status(arguments, *further, **more)
-        except KeyboardInterrupt:  # while the end was told
+        except KeyboardInterrupt:  # while the outcome was being printed
             status = CANCELLED
-        atexit.unregister(_let_it_end)
-        atexit.register(_let_it_end)
+        atexit.unregister(_ignore_interrupts)
+        atexit.register(_ignore_interrupts)
         sys.exit(status)
 
     def _status(self, arguments: list[str], *further: Any, **more: Any) -> int:
-        more["standalone_mode"] = False  # errors are shown here
-        _hold_standard_files()
+        more["standalone_mode"] = False  # click raises its errors instead of printing them
+        _replace_closed_files()
         try:
-            with _terminable():
+            with _sigterm_as_interrupt():
                 status = super().main(arguments, *further, **more)
         except click.ClickException as error:
-            _showing(error.show)
+            _ignoring_errors(error.show)
             status = _failed(arguments, error.format_message(), error.exit_code)
         except (Cancelled, click.Abort) as error:
             how = "terminated" if isinstance(error.__cause__, _Terminated) else "cancelled"
-            _say(f"voxflat: {how}")
+            _print(f"voxflat: {how}")
             status = _failed(arguments, how, TERMINATED if how == "terminated" else CANCELLED)
         except Exception as error:
             if "--debug" in arguments:
-                _say(traceback.format_exc().rstrip())
-            text = told(error)
-            _say(f"voxflat: error: {text}")
+                _print(traceback.format_exc().rstrip())
+            text = user_message(error)
+            _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
         return status if isinstance(status, int) else 0
 
@@ -68,19 +68,19 @@ class Program(cloup.Group):
             raise Cancelled("cancelled") from stop
 
 
-def _let_it_end() -> None:
-    """Take no Ctrl-C any more: all is done, and what Python tidies up would be broken off with a traceback."""
+def _ignore_interrupts() -> None:
+    """Ignore Ctrl-C once the work is done, or it would interrupt Python's clean-up with a traceback."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class _Terminated(KeyboardInterrupt):
-    """SIGTERM came: all that Ctrl-C tidies up is tidied up, too."""
+    """SIGTERM was received, which is handled as Ctrl-C is."""
 
 
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """Take SIGTERM as Ctrl-C, so that no temporary file is left."""
+def _sigterm_as_interrupt() -> Iterator[None]:
+    """Treat SIGTERM like Ctrl-C, so that temporary files are removed."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -95,50 +95,50 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
-def _hold_standard_files() -> None:
-    """Put something in place of standard files that are closed, whose numbers a result's file would get otherwise."""
+def _replace_closed_files() -> None:
+    """Replace closed standard streams, or a result's file would get their descriptors."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
-    sys.stdout = sys.stdout or _nowhere()
-    sys.stderr = sys.stderr or _nowhere()
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor, which is this one
+    sys.stdout = sys.stdout or _null_stream()
+    sys.stderr = sys.stderr or _null_stream()
 
 
-def _nowhere() -> TextIO:
+def _null_stream() -> TextIO:
     return open(os.devnull, "w")
 
 
 def _failed(arguments: list[str], text: str, status: int, remedy: str = "") -> int:
-    """Return the exit status; with ``--json`` what went wrong is the object on stdout, too."""
+    """Return the exit status; with ``--json``, also print the error as a JSON object on stdout."""
     if "--json" in arguments:
         with suppress(OSError):
             click.echo(json.dumps({"error": text, "remedy": remedy or None, "exit_code": status}))
     return status
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     """Print a line on stderr."""
-    _showing(lambda: click.echo(text, err=True))
+    _ignoring_errors(lambda: click.echo(text, err=True))
 
 
-def _showing(show: Callable[[], None]) -> None:
-    """Show something on stderr, if that takes it: what is told there is never worth a result."""
+def _ignoring_errors(show: Callable[[], None]) -> None:
+    """Write to stderr; a failure to do so must not lose the result."""
     try:
         show()
-    except (OSError, ValueError):  # it is full, or closed
-        sys.stderr = _nowhere()  # or Python's own end would fail, too
+    except (OSError, ValueError):  # the disk is full, or the stream is closed
+        sys.stderr = _null_stream()  # or Python would fail when it flushes stderr at exit
 
 
 class _Stderr:
-    """Stderr, but what it does not take is left out."""
+    """Stderr, on which failures to write are ignored."""
 
     def write(self, text: str) -> None:
-        _showing(lambda: print(end=text, file=sys.stderr))
+        _ignoring_errors(lambda: print(end=text, file=sys.stderr))
 
     def flush(self) -> None:
-        _showing(sys.stderr.flush)
+        _ignoring_errors(sys.stderr.flush)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(sys.stderr, name)
@@ -148,10 +148,10 @@ _STDERR = _Stderr()
 
 
 class Bars:
-    """Progress on stderr, one bar a stage; it disappears when its stage is over."""
+    """A progress bar on stderr for each stage, which disappears when the stage is finished."""
 
     def __init__(self, hidden: bool) -> None:
-        # one object from the start, so that there is always one to close, wherever Ctrl-C strikes
+        # one bar is reused for all stages, so that there is always a bar to close when Ctrl-C is pressed
         self._bar = tqdm(
             desc="reading",
             total=1,
@@ -173,17 +173,17 @@ class Bars:
         self._bar.update(done - self._bar.n)
 
     def tell(self, text: str) -> None:
-        """Print a line where no bar is."""
+        """Hide the bar and print a line."""
         self.hide()
         click.echo(text)
 
     def hide(self) -> None:
-        """Take the bar away until it moves on."""
+        """Hide the bar until its next update."""
         self._bar.clear()
 
 
 class _Notes(logging.Handler):
-    """Print what the package logs, the memory that it needs and warnings, on stderr above the bars."""
+    """Print the notes and warnings that the package logs on stderr, above the bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
         kind = "warning: " if record.levelno >= logging.WARNING else ""
@@ -191,16 +191,16 @@ class _Notes(logging.Handler):
 
 
 @contextmanager
-def bars(quiet: bool = False, *, hushed: bool = False) -> Iterator[Bars]:
-    """Show progress and notes while a command works; not where it is to be quiet, and no notes that stand elsewhere."""
+def bars(quiet: bool = False, *, notes: bool = True) -> Iterator[Bars]:
+    """Show progress, and the notes and warnings that the package logs, while a command works."""
     shown = Bars(hidden=quiet or not sys.stderr.isatty())
-    notes = logging.NullHandler() if quiet or hushed else _Notes()
+    handler = _Notes() if notes and not quiet else logging.NullHandler()
     level = log.level
-    log.addHandler(notes)
+    log.addHandler(handler)
     log.setLevel(logging.INFO)
     try:
         yield shown
     finally:
-        log.removeHandler(notes)
+        log.removeHandler(handler)
         log.setLevel(level)
         shown.close()

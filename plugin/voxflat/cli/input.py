@@ -1,4 +1,4 @@
-"""From INPUT and its options to what a command works on."""
+"""Make the surface, and the part of it, that a command works on."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,14 +18,14 @@ _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repa
 
 
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
-    """Make the surface of an input; the options that say how are taken out of what is given."""
+    """Make the surface of an input; its options are removed from those of the command."""
     how, side = {name: given.pop(name) for name in _MAKING}, given.pop("hemisphere")
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
     if side is None:
         return surface(input_, **how, **limits, progress=progress)
     for name in ("label", "unit", "probability", "pial"):
         if how[name] is not None:
-            raise InputError(f"--{name} and --hemisphere cannot be combined: leave one of them out")
+            raise InputError(f"--{name} and --hemisphere cannot be combined. Give only one of them.")
     try:
         found = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"], progress=progress)
     except HemisphereError as error:
@@ -38,19 +38,21 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
         try:
             check_beside(output, picture)
             figures.save(error.figure(), picture, {"voxflat": __version__})
-        except (InputError, OSError):  # why there is no hemisphere matters more
+        except (InputError, OSError):  # the reason why the hemisphere was not found matters more
             raise error from None
-        raise InputError(f"{error}; {picture} shows what was taken for it") from error
+        raise InputError(
+            f"{str(error).rstrip('.')}. {picture} shows the voxels that were taken for white matter."
+        ) from error
     return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
 
 
 def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:
-    """Return what chooses the part of a surface; the options that say which are taken out of what is given."""
+    """Return a function that cuts out the part of a surface; its options are removed from those of the command."""
     keep, drop, polygon = (given.pop(name) for name in ("keep", "drop", "polygon"))
     seed_point, radius = given.pop("seed_point"), given.pop("radius")
     if (seed_point is None) != (radius is None):
         named, missing = ("--seed-point", "--radius") if radius is None else ("--radius", "--seed-point")
-        raise InputError(f"{named} is given without {missing}; give both or neither")
+        raise InputError(f"{named} is given without {missing}. Give both or neither.")
 
     def choose(part: Surface) -> Surface:
         if keep is not None:

@@ -3,7 +3,7 @@
 import functools
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,7 +12,7 @@ import cloup
 import numpy as np
 
 from voxflat.cli.output import READ, WRITTEN
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
 from voxflat.io.grid import UNITS
@@ -25,11 +25,8 @@ from voxflat.surfaces.standard.template import STANDARD
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
-# ------------------------------------------------------------------------------------------- values
-
-
 def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[float, ...] | None]:
-    """Return a callback that takes an option's text as three numbers between commas."""
+    """Return a callback that converts an option's text to three numbers."""
 
     def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
         try:
@@ -37,90 +34,94 @@ def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[f
         except ValueError:
             numbers = ()
         if numbers is not None and len(numbers) != 3:
-            raise click.BadParameter(f"{value!r} must be three numbers between commas, like {example}.")
+            raise click.BadParameter(f"{value!r} is not three numbers. Separate them by commas, such as {example}.")
         return numbers
 
     return convert
 
 
 def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Take an option's text as an amount of memory."""
+    """Convert an option's text to a number of bytes."""
     if value is None:
         return None
     match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
     if match is None:
         raise click.BadParameter(
-            f"{value!r} is no amount of memory; give bytes, or a number with K, M, G or T, like 4G."
+            f"{value!r} is not an amount of memory. Give bytes, or a number with K, M, G or T, such as 4G."
         )
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
 
 def _rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
-    """Take an option's text as a number of rings, or as all."""
+    """Convert an option's text to a number of rings, or "all"."""
     if value is None or value == "all":
         return value
     try:
         return int(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} must be a number of rings, or all.") from None
+        raise click.BadParameter(f"{value!r} is not a number of rings. Give an integer, or all.") from None
 
 
 def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:
-    """Take an option's text as voxel indices, or as the number of a vertex."""
+    """Convert an option's text to voxel indices or a vertex number."""
     if value is not None and "," not in value:
         try:
             return int(value)
         except ValueError:
-            raise click.BadParameter(f"{value!r} must be I,J,K, or the number of a vertex.") from None
+            raise click.BadParameter(
+                f"{value!r} is not a point. Give voxel indices I,J,K or a vertex number."
+            ) from None
     indices = _three(int, "136,112,127")(ctx, param, value)
     return None if indices is None else tuple(int(index) for index in indices)
 
 
 def places(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> list[Any]:
-    """Take each of several texts as voxel indices, or as the number of a vertex."""
+    """Convert several texts to voxel indices or vertex numbers."""
     return [_place(ctx, param, text) for text in value]
 
 
 def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) -> Any:
-    """Take a file as a list of vertices: in each line a vertex number, or three voxel indices."""
+    """Read a list of vertices from a file with one vertex number, or three voxel indices, per line."""
     if value is None:
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of an empty file, which the check below names
-            words = np.loadtxt(value, dtype=np.str_, ndmin=1)  # as numbers, NumPy before 2.3 takes 1.5 for 1
+            warnings.simplefilter("ignore")  # about empty files, which are reported below
+            words = np.loadtxt(value, dtype=np.str_, ndmin=1)  # NumPy before 2.3 would read 1.5 as the integer 1
         vertices = words.astype(np.int64)
     except (OSError, ValueError) as error:
-        raise click.BadParameter(f"{value} is no list of vertices: {error}") from None
+        raise click.BadParameter(f"{value} is not a list of vertices: {error}") from None
     if len(vertices) == 0:
-        raise click.BadParameter(f"{value} lists no vertex.")
+        raise click.BadParameter(f"{value} does not list any vertices.")
     return vertices if vertices.ndim == 1 or vertices.shape[1] == 3 else vertices.ravel()
 
 
 def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | str | None:
-    """Take files of vertex lists as cuts; a file of cuts, and a word, stay one."""
+    """Convert the values of --cuts: a keyword, a file of cuts, or one vertex list per file."""
     words = {str(file) for file in value} & {STANDARD, AUTOMATIC}
     if words:
         if len(value) > 1:
-            raise click.BadParameter(f"{words.pop()} says where to cut; give no other.")
+            raise click.BadParameter(f"{words.pop()} cannot be combined with other cuts. Give it alone.")
         return words.pop()
     if any(file.suffix.lower() == ".json" for file in value):
         if len(value) > 1:
-            raise click.BadParameter("a file of cuts or a template (.json) holds all of them; give no other.")
+            raise click.BadParameter(
+                "A file of cuts or a template (.json) cannot be combined with others. Give it alone."
+            )
         return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
 
 
 def numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    """Take an option's text as one number, or several between commas."""
+    """Convert an option's text to one or more numbers."""
     try:
         return None if value is None else tuple(float(part) for part in value.split(","))
     except ValueError:
-        raise click.BadParameter(f"{value!r} must be a number, or several between commas, like 0.25,0.5.") from None
+        raise click.BadParameter(f"{value!r} is not a number or a list of numbers such as 0.25,0.5.") from None
 
 
 class _File(click.Path):
-    """A path that is noted in the command's context, under a key that says what for."""
+    """A path that is recorded in the context of the command as read or written."""
 
     def __init__(self, key: str) -> None:
         super().__init__(path_type=Path)
@@ -129,36 +130,54 @@ class _File(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = super().convert(value, param, ctx)
         if ctx is not None:
-            name = param.name if param is not None and self._key == WRITTEN else path  # of what is written there is one
+            name = param.name if param is not None and self._key == WRITTEN else path  # output options hold one path
             ctx.meta.setdefault(self._key, {})[name] = path
         return path
 
 
-# ----------------------------------------------------------------------------------------- sections
-
 FILE = _File(READ)
-"""The type of options and arguments that name what is read."""
+"""The type of options and arguments that name a file to read."""
 
 OUT = _File(WRITTEN)
-"""The same of what is written."""
+"""The type of options that name a file to write."""
 
 
 def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _Command]:
-    """Return several options under a title, as one decorator."""
+    """Return a decorator that adds several options under a title."""
     decorator: Callable[[_Command], _Command] = cloup.option_group(title, *options)
     return decorator
 
 
-def reads(name: str, told: str, *, metavar: str = "F", **more: Any) -> Callable[[_Command], _Command]:
-    """Return an option that names a file that is read."""
-    return cloup.option(name, type=FILE, metavar=metavar, help=told, **more)
+def flag(name: str, help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option without a value."""
+    return cloup.option(name, *names, is_flag=True, help=help_, **more)
+
+
+def value(name: str, metavar: str, help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option with a value."""
+    return cloup.option(name, *names, metavar=metavar, help=help_, **more)
+
+
+def choice(name: str, of: Iterable[str], help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option whose value is one of several words."""
+    return cloup.option(name, *names, type=click.Choice(list(of)), help=help_, **more)
+
+
+def reads(name: str, help_: str, *, metavar: str = "FILE", **more: Any) -> Callable[[_Command], _Command]:
+    """Return an option that names a file to read."""
+    return value(name, metavar, help_, type=FILE, **more)
+
+
+def writes(name: str, help_: str, *names: str, metavar: str = "FILE") -> Callable[[_Command], _Command]:
+    """Return an option that names a file to write."""
+    return value(name, metavar, help_, *names, type=OUT)
 
 
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
 
 
 def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
-    """Return several options, or sections, as one decorator."""
+    """Return a decorator that adds several options or sections."""
 
     def decorate(command: _Command) -> _Command:
         for option in reversed(options):
@@ -169,12 +188,12 @@ def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
 
 
 def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[str, bool]:
-    """Return both options of what lies beside, as whatever writes takes them."""
+    """Return --sidecar and --overwrite as keyword arguments for functions that save results."""
     return {"sidecar": ctx.params.pop("sidecar"), "overwrite": value}
 
 
 def output(help_: str, *further: Callable[..., Any], required: bool = True) -> Callable[[_Command], _Command]:
-    """Return the section of what is written: the result, and what lies beside it."""
+    """Return the section of options for the output file and the files beside it."""
     return section(
         "Output",
         cloup.option("-o", "--output", type=OUT, required=required, metavar="OUT", help=help_),
@@ -182,35 +201,34 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
         cloup.option(
             "--sidecar",
             is_flag=True,
-            is_eager=True,  # for what comes with it
-            help="Write the record of how OUT was made beside it, as OUT.json: for formats that cannot hold it.",
+            is_eager=True,  # so that it is known when --overwrite is handled
+            help="Also write how OUT was made (inputs, options, version) to OUT.json, for formats that cannot hold it.",
         ),
-        cloup.option(
+        flag(
             "--overwrite",
+            "Replace existing files beside OUT even if voxflat did not write them.",
             "writing",
-            is_flag=True,
             callback=_writing,
-            help="Replace files beside OUT that voxflat did not write.",
         ),
         as_json,
     )
 
 
-as_json = cloup.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
-debug = cloup.option("--debug", is_flag=True, expose_value=False, help="Show where in the program an error arose.")
-quiet = cloup.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+as_json = flag("--json", "Print one JSON object to stdout instead of text.", "as_json")
+debug = flag("--debug", "Print the traceback if an error occurs.", expose_value=False)
+quiet = flag("--quiet", "Do not print progress, warnings or a summary.")
 seed = option_of(Surface.flatten, "seed", type=int)
 threads = option_of(Surface.flatten, "threads", type=int, metavar="N")
 memory_limit = option_of(Surface.flatten, "memory_limit", metavar="SIZE", callback=_bytes)
 
 
 def run(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
-    """Return the section on how to run: the options that a command has, and ``--debug``."""
+    """Return the section of options that control the run; ``--debug`` is always part of it."""
     return section("Run control", *options, debug)
 
 
 def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that runs for either hemisphere when both are asked for; its files are named lh. and rh."""
+    """Return a command that runs once per hemisphere for ``--hemisphere both``, with outputs named lh.* and rh.*."""
 
     @functools.wraps(command)
     def each(**given: Any) -> None:
@@ -227,70 +245,72 @@ def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
     return each
 
 
-_making = section(
+_surface_options = section(
     "Input",
     option_of(surface, "label", type=int),
     option_of(surface, "threshold", type=float),
-    cloup.option(
+    choice(
         "--hemisphere",
-        type=click.Choice(["left", "right", "both"]),
-        help="Extract this hemisphere from the white matter, or segmentation, of a whole brain: without cerebellum and "
-        "brain stem, with ventricles and deep nuclei filled, repaired to a sphere. With both, the command runs for "
-        "each, and the files that it writes are called lh.NAME and rh.NAME.",
+        ["left", "right", "both"],
+        "Extract this hemisphere from the white matter, or a segmentation, of a whole brain: cerebellum and brain "
+        'stem are removed, ventricles and deep nuclei filled. "both" runs the command once per hemisphere and writes '
+        "lh.OUT and rh.OUT.",
     ),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
-    option_of(surface, "unit", type=click.Choice(UNITS)),
+    option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
-    option_of(surface, "pial", type=FILE, metavar="FILE"),
+    option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),
 )
 
 
-def making(command: _Command) -> _Command:
-    """How a surface is made of INPUT."""
-    return _making(_for_each_side(command))  # type: ignore[return-value]
+def surface_options(command: _Command) -> _Command:
+    """Add the options that say how the surface of INPUT is made."""
+    return _surface_options(_for_each_side(command))  # type: ignore[return-value]
 
 
 region = section(
     "Region",
-    reads(
-        "--keep",
-        "Work on this region only: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
-        metavar="FILE",
-    ),
+    reads("--keep", "Restrict the surface to this region: a mask volume, or for meshes a label, patch or GIFTI file."),
     reads(
         "--drop",
-        "Leave this region out: a file as for --keep, or medial-wall, where white and pial surface touch.",
-        metavar="FILE",
+        "Exclude this region: a file as for --keep, or medial-wall for the part where white and pial surface touch.",
     ),
-    cloup.option(
+    value(
         "--seed-point",
-        metavar="I,J,K|V",
+        "I,J,K|V",
+        "Restrict the surface to the geodesic disk around this voxel (indices from 0) or mesh vertex (number from "
+        "0). Requires --radius.",
         callback=_place,
-        help="Work on the geodesic disk around this voxel (indices), or vertex of a mesh (number), counted from 0.",
     ),
     option_of(Surface.disk, "radius", type=float, metavar="MM"),
     reads(
         "--polygon",
-        "Work on the region enclosed by shortest paths between the corners listed in FILE (one corner per line).",
-        metavar="FILE",
+        "Restrict the surface to the region enclosed by shortest paths between the corners listed in FILE (one corner "
+        "per line).",
         callback=_vertices,
     ),
 )
-"""Which part of the surface is worked on."""
 
 
 def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> float | bool | None:
-    """Take the length instead, where one is given."""
+    """Return --relax-length if it is given, and --relax otherwise."""
     length = ctx.params.pop("relax_length", None)
     if length is not None and value is False:
-        raise click.BadParameter("--no-relax and --relax-length contradict each other.")
+        raise click.BadParameter("--no-relax and --relax-length cannot be combined. Give only one of them.")
     return value if length is None else float(length)
 
 
 where_cut = (
     option_of(
-        Surface.cut, "cuts", type=FILE, metavar="standard|automatic|FILE", multiple=True, callback=paths, sentences=2
+        Surface.cut,
+        "cuts",
+        type=FILE,
+        metavar="standard|automatic|FILE",
+        multiple=True,
+        callback=paths,
+        sentences=3,
+        note="FILE is a file of cuts, a template, or a list of neighbouring vertices (may be repeated).",
     ),
     option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
 )
@@ -299,35 +319,31 @@ further_cuts = (
         "--relax/--no-relax",
         default=None,
         callback=_relax,
-        help="Cut the disk further where that reduces the distortion of the map, as long as it pays.  [default: where "
-        "nothing says where to cut]",
+        help="Add relaxation cuts (cuts that reduce the distortion of the map) as long as they pay off.  [default: "
+        "--relax, unless --cuts or a patch says where to cut]",
     ),
-    cloup.option(
+    value(
         "--relax-length",
+        "MM",
+        "Maximum total length of relaxation cuts, in mm, including those of --cuts.",
         type=click.FloatRange(min=0),
-        metavar="MM",
         is_eager=True,
-        help="The greatest length of relaxation cuts, those of --cuts included, mm.",
     ),
     option_of(Surface.cut, "adapt", type=click.FloatRange(min=0, min_open=True), metavar="MM"),
 )
 cuts = section("Cuts", *where_cut, *further_cuts)
-"""Where the surface is cut."""
-
-choice_of_cuts = section("Cuts", *where_cut)
-"""The same for commands that cut no further."""
-
-
-# ------------------------------------------------------------------------------------------- methods
+choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
 
 
 def link_lengths(of: Any) -> Callable[[_Command], _Command]:
-    """Return the option for the lengths of links between voxels."""
-    return option_of(of, "link_lengths", type=click.Choice(["chain-code", "euclidean"]))
+    """Return the option for the lengths of links between neighbouring voxels."""
+    note = "" if of is Grossmann2002 else "Requires --geodesic chain."
+    kinds = click.Choice(["chain-code", "euclidean"])
+    return option_of(of, "link_lengths", type=kinds, like=Grossmann2002, note=note)
 
 
 def _of_methods(option: str) -> str:
-    """Return the defaults of an option that several methods have."""
+    """Return the defaults of an option that several methods share, as text."""
     usual = {name: getattr(method(), option) for name, method in METHODS.items() if hasattr(method, option)}
     first = usual["voxflat"]
     return "; ".join([str(first), *(f"{name}: {value}" for name, value in usual.items() if value != first)])
@@ -336,20 +352,27 @@ def _of_methods(option: str) -> str:
 method_options = group(
     section(
         "Method",
-        cloup.option(
+        choice(
             "--method",
-            type=click.Choice(list(METHODS)),
+            list(METHODS),
+            f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}.",
             default=next(iter(METHODS)),
-            help="; ".join(f"{name}: {method.summary}" for name, method in METHODS.items()) + ".",
         ),
-        option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources")),
+        option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources"), until=", or the points"),
         option_of(Voxflat, "sampling", type=click.Choice([*SAMPLINGS, "decimation"]), default=_of_methods("sampling")),
     ),
     section(
         "Method voxflat",
-        option_of(Voxflat, "geodesic", type=click.Choice(SOLVERS), default="graph, or one that is at most 1 % off"),
-        option_of(Voxflat, "weighting", type=click.FloatRange(0, 1)),
-        option_of(Voxflat, "scale", type=click.Choice(SCALES)),
+        option_of(
+            Voxflat,
+            "geodesic",
+            type=click.Choice(SOLVERS),
+            sentences=4,
+            like=Surface.geodesic,
+            default="graph, or a more exact one if its error exceeds 1 %",
+        ),
+        option_of(Voxflat, "weighting", type=click.FloatRange(0, 1), metavar="W", sentences=2),
+        option_of(Voxflat, "scale", type=click.Choice(SCALES), sentences=2),
         option_of(Voxflat, "max_area", type=float, metavar="FACTOR"),
         option_of(Voxflat, "start", type=FILE, metavar="MAP"),
     ),
@@ -361,40 +384,35 @@ method_options = group(
     ),
     section("Method saucan2006", option_of(Saucan2006, "bound", type=float, metavar="C")),
 )
-"""The methods and their options."""
 
 _OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "scale", "max_area", "start")
 _OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
 
 
 def method_of(given: dict[str, Any]) -> Method:
-    """Take a method and its options out of what a command was given."""
+    """Remove the method and its options from those of a command, and return the method."""
     name = given.pop("method")
     chosen = {option: value for option in _OPTIONS if (value := given.pop(option)) is not None}
     for option in chosen:
         if not hasattr(METHODS[name], option):
-            raise click.UsageError(f"--{option.replace('_', '-')}: the method {name} has no such option; leave it out.")
+            flag = f"--{option.replace('_', '-')}"
+            raise click.UsageError(f"{flag} is not an option of the method {name}. Leave it out.")
     return METHODS[name](**chosen)
 
 
-# --------------------------------------------------------------------------------------------- others
-
-period = cloup.option(
+period = value(
     "--period",
+    "P",
+    "Treat values as phases with this period, such as 360, so that averages and colours wrap around.",
     type=click.FloatRange(min=0, min_open=True),
-    metavar="P",
-    help="Values are phases with this period, such as 360: means between them go the short way round, colours begin "
-    "again.",
 )
-"""Whether values are phases."""
 
-time_step = cloup.option(
+time_step = value(
     "--time-step",
+    "S",
+    "Time between frames of a series, in seconds.  [default: from the file]",
     type=click.FloatRange(min=0, min_open=True),
-    metavar="S",
-    help="From each frame of a series to the next, s.  [default: what the file says]",
 )
-"""When the frames of a series were."""
 
 store = option_of(Surface.geodesic, "store", type=OUT, metavar="DIR")
 dask = option_of(Surface.geodesic, "dask", metavar="ADDRESS|FILE|local")

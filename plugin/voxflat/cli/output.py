@@ -1,4 +1,4 @@
-"""What a command writes: whether it can, and as JSON."""
+"""Check the output files of a command before its work begins, and print JSON."""
 
 import errno
 import json
@@ -15,10 +15,10 @@ from voxflat.io.files import check_new
 from voxflat.io.provenance import check_beside, sidecar_of
 
 FIGURE_ENDINGS = (".png", ".pdf", ".svg")
-"""How the name of a figure's file may end."""
+"""The file name extensions of figures."""
 
 READ, WRITTEN = "voxflat.read", "voxflat.written"
-"""Under these keys of a command's context stand the files that it is told to read, and to write."""
+"""The keys under which the context of a command holds the files that it reads and writes."""
 
 
 def check_output(
@@ -29,26 +29,28 @@ def check_output(
     sidecar: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Find out before the long work whether its result can be written.
+    """Check that a result can be written before it is computed.
 
-    No file that is written may be one that is read, by any name, or another that is written. What the user named may
-    replace a file; what is written beside it only what voxflat wrote, or with ``--overwrite``.
+    An output must not be an input under any name, or the same file as another output. An existing file that the user
+    named is replaced; files beside it are replaced only if voxflat wrote them, or with ``--overwrite``.
 
-    `path`: the result. `endings`, sequence of str: how its name may end; any way by default. `beside`, sequence of
-    Path: what is written beside it. `sidecar`: whether its record is, too. `overwrite`: whether files beside it may
-    replace others.
+    `path`: the result. `endings`: the allowed file name extensions, any by default. `beside`: the files that are
+    written beside it. `sidecar`: whether its record is written beside it, too. `overwrite`: whether existing files
+    beside it are replaced.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
-        raise InputError(f"cannot write {path}: its name must end in {' or '.join(endings)}")
+        raise InputError(
+            f"cannot write {path}: unknown file format. Choose a name that ends in {' or '.join(endings)}."
+        )
     files = [*beside, *([sidecar_of(path)] if sidecar else [])]
     meta = click.get_current_context().meta
     for own in (path, *files):
         if any(_is_same(own, other) for other in meta.get(READ, {}).values()):
-            raise InputError(f"cannot write {own}: it is an input; choose another name")
-    written = [*meta.get(WRITTEN, {}).values(), *files]  # path among them
+            raise InputError(f"cannot write {own}: it is an input. Choose another name for the output.")
+    written = [*meta.get(WRITTEN, {}).values(), *files]  # includes path
     for number, one in enumerate(written):
         if any(_is_same(one, other) for other in written[:number]):
-            raise InputError(f"cannot write {one} twice; choose another name for one of the results")
+            raise InputError(f"cannot write {one} twice. Choose another name for one of the outputs.")
     for file in files:
         check_beside(path, file, overwrite=overwrite)
     if path.suffix.lower() == ".zarr":
@@ -63,7 +65,7 @@ def check_output(
 
 
 def _is_same(a: Path, b: Path) -> bool:
-    """Tell whether two names are of one file; of files that are not there yet, by their names alone."""
+    """Return whether two paths are the same file; paths of files that do not exist yet are compared by name."""
     if a.exists() and b.exists():
         return a.samefile(b)
     return os.path.realpath(a) == os.path.realpath(b)

@@ -1,4 +1,4 @@
-"""The program `voxflat`. Status: 0 success; 1 failed, or `check` says no; 2 usage; 130 cancelled, 143 terminated."""
+"""The program `voxflat`. Exit status: 0 success, 1 failure, 2 wrong usage, 130 cancelled, 143 terminated."""
 
 import click
 import cloup
@@ -32,11 +32,11 @@ from voxflat.cli.console import Program
 @cloup.group(
     cls=Program,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
-    epilog="A first try: voxflat demo.  Help on a command: voxflat flatten --help.",
+    epilog='Try "voxflat demo" first. For help on a command, run for example "voxflat flatten --help".',
 )
 @click.version_option(__version__, message="voxflat %(version)s")
 def main() -> None:
-    """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
+    """Flatten curved surfaces, such as the cerebral cortex, while preserving geodesic distances."""
 
 
 _MAKING = (flatten, check, surface, cut, register, path, measure, worst, patches, rows)

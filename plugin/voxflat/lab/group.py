@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from voxflat.errors import InputError, told
+from voxflat.errors import InputError, user_message
 from voxflat.lab.comparison import Mean, Row, Sums, outliers
 from voxflat.lab.freshness import is_page_of, page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, participants
@@ -81,7 +81,7 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
                 try:
                     yield Row(*about, letter, page, read_record(results.record))
                 except InputError as error:
-                    yield Row(*about, letter, page, None, told(error))
+                    yield Row(*about, letter, page, None, user_message(error))
         if not found:
             yield Row(*about, "n/a", page, None, NO_FILES if one.folder is None else "not flattened yet")
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from voxflat._core import __version__
 from voxflat.distances.cluster import connected
-from voxflat.errors import Cancelled, InputError, told
+from voxflat.errors import Cancelled, InputError, user_message
 from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
 from voxflat.lab.results import LoadedResults, Results, read_record
@@ -141,7 +141,7 @@ def _planned(one: Participant, out: Path, hemi: str, parameters: Parameters) -> 
         wanted = request(_found(one.folder, hemi, parameters), parameters)
         return Outcome(one.name, hemi, *state(results_of(one, out)(hemi), wanted))
     except (InputError, OSError) as error:
-        return Outcome(one.name, hemi, "failed", told(error))
+        return Outcome(one.name, hemi, "failed", user_message(error))
 
 
 def results_of(one: Participant, out: Path) -> Callable[[str], Results]:
@@ -234,7 +234,7 @@ def _one(
 
 def _failed(name: str, hemi: str, results: Results, error: Exception) -> Outcome:
     """Write the reason of a failure, and return the outcome."""
-    reason = told(error)
+    reason = user_message(error)
     with suppress(OSError):  # the outcome has the reason even if the file cannot be written
         write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
     return Outcome(name, hemi, "failed", reason)

@@ -1,1 +1,1 @@
-"""The commands of the program `voxflat`, one a module."""
+"""The commands of the program `voxflat`, one per module."""

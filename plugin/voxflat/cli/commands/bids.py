@@ -7,19 +7,25 @@ from typing import Any
 import click
 import cloup
 
-from voxflat.cli import labs, options
+from voxflat.cli import options, study_options
 from voxflat.cli.console import bars
 from voxflat.cli.output import print_json
 from voxflat.lab.group import group
 from voxflat.lab.study import plan, study
 
-_MOST = 100  # of an exit status: greater ones mean something else to shells
+_MAX_STATUS = 100  # shells give greater exit statuses other meanings
 _HEMIS = {"L": "lh", "R": "rh"}
+_DASK = options.value(
+    "--dask",
+    "ADDRESS|FILE|local",
+    "Process the participants on the workers of a Dask cluster: give the address or the file of its scheduler, or "
+    '"local" for workers on this machine.',
+)
 
 
 @cloup.command(
     "bids",
-    cls=labs.Several,
+    cls=study_options.MultipleValuesCommand,
     epilog="""\b
 Examples:
   voxflat bids study study/derivatives/voxflat participant
@@ -34,29 +40,20 @@ Examples:
 @cloup.argument("level", metavar="participant|group", type=click.Choice(["participant", "group"]))
 @options.section(
     "Participants",
-    cloup.option(
+    options.value(
         "--participant-label",
+        "LABEL",
+        "Process only these participants, with or without the prefix sub-. Several may be given.  [default: all]",
         "--participant_label",
         "labels",
         multiple=True,
-        metavar="LABEL",
-        help="Only these, with or without sub-; several after each other.  [default: all]",
     ),
-    cloup.option(
-        "--hemi",
-        "hemis",
-        type=click.Choice(list(_HEMIS)),
-        multiple=True,
-        default=tuple(_HEMIS),
-        help="Which hemispheres.",
-    ),
-    cloup.option(
-        "--dry-run", is_flag=True, help="Say what would be done, one JSON object per hemisphere, and do nothing."
-    ),
+    options.choice("--hemi", list(_HEMIS), "Hemispheres to process.", "hemis", multiple=True, default=tuple(_HEMIS)),
+    options.flag("--dry-run", "Print what would be done, as one JSON object per hemisphere, and stop."),
 )
-@labs.making
+@study_options.map_options
 @options.section("Output", options.as_json)
-@options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
+@options.run(_DASK, options.seed, options.threads, options.memory_limit, options.quiet)
 def command(
     source: Path,
     out: Path,
@@ -69,42 +66,44 @@ def command(
     quiet: bool,
     **given: Any,
 ) -> int:
-    """Flatten all participants of a study, as a BIDS-App.
+    """Flatten all participants of a study (BIDS App).
 
-    BIDS_DIR holds directories of FreeSurfer, derivatives of sMRIPrep or fMRIPrep, or masks of white matter, itself, in
-    derivatives/ or in sourcedata/freesurfer. OUT gets derivatives of BIDS, sub-*_hemi-L_desc-voxflat_flat.surf.gii and
-    others, and a report a participant. What is up to date, by the checksums of what is read and the parameters, is not
-    made again; one participant who fails never stops the others. The exit status is the number of participants that
-    failed (at most 100), and as of the other commands where nothing could be done at all. The level group writes a
-    table of every measure, means over standard maps, and a page of all maps.
+    BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either directly or
+    in derivatives/ or sourcedata/freesurfer. At the level "participant", voxflat writes BIDS derivatives such as
+    sub-01_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results are skipped if they are up
+    to date according to the checksums of the inputs and the parameters. A participant that fails does not stop the
+    others. The level "group" writes a table of all measures, means over standard maps, and a page of all maps.
+
+    The exit status is the number of participants that failed (at most 100). If nothing could be processed at all, it
+    is 1 or 2, as for the other commands.
     """
-    parameters = labs.parameters_of(given)
+    parameters = study_options.parameters_of(given)
     if dask and (dry_run or level == "group"):
-        raise click.UsageError("--dask is for the level participant, without --dry-run.")
+        raise click.UsageError("--dask requires the level participant and cannot be combined with --dry-run.")
     chosen = [_HEMIS[letter] for letter in dict.fromkeys(hemis)]
     if dry_run:
         if level == "group":
-            raise click.UsageError("--dry-run is for the level participant.")
+            raise click.UsageError("--dry-run requires the level participant.")
         for one in plan(source, out, chosen, parameters, labels):
-            told = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
-            click.echo(json.dumps(told))
+            planned = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
+            click.echo(json.dumps(planned))
         return 0
     if level == "group":
         _group(source, out, labels, as_json, quiet)
         return 0
-    with bars(quiet, hushed=True) as shown:  # what is said of each map stands in its report
-        tell = labs.teller(shown, is_told=not (as_json or quiet))
+    with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
+        tell = study_options.outcome_printer(shown, verbose=not (as_json or quiet))
         how: dict[str, Any] = {"labels": labels, "tell": tell, "dask": dask, "progress": shown.progress, **given}
         outcomes = study(source, out, chosen, parameters, **how)
     everybody = {one.name for one in outcomes}
     failed = {one.name for one in outcomes if one.state == "failed"}
     if as_json:
-        print_json({"output": str(out), "failed": sorted(failed), "hemispheres": labs.as_list(outcomes)})
+        print_json({"output": str(out), "failed": sorted(failed), "hemispheres": study_options.as_list(outcomes)})
     elif not quiet:
         made = len({one.name for one in outcomes if one.state == "made"} - failed)
         up_to_date = len(everybody) - made - len(failed)
         click.echo(f"{len(everybody)} participants: {made} made, {up_to_date} up to date, {len(failed)} failed")
-    return min(len(failed), _MOST)
+    return min(len(failed), _MAX_STATUS)
 
 
 def _group(source: Path, out: Path, labels: tuple[str, ...], as_json: bool, quiet: bool) -> None:
@@ -113,5 +112,5 @@ def _group(source: Path, out: Path, labels: tuple[str, ...], as_json: bool, quie
         print_json({"output": str(out), **found})
     elif not quiet:
         state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
-        click.echo(f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} stand out")
+        click.echo(f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} outliers")
         click.echo(state)

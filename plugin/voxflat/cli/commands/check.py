@@ -26,15 +26,15 @@ Examples:
 """,
 )
 @options.input_
-@options.making
+@options.surface_options
 @options.region
 @options.choice_of_cuts
 @options.run(options.threads, options.memory_limit, options.as_json)
 def command(input_: Path, as_json: bool, **given: Any) -> None:
-    """Say whether a surface can be flattened.
+    """Check whether a surface can be flattened.
 
-    It lists what INPUT, a volume or a mesh, holds: components, boundary loops, handles, defects; what each remedy would
-    change; and gives advice. The exit status is 0 if its surface can be flattened, and 1 if not.
+    The check lists the components, boundary loops, handles and defects of INPUT (a volume or a mesh), reports what each
+    remedy would change, and gives advice. The exit status is 0 if the surface can be flattened, and 1 otherwise.
     """
     with bars() as shown:
         part = part_of(given, shown.progress)

@@ -9,7 +9,6 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
-from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
@@ -29,28 +28,27 @@ Examples:
 """,
 )
 @options.input_
-@options.making
+@options.surface_options
 @options.region
 @options.cuts
 @options.output(
-    "The cuts' file (.json), for --cuts; or the cut surface's: .surf.gii, .vtp, .ply, .obj, or .patch.3d, which "
-    "mris_flatten takes.",
-    cloup.option(
+    "Output file. A .json file holds the cuts, for --cuts; .surf.gii, .vtp, .ply, .obj and .patch.3d (for "
+    "mris_flatten) hold the cut surface.",
+    options.writes(
         "--save-template",
+        "Also write the cuts and the border of the excluded region as a template (.json). Pass it to --cuts for "
+        "any surface with a registered sphere of the same side and space.",
         "template",
-        type=OUT,
-        metavar="FILE",
-        help="Write the cuts and the border of the region that is left out as a template (.json), too: --cuts takes it "
-        "for any surface with a sphere of the same side and space.",
     ),
 )
 @options.run(options.threads, options.memory_limit)
 def command(
     input_: Path, output: Path, template: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
 ) -> None:
-    """Cut a surface open, as voxflat flatten would.
+    """Cut a surface open for flattening.
 
-    A surface that is not a disk becomes one; further cuts are made where they reduce the distortion of the map.
+    The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open to a disk, and
+    relaxation cuts are added where they reduce the distortion of the map.
     """
     check_output(output, _ENDINGS, **writing)
     if template is not None:
@@ -63,8 +61,8 @@ def command(
         made.save_template(template, overwrite=writing["overwrite"])
     if as_json:
         cuts = [{"ids": of.ids.tolist(), "length": of.length, "reason": of.reason, "name": of.name} for of in made.cuts]
-        told = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
-        print_json({**told, "provenance": made.provenance})
+        content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
+        print_json({**content, "provenance": made.provenance})
         return
     for number, one in enumerate(made.cuts):
         length = "" if one.length is None else in_unit(f", {one.length:.1f} mm", made.surface.metadata)

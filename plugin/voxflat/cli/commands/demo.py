@@ -20,16 +20,16 @@ from voxflat.errors import InputError
         type=OUT,
         default=Path("voxflat-demo"),
         metavar="DIR",
-        help="A directory for the results; made if it is missing.",
+        help="Directory for the results, which is created if it does not exist.",
     ),
     options.as_json,
 )
 @options.run()
 def command(output: Path, as_json: bool) -> None:
-    """Flatten a patch of human cortex.
+    """Flatten a hemisphere of the MNI152 template.
 
-    The cortex is the MNI152 template, which comes with nilearn: nothing is downloaded. The map, its figures and the
-    pictures of it are written to a directory.
+    The demo extracts the left hemisphere from the MNI152 white-matter template bundled with nilearn, without a
+    download. It writes the map, a summary of its distortion, and pictures to a directory.
     """
     try:
         from voxflat.demo import run
@@ -39,6 +39,6 @@ def command(output: Path, as_json: bool) -> None:
     except ImportError as error:
         if error.name and error.name.startswith("voxflat"):
             raise
-        raise InputError(f"the demo needs {error.name}: pip install 'voxflat[demo]'") from error
+        raise InputError(f"the demo needs {error.name}. Run pip install 'voxflat[demo]'") from error
     if as_json:
         print_json({"output": str(output), **flat_map.description()})

@@ -7,9 +7,9 @@ import click
 import cloup
 
 from voxflat.cli import options
-from voxflat.cli.looks import each, of_colours, of_data, of_page, overlay_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.overlay_options import colour_section, data_section, one_or_all, overlay_of, page_section
 from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
@@ -33,87 +33,94 @@ Examples:
 """,
 )
 @cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
-@of_data(
+@data_section(
     options.reads(
         "--overlay",
-        "Data over the folds: a volume, or values at the mesh's vertices. For two maps a file that covers both, "
-        "or two files, each with its own --overlay.",
+        "Data to draw over the folds: a volume, or values at the vertices of the mesh. For two maps, give one file "
+        "that covers both or --overlay once per map.",
         multiple=True,
     ),
-    cloup.option(
-        "--channel", metavar="NAME|N", help="Which map of F, where it has several: its name, or its number from 0."
-    ),
+    options.value("--channel", "NAME|N", "Map to draw from an overlay with several maps: its name or number (from 0)."),
     options.period,
+    interpolation="nearest for integers, which may be labels; linear otherwise",
 )
-@of_colours(
+@colour_section(
     options.reads(
-        "--strength",
-        "Apply --threshold to this map instead of the overlay (for example t, R² or coherence).",
-        multiple=True,
+        "--strength", "Apply the threshold to this data instead (such as t, R² or coherence).", multiple=True
     ),
-    cloup.option("--strength-channel", metavar="NAME|N", help="Which map of it, where it has several."),
-    cloup.option(
+    options.value("--strength-channel", "NAME|N", "Map to use from --strength, as for --channel."),
+    options.choice(
         "--zero",
-        type=click.Choice(["right", "top"]),
+        ["right", "top"],
+        "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise).",
         default="right",
-        help="Where the wheel of --period has phase 0: at the right, counterclockwise, or at the top, clockwise.",
     ),
-    cloup.option(
-        "--opacity", type=click.FloatRange(0, 1), help="Of the data, or of parcels without data.  [default: 1; 0.75]"
+    options.value(
+        "--opacity",
+        "X",
+        "Opacity of the data (default 1), or of parcels without data (default 0.75).",
+        type=click.FloatRange(0, 1),
     ),
     options.reads(
         "--alpha",
-        "Take the opacity of the data from this map: transparent where it is 0, opaque where its magnitude "
-        "reaches its 99th percentile, or --alpha-full.",
+        "Take the opacity of the data from this file: transparent where its values are 0, opaque where their magnitude "
+        "reaches --alpha-full.",
         multiple=True,
     ),
-    cloup.option("--alpha-full", type=click.FloatRange(min=0, min_open=True), metavar="X", help="See --alpha."),
+    options.value(
+        "--alpha-full",
+        "X",
+        "Magnitude of --alpha from which data are opaque.  [default: its 99th percentile]",
+        type=click.FloatRange(min=0, min_open=True),
+    ),
 )
 @options.section(
     "Parcels",
     options.reads(
         "--parcels",
-        "Labels (.annot, .label.gii, .dlabel.nii, a volume): borders and names, and colours where there are no data.",
+        "Draw the borders and names of these parcels (.annot, .label.gii, .dlabel.nii or a volume), and their colours "
+        "if there is no overlay.",
         multiple=True,
     ),
-    options.reads("--table", "Their names and colours: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."),
+    options.reads(
+        "--table", "Names and colours of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."
+    ),
 )
-@of_page(
-    cloup.option(
-        "--width", type=float, metavar="MM", help="Width on paper, mm.  [default: 85, a column; 170 for two maps]"
-    )
+@page_section(
+    options.value("--width", "MM", "Width on paper, in mm.  [default: 85 (one column), 170 for two maps]", type=float)
 )
-@options.output("The figure's file: .png, .svg (with layers) or .pdf.")
+@options.output("Output file: .png, .pdf, or .svg (with layers).")
 @options.run()
 def command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], as_json: bool, **look: Any) -> None:
-    """Draw a flat map, or both hemispheres side by side: folds, data over them, parcels, marks.
+    """Draw a figure of one or two flat maps.
 
-    Each MAP is a file that voxflat flatten wrote; two maps share one colour scale. Gyri are light and sulci dark. The
-    marks are the directions of the body at the middle of the map, the side, a scale bar, and names of cuts, as far as
-    these are known. Names of parcels that have no room are left out, and the program reports how many. With --period
-    the data are phases, shown in hsv or another cyclic --cmap with a colour wheel. A PNG is at least 1,700 pixels wide.
-    In an SVG curvature, data, parcels, names and marks are layers. For values without axes and marks see voxflat image.
+    MAP is a file written by voxflat flatten. The two maps of both hemispheres are drawn side by side with one colour
+    scale. Gyri are light and sulci are dark. The figure is annotated with anatomical directions at the centre of the
+    map, the side, a scale bar and the names of cuts, as far as these are known. Parcel names that do not fit are
+    omitted, and voxflat reports how many. With --period, the data are phases, drawn in hsv or another cyclic --cmap
+    with a colour wheel. A PNG is at least 1,700 pixels wide. In an SVG, curvature, data, parcels, names and annotations
+    are layers. To write the values alone, use voxflat image.
     """
     if len(maps) > 2:
-        raise click.UsageError(f"{len(maps)} maps are given: give one, or both hemispheres.")
+        raise click.UsageError(f"{len(maps)} maps are given. Give one map, or the maps of both hemispheres.")
     for name in ("overlay", "strength", "parcels", "alpha"):
         if len(look[name]) > len(maps):
-            raise click.UsageError(f"--{name} is given {len(look[name])} times for {len(maps)} map: give one for each.")
-        look[name] = each(look[name])
+            raise click.UsageError(f"--{name} is given {len(look[name])} times for {len(maps)} map. Give one per map.")
+        look[name] = one_or_all(look[name])
     full, alpha = look.pop("alpha_full"), look.pop("alpha")
     if alpha is not None and look["opacity"] is not None:
-        raise click.UsageError("Give --opacity or --alpha.")
+        raise click.UsageError("--opacity and --alpha cannot be combined. Give only one of them.")
     if alpha is None and full is not None:
-        raise click.UsageError("--alpha-full is for --alpha.")
+        raise click.UsageError("--alpha-full requires --alpha.")
     if look["table"] is not None and look["parcels"] is None:
-        raise click.UsageError("--table is for --parcels.")
+        raise click.UsageError("--table requires --parcels.")
     if look["strength"] is not None and look["threshold"] is look["above"] is look["below"] is None:
-        raise click.UsageError("--strength is compared with --threshold, --above or --below: give one of them.")
+        raise click.UsageError("--strength requires a threshold. Give --threshold, --above or --below.")
     if alpha is not None and look["overlay"] is None:
-        raise click.UsageError("--alpha is for --overlay.")
+        raise click.UsageError("--alpha requires --overlay.")
     data = overlay_of(look.pop("overlay"), look)
     check_output(output, FIGURE_ENDINGS, **writing)
-    from voxflat import figures  # brings in matplotlib
+    from voxflat import figures  # imports matplotlib
 
     if alpha is not None:
         look["opacity"] = figures.Overlay(alpha, limits=None if full is None else (0, full))

@@ -11,7 +11,7 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
 from voxflat.cli.output import check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.pipeline.surface import Surface
@@ -32,26 +32,26 @@ Examples:
 """,
 )
 @options.input_
-@options.making
+@options.surface_options
 @options.region
 @options.cuts
 @options.method_options
 @options.output(
-    "The map's file: .npz or .voxflat holds everything; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj "
+    "Output file. .npz and .voxflat hold the complete map; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj "
     "hold the flat surface.",
     option_of(Surface.flatten, "mirror", is_flag=True),
-    cloup.option("--rows", is_flag=True, help="Keep the distances from all sources to all points in the file (large)."),
+    options.flag("--rows", "Save the distances from all sources to all points in OUT (large)."),
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, quiet: bool, **given: Any) -> None:
-    """Flatten a surface.
+    """Flatten a surface into a flat map.
 
-    INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz),
-    or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb).
-    Without --label and --threshold a volume must have a single label. With --hemisphere the hemisphere is flattened
-    along standard cuts unless --cuts says otherwise. Unless a region is chosen the largest component is flattened. A
-    surface that is not a disk is cut open, and a warning lists the cuts.
+    INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz)
+    or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb). A
+    volume with several labels needs --label or --threshold. With --hemisphere, the surface is cut along standard cuts
+    by default. Without a region, the largest component is flattened. A surface that is not a disk is cut open, and a
+    warning lists the cuts.
     """
     check_output(output, MAP_ENDINGS, **writing)
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
@@ -71,7 +71,7 @@ def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, 
 def _summary(flat_map: FlatMap, output: Path) -> str:
     metadata = flat_map.metadata
     width, height = np.ptp(flat_map.uv, axis=0)
-    told = "\n".join(
+    summary = "\n".join(
         [
             f"{'flattened':22}{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}",
             *_cuts(metadata),
@@ -83,11 +83,11 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
             "",
         ]
     )
-    return f"{in_unit(told, metadata)}\nsaved as {output}"
+    return f"{in_unit(summary, metadata)}\nsaved as {output}"
 
 
 def _cuts(metadata: dict[str, Any]) -> list[str]:
-    """Say what said where to cut, if it was a template."""
+    """Return the line of the summary that names the cuts of a template, if the map has any."""
     names = [name for name in metadata.get("cut_names", []) if name]
     return [f"{'cuts':22}{metadata['cuts_by']}: {', '.join(names)}"] if names else []
 
@@ -97,11 +97,11 @@ def _torn(metadata: dict[str, Any]) -> str:
 
 
 def _part(metadata: dict[str, Any]) -> str:
-    """Say which part of the surface was flattened."""
+    """Describe the part of the surface that was flattened."""
     what = "voxel" if metadata["kind"] == "voxels" else "vertex"
     parts = []
     if metadata["keep"] or metadata.get("drop"):
-        parts.append("those of the mask")
+        parts.append("inside the mask")
     if metadata["seed_point"] is not None:
         parts.append(f"within {metadata['radius']} mm of {what} {metadata['seed_point']}")
     if parts:

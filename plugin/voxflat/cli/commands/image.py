@@ -11,13 +11,12 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas, saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.looks import check_depth
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.overlay_options import check_depth, depth_options
 from voxflat.errors import InputError
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
-from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
@@ -43,54 +42,38 @@ Examples:
 @options.section(
     "Data",
     options.reads(
-        "--volume", "The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.", metavar="V"
+        "--volume", "Volume to resample (also OME-Zarr); for the map of a mesh, an overlay or the mesh's own texture."
     ),
-    cloup.option(
+    options.value(
         "--channel",
-        metavar="NAME|N",
-        help="Which map of V, where it has several, as GIFTI, CIFTI and series of volumes may: its name, or its number "
-        "from 0.  [default: all, one after the other; a .png holds one]",
+        "NAME|N",
+        "Map to show from a GIFTI, CIFTI or 4-D file with several maps: its name or number (from 0).  [default: "
+        "all; a .png can hold only one]",
     ),
-    cloup.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place."),
+    options.flag("--heat-map", "Show the local distortion of the map instead of a volume."),
     options.period,
     options.time_step,
 )
 @options.section(
     "Sampling",
-    cloup.option(
-        "--depth",
-        metavar="MM[,MM...]",
-        callback=options.numbers,
-        help="How far outside the surface to sample, mm; negative is inside. Several give an image each.  [default: 0]",
-    ),
-    cloup.option(
-        "--fraction",
-        metavar="F[,F...]",
-        callback=options.numbers,
-        help="Instead of --depth, of maps made with --pial: how much of the cortex lies below, from 0, the white "
-        "surface, to 1, the pial one. Several give an image each.",
-    ),
-    cloup.option(
-        "--layering",
-        type=click.Choice(LAYERINGS),
-        help="The meaning of --fraction: of the cortex' volume there, or of its thickness.  [default: equivolume]",
-    ),
-    cloup.option("--average", is_flag=True, help="Of several depths show the mean."),
-    cloup.option(
+    *depth_options("Several give one image each."),
+    options.flag("--average", "Average over all depths instead of writing one image per depth."),
+    options.choice(
         "--interpolation",
-        type=click.Choice(INTERPOLATIONS),
-        help="Between voxels. Majority: of labels the one that most of the voxels around have, over all depths.  "
-        "[default: nearest for whole numbers, which may be labels; linear for others]",
+        INTERPOLATIONS,
+        'Interpolation between voxels. "majority" takes the most frequent label of the surrounding voxels over '
+        "all depths.  [default: nearest for integers, which may be labels; linear otherwise]",
     ),
 )
 @options.output(
-    "The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure; several images also "
-    "as .zarr.",
-    cloup.option(
+    "Output file: .png to look at, or .tif, .tiff, .nii, .nii.gz (float32) or .npy for the values. Several images can "
+    "also be written to .zarr.",
+    options.value(
         "--pixel-size",
+        "MM",
+        "Side length of a pixel, in mm.  [default: half the voxel size or edge length; for an atlas, at most half "
+        "the gap between patches]",
         type=float,
-        metavar="MM",
-        help="Side of a pixel, mm.  [default: half the voxel size or edge; of an atlas at most half the gaps]",
     ),
 )
 @options.run(options.quiet)
@@ -105,13 +88,13 @@ def command(
     quiet: bool,
     **given: Any,
 ) -> None:
-    """Show a volume, or the distortion, on a map.
+    """Resample a volume, or the distortion, onto a flat map.
 
-    MAP is a file that voxflat flatten made, or an atlas of voxflat patches, of which the page of all patches is shown;
-    its heat map is of C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th percentile),
-    labels in a colour each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a
-    figure with a colour bar. The other formats hold the values, NaN outside the map. A series is read, sampled and
-    written frame by frame, whatever its length.
+    MAP is a file written by voxflat flatten or voxflat patches. For an atlas of patches, the page of all patches is
+    shown, and its heat map is of C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th
+    percentile), labels in one colour each, and colours unchanged; it is transparent outside the map. The PNG of a heat
+    map is a figure with a colour bar. All other formats hold the values, with NaN outside the map. A series is read,
+    sampled and written frame by frame, so its length is not limited by memory.
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
@@ -122,7 +105,9 @@ def command(
     with bars(quiet), reading() as files:
         flat_map = _load(map_)
         if "fraction" in how and not isinstance(flat_map, FlatMap):
-            raise InputError("an atlas knows no pial surface, and so no --fraction; give --depth in mm")
+            raise InputError(
+                "--fraction needs a pial surface, which an atlas does not have. Give --depth in mm instead."
+            )
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
@@ -140,7 +125,7 @@ def command(
                 output, **writing, progress=shown.progress
             )
     elif heat_map and output.suffix.lower() == ".png":
-        from voxflat import figures  # brings in matplotlib
+        from voxflat import figures  # imports matplotlib
 
         if isinstance(flat_map, FlatMap):
             drawn = figures.heat_map(flat_map, pixel_size)
@@ -161,7 +146,7 @@ def command(
 
 
 def _check_options(heat_map: bool, given: dict[str, Any]) -> None:
-    """Refuse options that do not fit each other."""
+    """Raise a usage error if options contradict each other."""
     if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
         raise click.UsageError(", ".join(f"--{name.replace('_', '-')}" for name in unused) + ": only with --volume.")
     check_depth(given)
@@ -169,9 +154,11 @@ def _check_options(heat_map: bool, given: dict[str, Any]) -> None:
 
 def _check_overlap(covered: Any, volume: Path) -> None:
     if not covered.any():
-        raise InputError(f"{volume} shows nothing on the map: it lies elsewhere; compare the affines by voxflat check")
+        raise InputError(
+            f"{volume} does not overlap the map, so the image would be empty. Compare the affines with voxflat check."
+        )
 
 
 def _load(path: Path) -> FlatMap | Atlas:
-    """Load a flat map or an atlas, whichever a file holds; `load` says what is wrong with others."""
+    """Load a flat map or an atlas; `load` raises the error for other files."""
     return load_atlas(path) if saved_kind(path) == "atlas" else load(path)

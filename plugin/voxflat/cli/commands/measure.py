@@ -10,9 +10,9 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.judging.measure import compare, measure
 
 
@@ -27,34 +27,38 @@ Examples:
 )
 @cloup.argument("surface_", metavar="SURFACE", type=FILE)
 @cloup.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
-@options.making
+@options.surface_options
 @options.section(
     "Measure",
-    option_of(measure, "sources", type=int, metavar="N", sentences=3),
+    option_of(measure, "sources", type=int, metavar="N", default="300, or fewer for exact distances on large meshes"),
     option_of(
-        measure, "reference", type=click.Choice(["exact", "graph"]), sentences=2, default="exact; graph for volumes"
+        measure,
+        "reference",
+        type=click.Choice(["exact", "graph"]),
+        default="exact for meshes, graph for volumes",
+        help='How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).',
     ),
-    option_of(measure, "on_surface", is_flag=True),
+    option_of(measure, "on_surface", is_flag=True, sentences=2),
 )
 @options.section(
     "Output",
-    cloup.option(
-        "--heat-maps", type=OUT, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
+    options.writes(
+        "--heat-maps", "Also draw the distance errors and area changes of all maps side by side (.png, .pdf or .svg)."
     ),
     options.as_json,
 )
 @options.run(options.seed, options.threads, options.memory_limit)
 def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_json: bool, **given: Any) -> None:
-    """Judge flat maps of any tool.
+    """Measure the distortion of flat maps made by any tool.
 
-    Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj with texture coordinates, or a
-    map that voxflat flatten made. The figures are defined in the documentation; distances are measured on SURFACE, cut
-    as the map is, in mm; but where a map of voxflat was made on another geometry, midway to the pial surface, on that,
-    and that is said. Several maps are measured from the same points.
+    Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
+    or a file written by voxflat flatten. Distances are measured in mm on SURFACE, cut as the map is. A map that voxflat
+    made midway to the pial surface is measured on that geometry, and a note reports it. Several maps are measured from
+    the same source points. The documentation defines all measures.
     """
     names = _short_names(flat)
     if heat_maps is not None:
-        from voxflat import figures  # brings in matplotlib
+        from voxflat import figures  # imports matplotlib
 
         check_output(heat_maps, FIGURE_ENDINGS)
     with bars() as shown:
@@ -71,8 +75,8 @@ def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_j
 
 
 def _short_names(paths: Sequence[Path]) -> list[str]:
-    """Return the names of files; whole paths if they are not enough to tell them apart."""
+    """Return the file names of paths, or the complete paths if the names are not unique."""
     for names in ([path.name for path in paths], [str(path) for path in paths]):
         if len(set(names)) == len(names):
             return names
-    raise click.UsageError("A FLAT is given twice.")
+    raise click.UsageError("The same FLAT is given twice. Remove one of them.")

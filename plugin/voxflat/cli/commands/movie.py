@@ -8,9 +8,9 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.looks import each, of_colours, of_data, of_page, overlay_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.overlay_options import colour_section, data_section, one_or_all, overlay_of, page_section
 from voxflat.io.files import require
 from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
@@ -30,23 +30,24 @@ Examples:
 """,
 )
 @cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
-@of_data(
+@data_section(
     options.reads(
         "--overlay",
-        "A series of volumes, or of values at the mesh's vertices. For two maps a file that covers both, or two "
-        "files, each with its own --overlay.",
+        "Series of volumes, or of values at the vertices of the mesh. For two maps, give one file that covers both or "
+        "--overlay once per map.",
         required=True,
         multiple=True,
     ),
-    cloup.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals."),
+    options.flag("--change", "Show the change from the mean over time, in %, at each point."),
     options.time_step,
+    interpolation="linear",
 )
-@of_colours(cloup.option("--opacity", type=click.FloatRange(0, 1), default=1.0, help="Of the data."))
-@of_page()
+@colour_section(options.value("--opacity", "X", "Opacity of the data.", type=click.FloatRange(0, 1), default=1.0))
+@page_section()
 @options.output(
-    "The movie's file: .mp4 (pip install 'voxflat[movie]') or .gif, for short ones.",
-    cloup.option("--rate", type=float, default=10.0, metavar="N", help="Frames a second."),
-    cloup.option("--size", type=int, default=1280, metavar="PIXELS", help="Width of the pictures."),
+    "Output file: .mp4 (needs pip install 'voxflat[movie]'), or .gif for short movies.",
+    options.value("--rate", "N", "Frames per second.", type=float, default=10.0),
+    options.value("--size", "PIXELS", "Width of the movie, in pixels.", type=int, default=1280),
 )
 @options.run(options.quiet)
 def command(
@@ -58,19 +59,19 @@ def command(
     quiet: bool,
     **look: Any,
 ) -> None:
-    """Show a series on a flat map, or on both hemispheres side by side, frame by frame.
+    """Make a movie of a series on one or two flat maps.
 
-    Each MAP is a file that voxflat flatten wrote. The data lie over the folds in one colour scale, with their time;
-    data that do not pass the threshold are transparent. Volumes are sampled linearly unless --interpolation says other.
-    For the values of all frames see voxflat image.
+    MAP is a file written by voxflat flatten. The two maps of both hemispheres are shown side by side. Each frame shows
+    the data over the folds, with the time; all frames share one colour scale. Data that do not pass the threshold are
+    transparent. To write the values of all frames, use voxflat image.
     """
     if len(maps) > 2 or len(overlay) > len(maps):
-        raise click.UsageError("Give one map, or both hemispheres, and at most one --overlay for each.")
-    data = overlay_of(each(overlay), look)
+        raise click.UsageError("Give one map, or the maps of both hemispheres, and at most one --overlay per map.")
+    data = overlay_of(one_or_all(overlay), look)
     check_output(output, _ENDINGS, **writing)
     if output.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "movie")  # before the long work
-    from voxflat import figures  # brings in matplotlib
+    from voxflat import figures  # imports matplotlib
 
     with bars(quiet) as shown:
         with reading() as files:

@@ -13,9 +13,9 @@ from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, TexturedSurface, files_beside
 from voxflat.pipeline.surface import Surface
@@ -33,37 +33,32 @@ Examples:
 """,
 )
 @cloup.argument("surface_", metavar="SURFACE", type=FILE)
-@options.making
+@options.surface_options
 @options.section(
     "Patches",
     option_of(Surface.patches, "max_angle", type=float, metavar="DEGREES"),
     option_of(Surface.patches, "bound", type=float, metavar="C"),
     option_of(Surface.patches, "count", type=int, metavar="N"),
-    option_of(Surface.patches, "seeds", type=click.Choice(SEEDS)),
-    cloup.option(
-        "--glue",
-        type=float,
-        metavar="C",
-        help="Close the seams between the patches as far as no length changes by more than this factor, such as 1.5.",
+    option_of(Surface.patches, "seeds", type=click.Choice(SEEDS), sentences=3),
+    options.value(
+        "--glue", "C", "Close seams between patches while no length changes by more than this factor.", type=float
     ),
 )
 @options.section(
     "Texture",
-    option_of(Atlas.page, "packing", type=click.Choice(PACKINGS)),
-    options.reads("--volume", "Show this volume; for a mesh an overlay, or its own texture.", metavar="V"),
-    cloup.option("--heat-map", is_flag=True, help="Show C, the factor by which lengths change."),
-    cloup.option(
-        "--depth", type=float, metavar="MM", help="How far outside the surface to sample the volume.  [default: 0]"
+    option_of(Atlas.page, "packing", type=click.Choice(PACKINGS), sentences=2),
+    options.reads("--volume", "Show this volume; for a mesh, an overlay or the mesh's own texture."),
+    options.flag("--heat-map", "Show C, the factor by which lengths change."),
+    options.value(
+        "--depth", "MM", "Distance outside the surface at which the volume is sampled, in mm.  [default: 0]", type=float
     ),
-    cloup.option(
-        "--pixel-size", type=float, metavar="MM", help="Side of the pixels, mm.  [default: see voxflat image]"
-    ),
+    options.value("--pixel-size", "MM", "Side length of a pixel, in mm.  [default: as for voxflat image]", type=float),
 )
 @options.output(
-    "The atlas's file: .npz or .voxflat holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and .ply "
-    "the surface with the page as its texture.",
-    cloup.option("--page", type=OUT, metavar="FILE", help="Draw the patches laid out on a page: .png, .pdf or .svg."),
-    cloup.option("--picture", type=OUT, metavar="PNG", help="Draw the surface with its patches in colours."),
+    "Output file. .npz and .voxflat hold the complete atlas; .obj (with .mtl and .png), .vtp (with .png), .glb and "
+    ".ply hold the surface with the page as its texture.",
+    options.writes("--page", "Also draw all patches on a page (.png, .pdf or .svg)."),
+    options.writes("--picture", "Also draw the surface with its patches in colours.", metavar="PNG"),
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def command(
@@ -78,13 +73,14 @@ def command(
     quiet: bool,
     **given: Any,
 ) -> None:
-    """Flatten a surface in certified patches.
+    """Flatten a surface in patches with certified distortion.
 
-    SURFACE is a volume or a mesh of any topology, as for voxflat surface. It falls into patches, each projected onto a
-    plane, whose distortion has proven bounds: lengths change by at most a factor C, angles by a dilatation of at most K
+    SURFACE is a volume or a mesh of any topology. It is divided into patches, and each is projected onto a plane. The
+    distortion has proven bounds: lengths change by at most a factor C, and angles by a dilatation of at most K
     (Appleboim, Saucan, Zeevi 2006).
 
-    A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
+    Textured outputs show the patches in colours by default, or what --volume or --heat-map selects. To draw images of
+    an atlas saved as .npz, use voxflat image.
     """
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS
@@ -97,8 +93,8 @@ def command(
         whole = surface_of(surface_, given, shown.progress)
         del given["memory_limit"]
         certified = whole.patches(progress=shown.progress, **given)
-        told = {"threads": given["threads"], "progress": shown.progress}
-        atlas = certified if glue is None else certified.glue(glue, **told)
+        how = {"threads": given["threads"], "progress": shown.progress}
+        atlas = certified if glue is None else certified.glue(glue, **how)
     if is_textured:
         textured = _textured(atlas.page(packing=packing), output, **texture)
         textured.save(output, **writing)
@@ -115,15 +111,18 @@ def command(
 def _check_texture(
     is_textured: bool, volume: Path | None, heat_map: bool, depth: float | None, pixel_size: float | None
 ) -> None:
-    """Refuse options of textures that do not fit each other, before the long work."""
+    """Raise a usage error, before the computation, if texture options contradict each other."""
     given = {"--volume": volume is not None, "--heat-map": heat_map, "--depth": depth is not None}
     given["--pixel-size"] = pixel_size is not None
     if not is_textured and (named := [name for name, is_given in given.items() if is_given]):
-        raise click.UsageError(f"{' and '.join(named)}: only textured surfaces have it; see voxflat image for an .npz.")
+        flags = " and ".join(named)
+        raise click.UsageError(
+            f"{flags} requires a textured output (.obj, .vtp, .glb or .ply). Use voxflat image for .npz."
+        )
     if volume is not None and heat_map:
         raise click.UsageError("Give either --volume or --heat-map.")
     if depth is not None and volume is None:
-        raise click.UsageError("--depth is for --volume.")
+        raise click.UsageError("--depth requires --volume.")
 
 
 def _textured(
@@ -139,7 +138,7 @@ def _textured(
 
 
 def _draw(atlas: Atlas, page: Path | None, picture: Path | None, packing: str) -> None:
-    from voxflat import figures  # brings in matplotlib
+    from voxflat import figures  # imports matplotlib
 
     if page is not None:
         figures.save(figures.atlas_page(atlas, packing=packing), page, atlas.provenance)

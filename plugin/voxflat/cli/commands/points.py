@@ -10,7 +10,7 @@ import numpy as np
 from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.io.provenance import record_of, saving
 from voxflat.io.reading import reading
 from voxflat.io.tables import TABLE_ENDINGS, read_points
@@ -32,16 +32,15 @@ Examples:
     option_of(FlatMap.points_to_map, "limit", type=float, metavar="MM"),
     option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"])),
 )
-@options.output("The table with u, v and distance, mm.")
+@options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, and u, v and distance in mm.")
 @options.run()
 def command(
     map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any], as_json: bool
 ) -> None:
-    """Find where points in space lie on a map.
+    """Find the positions of points in space on a flat map.
 
-    XYZ is a table (.csv, .tsv, .txt) with the columns x, y and z, or without a header; RAS+ mm. Each point is shown at
-    the place of the surface that is nearest to it. OUT has all columns of XYZ, and u, v, distance (n/a beyond the
-    limit).
+    XYZ is a table (.csv, .tsv or .txt) of coordinates in RAS+ mm, with columns named x, y and z or without a header.
+    Each point is projected to the nearest point of the surface. u, v and distance are n/a for points beyond --limit.
     """
     check_output(output, TABLE_ENDINGS, **writing)
     with reading() as files:

@@ -29,25 +29,26 @@ Examples:
 @cloup.argument("map_", metavar="MAP", type=FILE)
 @options.section(
     "Regions",
-    cloup.option("--svg", type=FILE, metavar="FILE", help="A figure of the map (.svg) with regions drawn in a layer."),
-    cloup.option("--layer", metavar="NAME", help="That layer's name.  [default: rois]"),
-    options.reads("--polygons", 'Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.', metavar="FILE"),
-    options.reads("--image", "A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz.", metavar="FILE"),
-    cloup.option(
+    options.value("--svg", "FILE", "Figure of the map (.svg) with regions drawn in a layer.", type=FILE),
+    options.value("--layer", "NAME", "Name of the layer in --svg that holds the regions.  [default: rois]"),
+    options.reads("--polygons", 'Polygons in mm, by region name (.json), such as {"V1": [[u, v], ...]}.'),
+    options.reads("--image", "Label image on the pixels of the map (.npy, .png, .tif, .nii or .nii.gz)."),
+    options.value(
         "--pixel-size",
+        "MM",
+        "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]",
         type=float,
-        metavar="MM",
-        help="Side of its pixels, mm.  [default: as the file says, else as of voxflat image]",
     ),
 )
 @options.output(
-    "Of vertices .annot, .label.gii, or .label (one region); of voxels .nii, .nii.gz, .mgh, .mgz or .nrrd.",
-    options.reads("--volume", "For voxels: whose grid.  [default: that of the flattened volume]", metavar="V"),
-    cloup.option(
+    "Output file: .annot, .label.gii or .label (one region) for vertices; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
+    "voxels.",
+    options.reads("--volume", "Volume whose grid is used for voxels.  [default: the flattened volume]"),
+    options.value(
         "--depth",
-        metavar="MM,MM",
+        "MM,MM",
+        "Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without --pial.",
         callback=options.numbers,
-        help="For voxels, where no pial surface is known: from how far to how far outside the surface, mm.",
     ),
 )
 @options.run()
@@ -64,19 +65,19 @@ def command(
     writing: dict[str, Any],
     as_json: bool,
 ) -> None:
-    """Carry regions that were drawn on a map to vertices or voxels.
+    """Convert regions drawn on a flat map to vertex or voxel labels.
 
-    MAP is a file that voxflat flatten made. Voxels get the region at their place in the cortex, from the white to the
-    pial surface where the map was made with --pial. Vertices on cuts are in a region if either of their places is.
-    Where regions lie over each other, the last one drawn counts.
+    MAP is a file written by voxflat flatten. If it was made with --pial, the voxels between the white and the pial
+    surface are labelled. A vertex on a cut belongs to a region if either of its two positions on the map does. Where
+    regions overlap, the last one drawn is used.
     """
     drawn = [given for given in (svg, polygons, image) if given is not None]
     if len(drawn) != 1:
-        raise click.UsageError("Give one of --svg, --polygons and --image.")
+        raise click.UsageError("Give exactly one of --svg, --polygons and --image.")
     if layer is not None and svg is None:
-        raise click.UsageError("--layer is for --svg.")
+        raise click.UsageError("--layer requires --svg.")
     if pixel_size is not None and image is None:
-        raise click.UsageError("--pixel-size is for --image.")
+        raise click.UsageError("--pixel-size requires --image.")
     check_output(output, REGION_ENDINGS, **writing)
     with reading() as files:
         flat_map = load(map_)

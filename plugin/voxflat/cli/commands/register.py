@@ -10,7 +10,7 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
 from voxflat.cli.output import check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.standard.pattern import SIDES
 
@@ -24,16 +24,18 @@ Examples:
 """,
 )
 @options.input_
-@options.making
-@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES)))
+@options.surface_options
+@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES), sentences=3))
 @options.output(
-    "The sphere's file, of radius 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.sphere.reg."
+    "Output file for the registered sphere, of radius 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as "
+    "lh.sphere.reg."
 )
 @options.run(options.threads, options.memory_limit)
 def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, **given: Any) -> None:
-    """Find where a hemisphere's vertices lie on fsaverage's sphere, by the pattern of its folds.
+    """Register a hemisphere to the fsaverage sphere.
 
-    The file takes the place of FreeSurfer's ?h.sphere.reg. Surfaces that are not a hemisphere are refused.
+    The registration aligns the folding pattern of the surface with that of fsaverage. The output can be used instead of
+    FreeSurfer's ?h.sphere.reg. Surfaces that are not recognised as a cerebral hemisphere are rejected.
     """
     check_output(output, **writing)
     with bars() as shown:
@@ -41,8 +43,8 @@ def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, 
         made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
     made.save(output, **writing)
     if as_json:
-        told = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
-        print_json({**told, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance})
+        size = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
+        print_json({**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance})
         return
     click.echo(
         f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}"

@@ -9,9 +9,9 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import OUT
 from voxflat.cli.output import print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.pipeline.surface import Surface
 
@@ -26,15 +26,13 @@ Examples:
 """,
 )
 @options.input_
-@options.making
+@options.surface_options
 @options.region
-@options.section(
-    "Cuts", option_of(Surface.cut, "cuts", type=FILE, metavar="FILE", multiple=True, callback=options.paths)
-)
+@options.section("Cuts", options.where_cut[0])
 @options.section(
     "Distances",
-    option_of(Surface.geodesic, "geodesic", type=click.Choice([*SOLVERS, "chain"]), sentences=4),
-    option_of(Surface.geodesic, "sources", type=int, required=True, metavar="M"),
+    option_of(Surface.geodesic, "geodesic", type=click.Choice([*SOLVERS, "chain"]), sentences=5),
+    option_of(Surface.geodesic, "sources", type=int, required=True, metavar="N", until=", or "),
     options.sampling,
     options.link_lengths(Surface.geodesic),
 )
@@ -43,11 +41,11 @@ Examples:
 )
 @options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
 def command(input_: Path, sources: int, as_json: bool, quiet: bool, **given: Any) -> None:
-    """Measure distances into a store on disk.
+    """Measure geodesic distances and store them on disk.
 
-    DIR gets the geodesic distances from M sources to all points of a surface: rows.npy, float32, mm, which NumPy can
-    map into memory, and voxflat.open_rows opens. Only a small part of it is ever in memory. Give the same command again
-    to resume interrupted work.
+    DIR receives the geodesic distances from N sources to all points of a surface as rows.npy (float32, mm), which
+    voxflat.open_rows opens and NumPy can memory-map. Only a small part is in memory at any time. To resume an
+    interrupted computation, run the same command again.
     """
     with bars(quiet) as shown:
         cuts, choose = given.pop("cuts"), part_of(given, shown.progress)
@@ -56,8 +54,8 @@ def command(input_: Path, sources: int, as_json: bool, quiet: bool, **given: Any
             part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
         measured = part.geodesic(sources, progress=shown.progress, **given)
     if as_json:
-        told = {"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes}
-        print_json({**told, "provenance": measured.provenance})
+        content = {"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes}
+        print_json({**content, "provenance": measured.provenance})
     elif not quiet:
         size = f"{measured.nbytes / 2**20:.0f} MiB"
         click.echo(f"{measured.shape[0]} x {measured.shape[1]} distances, {size}\nsaved in {measured.store}")

@@ -10,7 +10,6 @@ from voxflat.arguments import log
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
@@ -28,21 +27,22 @@ Examples:
 """,
 )
 @options.input_
-@options.making
+@options.surface_options
 @options.output(
-    "The surface's file: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
-    cloup.option(
-        "--repaired", type=OUT, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added."
+    "Output file for the surface: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
+    options.writes(
+        "--repaired", "Also write the voxels that the repair changed as a label volume: 1 for removed, 2 for added."
     ),
 )
 @options.run(options.threads, options.memory_limit)
 def command(
     input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
 ) -> None:
-    """Make the surface of a volume, or check and convert a mesh.
+    """Extract the surface of a volume, or check and convert a mesh.
 
-    Vertices are surface voxels, at places finer than the grid; nothing is interpolated. FreeSurfer's files are written
-    in tkRAS with the footer that says where it lies, all others in scanner RAS, as tools take them with volumes.
+    Each vertex of a volume's surface is a surface voxel at a subvoxel position; no isosurface is made. FreeSurfer files
+    are written in tkRAS coordinates with a footer that locates them in scanner space. All other formats are written in
+    scanner RAS coordinates, which other tools expect for display with volumes.
     """
     check_output(output, **writing)
     if repaired is not None:
@@ -50,9 +50,10 @@ def command(
         check_volume_name(repaired)
         if given["repair"] in ("none", "cuts"):
             raise InputError(
-                f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
+                f"--repair {given['repair']} changes no voxels to write to {repaired}. Give --repair voxels, or leave "
+                "out --repaired."
             )
-    if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # of which saving says more
+    if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # save() has a better message for these
         check_mesh_name(output)
     with bars() as shown:
         made = surface_of(input_, given, shown.progress)
@@ -64,7 +65,7 @@ def command(
     made.save(output, **writing)
     if as_json:
         size = {"vertices": len(made), "triangles": len(made.faces)}
-        told = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
-        print_json(json_ready(told))
+        content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
+        print_json(json_ready(content))
     else:
         click.echo(f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")

@@ -9,7 +9,7 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
@@ -28,10 +28,11 @@ Examples:
 @options.section(
     "Picture",
     option_of(FlatMap.textured, "texel_size", type=float, metavar="MM"),
-    option_of(FlatMap.textured, "repeat", is_flag=True),
+    option_of(FlatMap.textured, "repeat", is_flag=True, help="Repeat the picture beyond its borders."),
 )
 @options.output(
-    "The surface's file: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply with colours at its points."
+    "Output file for the textured surface: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply (with vertex "
+    "colours)."
 )
 @options.run()
 def command(
@@ -43,10 +44,10 @@ def command(
     writing: dict[str, Any],
     as_json: bool,
 ) -> None:
-    """Map a picture onto a surface.
+    """Map a picture onto a surface as a texture.
 
-    MAP is a file that voxflat flatten made; PICTURE is laid over it in its proportions, centred, and by it onto the
-    surface. For .ply triangles are split where colours at their corners could not carry the picture.
+    MAP is a file written by voxflat flatten. PICTURE is centred on the flat map, keeps its aspect ratio, and is carried
+    from there to the surface. For .ply, triangles are subdivided where vertex colours would be too coarse.
     """
     check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), **writing)
     with reading() as files:

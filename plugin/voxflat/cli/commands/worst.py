@@ -8,9 +8,9 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
-from voxflat.cli.told import option_of
+from voxflat.cli.parameter_options import option_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
 from voxflat.maps.worst_places import WORST_ENDINGS
@@ -29,26 +29,30 @@ Examples:
 )
 @cloup.argument("map_", metavar="MAP", type=FILE)
 @options.section(
-    "Places",
+    "Regions",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
-    option_of(worst_places, "beyond", type=float, metavar="FACTOR"),
-    options.reads("--parcels", "Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places."),
-    options.reads("--table", "Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."),
+    option_of(
+        worst_places,
+        "beyond",
+        type=float,
+        metavar="FACTOR",
+        help="List regions whose areas change by more than this factor.",
+    ),
+    options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
+    options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
 )
 @options.output(
-    "Write the places to a file: .json or .tsv, one row per place.",
-    cloup.option(
+    "Write the list of regions to this file: .json, or .tsv with one row per region.",
+    options.writes(
         "--save-cuts",
+        "Write the cuts of the map and the suggested cuts (.json), for --cuts of voxflat flatten.",
         "cuts_file",
-        type=OUT,
-        metavar="FILE",
-        help="Write the map's cuts and those that relieve the places (.json), for --cuts of voxflat flatten.",
     ),
-    cloup.option(
-        "--place", "numbers", type=int, multiple=True, metavar="N", help="Only the cut of this place; may be repeated."
+    options.value(
+        "--place", "N", "Save only the cut of region N; may be repeated.", "numbers", type=int, multiple=True
     ),
-    cloup.option("--figure", type=OUT, metavar="FILE", help="Draw the places on the map: .png, .svg or .pdf."),
-    cloup.option("--picture", type=OUT, metavar="PNG", help="Draw them on the surface, from both sides."),
+    options.writes("--figure", "Draw the regions on the map (.png, .svg or .pdf)."),
+    options.writes("--picture", "Draw the regions on the surface, from both sides.", metavar="PNG"),
     required=False,
 )
 @options.run(options.threads)
@@ -63,16 +67,17 @@ def command(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Say where a map changes areas most, and which cut would relieve each place.
+    """List the regions of highest area distortion.
 
-    MAP is a file that voxflat flatten made. The first places are those that hold most distortion: their area times its
-    change, at the scale that keeps the area of the whole. A cut leads from the border through its place. Its gain is by
-    how much less a sketch of the map gets distances wrong; one that mends areas may cost some.
+    MAP is a file written by voxflat flatten. Regions are ranked by their area times its change, at the scale that
+    preserves the total area. For each region, a cut is suggested that runs from the border through the region. Its gain
+    is the estimated decrease of the distance error, from a coarse preview map. The gain can be negative, since a cut
+    that reduces area distortion may increase distance errors.
     """
     if numbers and cuts_file is None:
-        raise click.UsageError("--place is for --save-cuts.")
+        raise click.UsageError("--place requires --save-cuts.")
     if given["table"] is not None and given["parcels"] is None:
-        raise click.UsageError("--table is for --parcels.")
+        raise click.UsageError("--table requires --parcels.")
     files = {output: WORST_ENDINGS, cuts_file: (".json",), figure: FIGURE_ENDINGS, picture: (".png",)}
     for file, endings in files.items():
         if file is not None:
@@ -86,7 +91,7 @@ def command(
     if cuts_file is not None:
         worst.save_cuts(cuts_file, *numbers, **writing)
     if figure is not None or picture is not None:
-        from voxflat import figures  # brings in matplotlib
+        from voxflat import figures  # imports matplotlib
 
         if figure is not None:
             figures.save(figures.worst_places(worst), figure, worst.provenance)

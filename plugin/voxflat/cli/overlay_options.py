@@ -1,0 +1,149 @@
+"""Options of commands that draw data over the folds: how the data are sampled and how they are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from voxflat.cli import options
+from voxflat.maps.depth import LAYERINGS
+
+if TYPE_CHECKING:
+    from voxflat.figures import Overlay
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+def check_depth(given: dict[str, Any]) -> None:
+    """Raise a usage error if the depth options contradict each other."""
+    if given["layering"] is not None and given["fraction"] is None:
+        raise click.UsageError("--layering requires --fraction.")
+    if given["depth"] is not None and given["fraction"] is not None:
+        raise click.UsageError("--depth and --fraction cannot be combined. Give only one of them.")
+
+
+def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+    if value is None:
+        return None
+    ends = tuple(part.strip() for part in value.split(","))
+    if len(ends) != 2:
+        raise click.BadParameter(
+            f"{value!r} is not a pair of limits. Give two, such as 0,5 or 2%,98%.", param=parameter
+        )
+    return ends
+
+
+def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
+    """Return the options for the depth at which volumes are sampled; `several` explains what several depths do."""
+    depth = "Distance outside the surface at which volumes are sampled, in mm; negative values lie inside."
+    fraction = (
+        "Cortical depth from 0 (white surface) to 1 (pial surface), instead of --depth, for maps made with --pial."
+    )
+    layering = "Measure --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant)."
+    return (
+        options.value("--depth", "MM[,MM...]", f"{depth} {several}  [default: 0]", callback=options.numbers),
+        options.value("--fraction", "F[,F...]", f"{fraction} {several}", callback=options.numbers),
+        options.choice("--layering", LAYERINGS, f"{layering}  [default: equivolume]"),
+    )
+
+
+def data_section(overlay: Any, *further: Any, interpolation: str) -> Callable[[_Command], _Command]:
+    """Return the section of options that name the data and say how they are sampled."""
+    help_ = f"Interpolation between voxels.  [default: {interpolation}]"
+    between = options.choice("--interpolation", ["linear", "nearest"], help_)
+    return options.section(
+        "Data",
+        overlay,
+        *depth_options("With several, the mean is shown, or the most frequent label."),
+        between,
+        *further,
+    )
+
+
+def colour_section(*further: Any) -> Callable[[_Command], _Command]:
+    """Return the section of options for thresholds and colours."""
+    return options.section(
+        "Colours",
+        options.value("--threshold", "X", "Show only values above X or below -X.", type=click.FloatRange(min=0)),
+        options.value("--above", "X", "Show only values greater than X.", type=float),
+        options.value(
+            "--below",
+            "X",
+            "Show only values less than X. With --above, values outside the two limits are shown if --below is "
+            "the smaller one, and values between them otherwise.",
+            type=float,
+        ),
+        options.value(
+            "--range",
+            "LO,HI",
+            "Values at both ends of the colour scale, as numbers or as percentiles such as 2%,98%.  [default: "
+            "1%,99%, made symmetric about 0 if their signs differ]",
+            "limits",
+            callback=_limits,
+        ),
+        options.value(
+            "--cmap", "NAME", "Matplotlib colour map.  [default: viridis, or RdBu_r if LO < 0 < HI]", "colour_map"
+        ),
+        options.value("--label", "TEXT", "Label of the colour bar.  [default: the name of the file]"),
+        options.value("--unit", "TEXT", "Unit of the data, added in parentheses to the colour bar's label."),
+        *further,
+    )
+
+
+def page_section(*further: Any) -> Callable[[_Command], _Command]:
+    """Return the section of options for everything around the data."""
+    return options.section(
+        "Page",
+        options.choice(
+            "--underlay",
+            ["curvature", "sulcal depth", "none"],
+            "Measure shown in grey below the data.",
+            default="curvature",
+        ),
+        options.value("--title", "TEXT", "Title above the map."),
+        *further,
+    )
+
+
+_OF_OVERLAY: tuple[str, ...] = ("channel", "interpolation", "threshold", "strength", "period", "zero", "limits")
+_OF_OVERLAY += ("colour_map", "label", "time_step")
+
+
+def one_or_all(files: tuple[Path, ...]) -> Any:
+    """Return the file of an option, a tuple of files if the option was given several times, or None."""
+    return files if len(files) > 1 else files[0] if files else None
+
+
+def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
+    """Remove the overlay's options from those of a command, and return the overlay of the files `data`."""
+    from voxflat.figures import Overlay  # imports matplotlib
+
+    check_depth(given)
+    for name in ("depth", "fraction", "layering"):
+        if given[name] is None:
+            del given[name]
+    names = {"limits": "range", "colour_map": "cmap", "time_step": "time-step"}
+    sides = given.pop("above"), given.pop("below")
+    if sides != (None, None):
+        if given["threshold"] is not None:
+            raise click.UsageError("--threshold cannot be combined with --above or --below. Give one or the other.")
+        given["threshold"], names["threshold"] = sides, "above" if sides[0] is not None else "below"
+    unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
+    own = {name: value for name, value in own.items() if value is not None}
+    channel = given.pop("strength_channel", None)
+    if data is None:
+        unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
+        if unused:
+            raise click.UsageError(f"{', '.join(unused)}: only with --overlay. Give --overlay as well.")
+        return None
+    if unit is not None:
+        name = data[0].name if isinstance(data, tuple) else data.name
+        own["label"] = f"{own.get('label') or name} ({unit})"
+    if channel is not None:
+        if "strength" not in own:
+            raise click.UsageError("--strength-channel requires --strength.")
+        own["strength"] = Overlay(own["strength"], channel)
+    return Overlay(data, **own)

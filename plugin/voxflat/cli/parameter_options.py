@@ -1,0 +1,78 @@
+"""Build command-line options from Python parameters: the help is the first sentences of the parameter's docstring."""
+
+import inspect
+import re
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import cloup
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+_PARAMETER = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : .*$", re.MULTILINE)
+
+
+@lru_cache
+def _descriptions(of: Callable[..., Any]) -> dict[str, str]:
+    """Return the descriptions of the parameters in a docstring, by parameter name."""
+    doc = inspect.getdoc(of) or ""  # python -OO removes docstrings
+    section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n[A-Z][\w ]+\n-+\n|\Z)", doc, re.DOTALL)
+    text = "" if section is None else section[1]
+    starts = list(_PARAMETER.finditer(text))
+    ends = [start.start() for start in starts[1:]] + [len(text)]
+    found: dict[str, str] = {}
+    for start, end in zip(starts, ends, strict=True):
+        description = " ".join(text[start.end() : end].split())
+        found |= {name.lstrip("*"): description for name in start[1].split(", ")}
+    return found
+
+
+def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
+    """Return the first sentences that the docstring of a function or of a dataclass has on a parameter."""
+    found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _descriptions(of).get(name, ""))
+    text = re.sub(r":\w+:(?=`)", "", " ".join(found[:sentences]))  # without roles
+    others = "|".join(_descriptions(of).keys() - {name})
+    text = re.sub(rf"(?<!`)`({others})`(?!`)", lambda one: f"--{one[1].replace('_', '-')}", text)
+    return text.replace("`", "").replace("  ", " ")
+
+
+def default_of(of: Callable[..., Any], name: str) -> Any:
+    """Return the default of a parameter, or None if it has none."""
+    if is_dataclass(of):
+        return next(one.default for one in fields(of) if one.name == name)
+    default = inspect.signature(of).parameters[name].default
+    return None if default is inspect.Parameter.empty else default
+
+
+def option_of(
+    of: Callable[..., Any],
+    name: str,
+    *,
+    sentences: int = 1,
+    like: Callable[..., Any] | None = None,
+    until: str = "",
+    note: str = "",
+    default: str | None = None,
+    **more: Any,
+) -> Callable[[_Command], _Command]:
+    """Return the option for a parameter, with its name, its default and the first `sentences` of its description.
+
+    `like`: a function with a parameter of the same name whose description is used instead. `until`: a clause of the
+    description that is left out with all that follows. `note`: a sentence that is added. `default`: the default in
+    words; without it, the value, or a clause "by default ..." of the description.
+    """
+    usual = default_of(of, name)
+    shown = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)
+    if usual is not None and not is_dataclass(of):  # method options stay None unless the user gives them
+        more.setdefault("default", usual)
+    help_ = more.pop("help", None) or description_of(like or of, name, sentences)
+    if until and until in help_:
+        help_ = help_.split(until)[0] + "."
+    if clause := re.search(r"[;,] by default (.*?)(?=\.(?: |$))", help_):
+        help_ = help_.replace(clause[0], "")
+        shown = shown or clause[1]
+    help_ = " ".join(filter(None, (help_, note)))
+    ending = "" if shown is None else f"  [default: {shown}]"
+    return cloup.option(f"--{name.replace('_', '-')}", help=help_ + ending, show_default=False, **more)
