@@ -18,7 +18,7 @@ from PIL import Image
 from refusals import refused
 
 import voxflat
-from voxflat.io import apart
+from voxflat.io import subprocess_reader
 from voxflat.io.channels import series_of
 from voxflat.io.files import nibabel_image, one_line
 from voxflat.io.label_tables import own_table
@@ -59,7 +59,7 @@ VOLUMES = {
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(apart, "_SECONDS", 1)
+    monkeypatch.setattr(subprocess_reader, "_SECONDS", 1)
 
 
 @pytest.mark.slow
@@ -139,7 +139,7 @@ def test_headers_of_meshes(tmp_path, name, capfd):
 @pytest.mark.slow
 def test_what_those_were_made_of_is_read(tmp_path, monkeypatch):
     """Words of VTK may also be names of arrays."""
-    monkeypatch.setattr(apart, "_SECONDS", 5)  # the first file that is read loads more of ITK
+    monkeypatch.setattr(subprocess_reader, "_SECONDS", 5)  # the first file that is read loads more of ITK
     more = VTK + "POINT_DATA 3\nFIELD f 1\nlines 1 3 float\n1 2 3\n"
     for name, text in {"s.vtk": VTK, "more.vtk": more, "s.vtp": VTP}.items():
         (tmp_path / name).write_text(text)

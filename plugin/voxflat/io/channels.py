@@ -69,21 +69,21 @@ class Channels:
         count = len(self)
         if channel is None:
             if count > 1:
-                raise InputError(f"has {count} maps ({self.listed()}): choose one by its name or number (channel)")
+                raise InputError(f"has {count} maps ({self.listed()}). Choose one by its name or number (channel)")
             return 0
         if isinstance(channel, str):
             found = [n for n, name in enumerate(self.names) if name == channel]
             if len(found) == 1:
                 return found[0]
             if len(found) > 1:
-                raise InputError(f"has {len(found)} maps of the name {channel!r}, {found}: choose one by its number")
+                raise InputError(f"has {len(found)} maps named {channel!r}, {found}. Choose one by its number")
             if not re.fullmatch(r"-?[0-9]+", channel):
-                raise InputError(f"has no map {channel!r}, but {self.listed()}")
+                raise InputError(f"has no map {channel!r}. Choose one of {self.listed()}")
             channel = int(channel)
         if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
-            raise InputError(f"channel is {shown(channel)}: give a name or a number")
+            raise InputError(f"channel is {shown(channel)}. Pass a name or a number")
         if not -count <= channel < count:
-            raise InputError(f"has no map {channel}: they are numbered 0 to {count - 1}")
+            raise InputError(f"has no map {channel}. Pass a number from 0 to {count - 1}")
         return int(channel) % count
 
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
@@ -144,10 +144,10 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if not are_points(shape):
         return None
     if max(shape[:3]) != points:
-        raise InputError(f"has {max(shape[:3])} values; the surface has {points} points")
+        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points")
     further = [n for n in shape[3:] if n != 1]
     if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
-        raise InputError(f"has the shape {shape} of {image.get_data_dtype()}: values at N points have (N, 1, 1, T)")
+        raise InputError(f"has shape {shape} of {image.get_data_dtype()}. Values at N points have shape (N, 1, 1, T)")
     _check_complete(path, image, 2 * points)
     count = further[0] if further else 1
     at = shape.index(count, 3) if further else 0
@@ -217,12 +217,12 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
     axes = [image.header.get_axis(n) for n in range(image.ndim)]
     if len(axes) != 2 or type(axes[1]).__name__ != "BrainModelAxis":
         kinds = ", ".join(type(axis).__name__ for axis in axes)
-        raise InputError(f"its axes are {kinds}: give a .dscalar.nii, .dtseries.nii or .dlabel.nii, values at vertices")
+        raise InputError(f"its axes are {kinds}. Pass a .dscalar.nii, .dtseries.nii or .dlabel.nii of vertices")
     models = {name: (part, model) for name, part, model in axes[1].iter_structures() if name in axes[1].nvertices}
     name = _structure(models, axes[1].nvertices, points, structure)
     part, model = models[name]
     if axes[1].nvertices[name] != points:
-        raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices; the surface has {points} points")
+        raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices, the surface {points} points")
     names, is_label = _map_names(axes[0])
     is_timed = type(axes[0]).__name__ == "SeriesAxis" and axes[0].unit == "SECOND"
     timing = Timing.told(axes[0].step, axes[0].start) if is_timed else None
@@ -252,25 +252,26 @@ def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
     with np.errstate(invalid="ignore"):  # infinity less itself
         is_label = (np.abs(values) <= _LARGEST_LABEL) & (np.abs(values - np.round(values)) <= 1e-3)
     if not is_label.all():
-        raise InputError(f"has the label {values[~is_label][0]}: give whole numbers, or a .dscalar.nii of values")
+        raise InputError(f"label {values[~is_label][0]} is not a whole number. Pass values as .dscalar.nii")
     return np.asarray(np.round(values), dtype=np.int64)
 
 
 def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:
     """Return which structure of a CIFTI file a surface is."""
     if not models:
-        raise InputError("has no values at vertices, but only in voxels")
+        raise InputError("has values in voxels only, not at vertices")
     if structure is not None:
         wanted = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
         if wanted not in models:
-            raise InputError(f"holds {', '.join(map(_short, models))}, and not {_short(wanted)}, which the surface is")
+            raise InputError(f"contains {', '.join(map(_short, models))}, but the surface is {_short(wanted)}")
         return wanted
     fitting = [name for name in models if sizes[name] == points]
     if len(fitting) != 1:
-        what = f"each of {points} vertices" if fitting else f"none of {points} vertices"
+        what = f"each with {points} vertices" if fitting else f"none with {points} vertices"
         raise InputError(
-            f"holds {', '.join(map(_short, fitting or models))}, {what}, and the surface does not say which it is: "
-            "give one whose GIFTI file says AnatomicalStructurePrimary, or is named lh. or rh."
+            f"contains {', '.join(map(_short, fitting or models))}, {what}, and the hemisphere of the surface is "
+            "unknown. Pass a surface whose GIFTI file defines AnatomicalStructurePrimary, or whose file name "
+            "begins with lh. or rh."
         )
     return fitting[0]
 

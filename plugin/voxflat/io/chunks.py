@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.apart import apart
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, check_regular, naming, require
 from voxflat.io.grid import Affine, check_axes
 from voxflat.io.reading import check_room, note
+from voxflat.io.subprocess_reader import read_in_subprocess
 
 PLACE_BYTES = 360
 """How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
@@ -116,7 +116,7 @@ class _Apart:
     def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
         at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
         values = math.prod(one[1] - one[0] for one in at if isinstance(one, list))
-        found: NDArray[Any] = apart(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
+        found: NDArray[Any] = read_in_subprocess(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
         return found
 
 
@@ -187,19 +187,19 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
         check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
         return _channels(each, [""] * len(each)), None, None
-    raise InputError(f"has the shape {tuple(array.shape)}: give (I, J, K), or (I, J, K, C) of C channels")
+    raise InputError(f"has shape {tuple(array.shape)}. Pass (I, J, K), or (I, J, K, C) with C channels")
 
 
 def _check(array: Any, chunks: Any) -> None:
     if np.dtype(array.dtype).kind not in "biuf":
-        raise InputError(f"values of type {array.dtype} are no bool, integer or float: convert them")
+        raise InputError(f"its values have type {array.dtype}. Convert them to bool, integer or float")
     if 0 in array.shape or 0 in chunks:
         raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
     check_axes(tuple(array.shape))
     sizes = zip(array.shape, chunks, strict=True)
     count = math.prod(len(of) if isinstance(of, tuple | list) else -(-length // int(of)) for length, of in sizes)
     if count >= 2**63:
-        raise InputError(f"is in {count} chunks: a number of 64 bits does not count them, write it in larger ones")
+        raise InputError(f"has {count} chunks, more than a 64-bit number can count. Write it again with larger chunks")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 
@@ -218,14 +218,12 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         told, about = _multiscales(path.parent)
         wanted = path.name
     if told is None or about is None:
-        raise InputError(
-            "has no multiscales, which would say where it lies: give an OME-Zarr, or the array with an affine"
-        )
+        raise InputError("has no multiscales, so its position is unknown. Pass an OME-Zarr, or array and affine")
     note(about)
     sets = told.get("datasets") or []
     found = next((of for of in sets if wanted is None or of.get("path") == wanted), None)
     if found is None:
-        raise InputError(f"has no image {wanted!r}; there are {', '.join(str(of.get('path')) for of in sets)}")
+        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(of.get('path')) for of in sets)}")
     root = path if wanted is None else path.parent
     file = root / str(found["path"])
     for name in _HEADERS:
@@ -237,7 +235,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
-        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}: a volume has x, y and z")
+        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}. Pass axes x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
     with np.errstate(invalid="ignore", over="ignore"):  # looked at below
@@ -247,25 +245,23 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
             elif step.get("type") == "translation":
                 shift = shift + step["translation"]
             elif step.get("type") != "identity":
-                raise InputError(
-                    f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
-                )
+                raise InputError(f"the transformation {step.get('type')!r} is not supported. Use scale and translation")
     if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(f"its axes are scaled by {scale.tolist()}, shifted by {shift.tolist()}: give finite numbers")
+        raise InputError(f"its scale {scale.tolist()} and translation {shift.tolist()} must be finite")
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
     for column, axis in enumerate(spatial):
         unit = str(axes[axis].get("unit", "millimeter"))
         if unit not in _TO_MM:
-            raise InputError(f"its axis {names[axis]} is in {unit}: give {', '.join(_TO_MM)}")
+            raise InputError(f"the unit of its axis {names[axis]} is {unit}. Use one of {', '.join(_TO_MM)}")
         orientation = axes[axis].get("orientation") or {}
         value = orientation.get("value") if isinstance(orientation, dict) else None
         row, sign = _ORIENTED.get(str(value), (column, 1))
         affine[row, column] = sign * scale[axis] * _TO_MM[unit]
         affine[row, 3] = sign * shift[axis] * _TO_MM[unit]
     if abs(np.linalg.det(affine)) == 0:
-        raise InputError("its axes have no extent, or two run along the same: its affine would be singular")
+        raise InputError("its affine is singular: an axis has no extent, or two axes are parallel")
     others = [axis for axis in range(len(names)) if axis not in spatial]
     check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
     each, titles = [], []
@@ -287,7 +283,7 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
         except (ValueError, AttributeError, RecursionError):
-            raise InputError(f"{name} is damaged: copy or download it again") from None
+            raise InputError(f"{name} is damaged. Copy or download it again") from None
         if scales:
             return scales[0], file
     return None, None

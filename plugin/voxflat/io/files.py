@@ -29,12 +29,12 @@ from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST
 from voxflat.io.reading import allowed_memory, note
 
-REMEDY = "is the file complete, and what its ending says?"
+REMEDY = "Check that the file is complete and that its ending matches its format"
 
 SAVED_ENDINGS = (".npz", ".voxflat")
 """Of files that hold all of a map or an atlas: one format, NumPy's archive; the second is no other program's."""
 
-AGAIN = "copy it again"  # what to do with a file that was cut short
+AGAIN = "Copy or download the file again"  # what to do with a file that was cut short
 
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems
@@ -49,7 +49,7 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Ca
     for ending, entry in table.items():
         if path.name.lower().endswith(ending):
             return entry
-    raise InputError(f"ending {path.suffix!r} is unknown; {', '.join(table)} can be {verb}")
+    raise InputError(f"unknown file name ending {path.suffix!r}; {', '.join(table)} can be {verb}")
 
 
 def require(module: str, extra: str | None = None) -> Any:
@@ -57,7 +57,7 @@ def require(module: str, extra: str | None = None) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f"needs {module}: pip install 'voxflat[{extra or module}]'") from error
+        raise InputError(f"requires {module}. Install it with pip install 'voxflat[{extra or module}]'") from error
 
 
 _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
@@ -116,7 +116,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno not in OF_DAMAGE:
             raise
-        raise InputError(f"{name}: {one_line(error)}: {remedy}") from error
+        raise InputError(f"{name}: {one_line(error).removesuffix('.')}. {remedy[:1].upper()}{remedy[1:]}") from error
 
 
 @contextmanager
@@ -131,7 +131,7 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
     except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
-        raise InputError(f"{path} is not {what} of voxflat or is damaged ({type(error).__name__})") from error
+        raise InputError(f"{path} is not {what} of voxflat, or is damaged ({type(error).__name__})") from error
 
 
 @contextmanager
@@ -149,9 +149,9 @@ def check_regular(path: Path) -> os.stat_result:
     """Refuse what is no regular file, for which a reader might wait for ever; return what the system knows of it."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
-        raise InputError("is a directory: name a file")
+        raise InputError("is a directory. Pass the name of a file")
     if not stat.S_ISREG(status.st_mode):
-        raise InputError("is no regular file: copy what it gives into a file")
+        raise InputError("is not a regular file. Copy its content into a regular file")
     return status
 
 
@@ -159,7 +159,7 @@ def check_regular_within(folder: Path) -> None:
     """Refuse a directory in which something is neither a directory nor a regular file."""
     for entry in folder.iterdir():
         if entry.exists() and not entry.is_file() and not entry.is_dir():
-            raise InputError(f"{entry} is no regular file: copy what it gives into a file")
+            raise InputError(f"{entry} is not a regular file. Copy its content into a regular file")
 
 
 def from_json(text: str | bytes) -> Any:
@@ -172,7 +172,7 @@ def from_json(text: str | bytes) -> Any:
 
 def _finite(number: str) -> float:
     if not math.isfinite(found := float(number)):
-        raise ValueError(f"{number} is no number of JSON")
+        raise ValueError(f"{number} is not a valid number in JSON")
     return found
 
 
@@ -189,11 +189,11 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[
             continue
         array, wanted = arrays[name], axes.split()
         if not _is_of_kind(array, np.dtype(wanted_type)) or array.ndim != len(wanted):
-            raise InputError(f"its {name} are {array.dtype} of shape {array.shape}: {AGAIN}")
+            raise InputError(f"its array {name} is {array.dtype} of unexpected shape {array.shape}. {AGAIN}")
         for length, axis in zip(array.shape, wanted, strict=True):
-            known, by = (int(axis), "its kind") if axis.isdigit() else lengths.setdefault(axis, (length, name))
+            known, by = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, name))
             if axis != "?" and length != known:
-                raise InputError(f"its {name} have the shape {array.shape}, which does not fit {by}: {AGAIN}")
+                raise InputError(f"its array {name} has shape {array.shape}, which does not match {by}. {AGAIN}")
 
 
 def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> dict[str, NDArray[Any]]:
@@ -204,7 +204,7 @@ def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str,
         if wanted.kind in "iu" and array.size:
             bounds = np.iinfo(wanted)
             if int(array.min()) < bounds.min or int(array.max()) > bounds.max:
-                raise InputError(f"its {name} are not all from {bounds.min} to {bounds.max}: {AGAIN}")
+                raise InputError(f"its array {name} has values outside {bounds.min} to {bounds.max}. {AGAIN}")
         made[name] = array.astype(wanted, copy=False)
     return made
 
@@ -217,14 +217,14 @@ def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -
     """Check that arrays of numbers of rows, by their names, name rows that there are."""
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
-            raise InputError(f"its {name} name rows that there are not, of {limit}: {AGAIN}")
+            raise InputError(f"its array {name} refers to rows outside the {limit} available ones. {AGAIN}")
 
 
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
     """Check that coordinates, by their names, are finite and such as the core takes."""
     for name, array in arrays.items():
         if not (np.abs(array.astype(np.float64)) <= FARTHEST).all():
-            raise InputError(f"its {name} are not all finite and up to {FARTHEST:g} mm: {AGAIN}")
+            raise InputError(f"its array {name} has coordinates that are not finite or exceed {FARTHEST:g} mm. {AGAIN}")
 
 
 def contents(path: Path) -> bytes:
@@ -239,11 +239,11 @@ def contents(path: Path) -> bytes:
         while block := _unpacked(stream):
             size += len(block)
             if size > limit:
-                held = f"unpacks {amount(status.st_size)} to" if is_gzipped else "holds"
-                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory: is it a mesh?")
+                held = f"unpacks from {amount(status.st_size)} to" if is_gzipped else "holds"
+                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory. Check that it is a mesh")
             blocks.append(block)
     if size == 0:
-        raise InputError("is empty (0 bytes): copy or download it again")
+        raise InputError("is empty (0 bytes). Copy or download it again")
     note(path)
     return b"".join(blocks)
 
@@ -252,17 +252,17 @@ def _unpacked(stream: IO[bytes]) -> bytes:
     try:
         return stream.read(_BLOCK)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"is gzip, and damaged ({error}): {AGAIN}") from error
+        raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
     """Compare the length of a file to what its header asks for."""
     if need < 0:
-        raise InputError(f"has {what} by its header, which is damaged: {AGAIN}")
+        raise InputError(f"its header is damaged: it specifies {what}. {AGAIN}")
     if len(data) < need:
-        raise InputError(f"has {what} by its header, but ends after {len(data)} of {need} bytes: {AGAIN}")
+        raise InputError(f"its header specifies {what}, but the file ends after {len(data)} of {need} bytes. {AGAIN}")
     if is_exact and len(data) > need:
-        raise InputError(f"has {what} by its header, but {len(data) - need} bytes more than that: is it damaged?")
+        raise InputError(f"its header specifies {what}, but the file is {len(data) - need} bytes longer. {AGAIN}")
 
 
 def temporary_beside(path: Path) -> Path:
@@ -332,7 +332,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
 def check_new(path: Path) -> None:
     """Refuse a directory that is there already: its files are not ours to delete."""
     if path.exists() or path.is_symlink():
-        raise InputError(f"{path} is there already, and directories are not replaced: delete it or choose another name")
+        raise InputError(f"{path} exists, and directories are not replaced. Delete it, or choose another name")
 
 
 def _probe(path: Path) -> None:

@@ -35,28 +35,29 @@ def check_affine(affine: ArrayLike) -> Affine:
     try:
         matrix = numbers_of(affine, "affine")
     except InputError as error:
-        raise InputError(f"affine {shown(affine)} is no array of numbers: give a (4, 4) matrix") from error
+        raise InputError(f"affine {shown(affine)} is not an array of numbers. Pass a (4, 4) matrix") from error
     if matrix.shape != (4, 4):
-        raise InputError(f"affine has shape {matrix.shape}: give a (4, 4) matrix, voxel index to RAS+ mm")
+        raise InputError(f"affine has shape {matrix.shape}. Pass a (4, 4) matrix that maps voxel indices to RAS+ mm")
     if not np.isfinite(matrix).all():
-        raise InputError(f"affine {matrix.tolist()} is not finite: repair the header or give an affine")
+        raise InputError(f"affine {matrix.tolist()} is not finite. Repair the header, or pass an affine")
     if np.abs(matrix).max() > FARTHEST:
-        raise InputError(f"affine {matrix.tolist()} goes beyond {FARTHEST:g} mm: repair the header or give an affine")
+        raise InputError(f"affine {matrix.tolist()} exceeds {FARTHEST:g} mm. Repair the header, or pass an affine")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"affine's last row is {matrix[3].tolist()}: it must be 0 0 0 1; is it transposed?")
+        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Is it transposed?")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
-        raise InputError(f"affine's voxel size is {sizes.tolist()} mm: each column must have a length above 0")
+        raise InputError(f"the affine has voxel sizes {sizes.tolist()} mm. Each column must have a length above 0")
     if sizes.min() < SMALLEST:
         raise InputError(
-            f"affine's voxel size is {sizes.tolist()} mm, below {SMALLEST:g} mm: repair the header, or give it in mm"
+            f"the affine has voxel sizes {sizes.tolist()} mm, below {SMALLEST:g} mm. Repair the header, or pass "
+            "an affine in mm"
         )
     axes = matrix[:3, :3] / sizes
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear <= _MAX_SHEAR:
         raise InputError(
-            f"affine is sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}: "
-            "resample to an orthogonal grid"
+            f"the affine is sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}. "
+            "Resample the volume to an orthogonal grid"
         )
     return matrix
 
@@ -66,7 +67,7 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
-        raise InputError("both spacing= and affine= are given: give one, the affine holds the spacing")
+        raise InputError("both spacing= and affine= are given. Pass only one of them; the affine includes the spacing")
     try:
         sizes = np.asarray(spacing, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -83,7 +84,9 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
     kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
-        raise InputError(f"shape {shape} is no volume: pick one of shape (I, J, K), or uint8 colours (I, J, K, 3 or 4)")
+        raise InputError(
+            f"expected a 3-D volume, got shape {shape}. Select one volume (I, J, K), or uint8 colours (I, J, K, 3 or 4)"
+        )
     check_axes(kept)
     return kept
 
@@ -91,7 +94,7 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
 def check_axes(shape: tuple[int, ...]) -> None:
     """Refuse axes that an index of 32 bits does not reach to the end of."""
     if max(shape) > _LONGEST:
-        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels: crop it, or copy it again")
+        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop it, or copy it again")
 
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
@@ -111,7 +114,7 @@ def named_unit(unit: object) -> str:
     given = unit.strip().lower() if isinstance(unit, str) and unit.strip() else None
     found = next((name for name, called in _UNITS.items() if given in called), None)
     if found is None:
-        raise InputError(f"unit is {shown(unit)}; give one of {', '.join(_MILLIMETRES)}")
+        raise InputError(f"unit is {shown(unit)}. Pass one of {', '.join(_MILLIMETRES)}")
     return found
 
 
@@ -131,14 +134,16 @@ def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
     """Warn that coordinates go into a format of which other programs take mm, although they are in another unit."""
     unit = metadata.get("unit", "mm")
     if unit not in ("mm", "unknown"):
-        log.warning("%s: coordinates are written in %s, but other programs read this format in mm", path, unit)
+        log.warning(
+            "%s: coordinates are written in %s, but other programs assume that this format is in mm", path, unit
+        )
 
 
 def millimetres(unit: str) -> float:
     """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
     if found is None:
-        raise InputError(f"its lengths are in {unit!r}, which is no known unit: save it in mm or give array and affine")
+        raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
     return _MILLIMETRES[found]
 
 
@@ -147,5 +152,5 @@ def in_millimetres(affine: Affine, unit: str) -> Affine:
     factor = millimetres(unit)
     if factor == 1:
         return affine
-    log.warning("lengths are in %s by the header; they were converted to mm", unit)
+    log.warning("the header gives lengths in %s; they were converted to mm", unit)
     return np.asarray(np.diag([factor] * 3 + [1.0]) @ affine)

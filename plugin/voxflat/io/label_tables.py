@@ -41,11 +41,11 @@ class LabelTable:
 def read_table(path: str | os.PathLike[str]) -> LabelTable:
     """Read a lookup table, as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS with ``index``, ``name``, ``color``."""
     path = checked_path(path)
-    with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
+    with naming(path, "pass a table such as FreeSurferColorLUT.txt, or a BIDS dseg.tsv file"):
         text = contents(path).decode("utf-8-sig")
         found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
         if not found.names:
-            raise InputError("has no labels")
+            raise InputError("contains no labels")
         return found
 
 
@@ -92,7 +92,7 @@ def _table(rows: Iterable[tuple[Any, Any, Any]]) -> LabelTable:
         if colour is not None:
             red, green, blue = (int(part) for part in colour)
             if not all(0 <= part <= 255 for part in (red, green, blue)):
-                raise InputError(f"label {label} has the colour {red}, {green}, {blue}: give 0 to 255")
+                raise InputError(f"label {label} has the colour {red}, {green}, {blue}. Use values from 0 to 255")
             colours[int(label)] = (red, green, blue)
     return LabelTable(names, colours)
 
@@ -109,7 +109,7 @@ def _of_lines(text: str) -> LabelTable:
             continue
         found = re.fullmatch(r"\s*(\d+)\s+(\S.*?)\s+(\d+)\s+(\d+)\s+(\d+)(?:\s+\d+)?\s*", line)
         if found is None:
-            raise InputError(f"line {number} is {line.strip()[:60]!r}, and not a label, a name, red, green, blue")
+            raise InputError(f"line {number} is {line.strip()[:60]!r}, but must be: label, name, red, green, blue")
         rows.append((int(found[1]), found[2], [found[3], found[4], found[5]]))
     return _table(rows)
 
@@ -118,7 +118,7 @@ def _of_columns(text: str) -> LabelTable:
     rows = []
     reader = csv.DictReader(io.StringIO(text), delimiter="\t")
     if not {"index", "name"} <= set(reader.fieldnames or ()):
-        raise InputError("has no columns index and name")
+        raise InputError("lacks the columns index and name")
     for row in reader:
         colour = (row.get("color") or "").strip().lstrip("#")
         is_known = re.fullmatch(r"[0-9a-fA-F]{6}", colour) is not None

@@ -90,7 +90,10 @@ class Mesh:
         across = float(np.ptp(self.points, axis=0).max())
         if across >= 1:
             return None
-        return f"is {across:.2g} units across; coordinates are taken as mm: are they metres? multiply by 1000"
+        return (
+            f"is {across:.2g} units across; coordinates are assumed to be in mm. If they are in metres, multiply "
+            "them by 1000"
+        )
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -99,29 +102,29 @@ class Mesh:
     def __post_init__(self) -> None:
         points = array_of(self.points, "points")
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
-            raise InputError(f"points are {points.dtype} of shape {points.shape}: give numbers of shape (N, 3)")
+            raise InputError(f"points have type {points.dtype} and shape {points.shape}. Pass numbers of shape (N, 3)")
         if len(points) == 0:
-            raise InputError("has no points: is it a surface?")
+            raise InputError("has no points. Pass a surface mesh")
         points = np.ascontiguousarray(points, dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
-            raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}: it must be finite")
+            raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}, which are not all finite")
         far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
         if len(far):
-            raise InputError(f"point {far[0]} lies at {points[far[0]].tolist()}, beyond {FARTHEST:g} mm: is it right?")
+            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, lies beyond {FARTHEST:g} mm. Check the unit")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
             texture = np.ascontiguousarray(numbers_of(self.texture_coordinates, "texture coordinates"))
             object.__setattr__(self, "texture_coordinates", texture)
             if texture.shape != (len(points), 2):
-                raise InputError(f"texture coordinates have shape {texture.shape}: give ({len(points)}, 2)")
+                raise InputError(f"texture coordinates have shape {texture.shape}. Pass shape ({len(points)}, 2)")
         for kind, data, count in (("point", self.point_data, len(points)), ("face", self.face_data, len(self.faces))):
-            checked_kind(data, f"{kind} data", "items", "arrays by their names")
+            checked_kind(data, f"{kind} data", "items", "arrays by name")
             for name, array in data.items():
                 own = len(array) if np.ndim(array) else 0
                 if own != count:
-                    raise InputError(f"{kind} data {name!r} has {own} values; the surface has {count} {kind}s")
+                    raise InputError(f"{kind} data {name!r} has {own} values, but the surface has {count} {kind}s")
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -183,11 +186,13 @@ def _format(path: Path, data: bytes) -> str:
     """Return the format of a surface file; ending and content must agree."""
     named, found = formats.by_name(path), formats.by_content(data)
     if named and found and named != found:
-        raise InputError(f"has the ending of {named}, but the content of {found}: rename it")
+        raise InputError(f"its name ends as {named}, but its content is {found}. Rename the file")
     kind = found or named
     if kind not in READERS:
-        hint = formats.HINTS.get(kind or "", f"{', '.join(formats.ENDINGS)} and FreeSurfer's surfaces can be read")
-        raise InputError(f"is no surface, but {kind or 'of unknown content'}: {hint}")
+        hint = formats.HINTS.get(
+            kind or "", f"supported formats are {', '.join(formats.ENDINGS)} and FreeSurfer surfaces"
+        )
+        raise InputError(f"is not a surface: its content is {kind or 'unknown'}; {hint}")
     return kind
 
 
@@ -252,7 +257,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     """
     path = checked_path(path)
     write = check_mesh_name(path)
-    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
+    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
         write(temporary, mesh, record)
 
 
@@ -263,9 +268,9 @@ def check_mesh_name(path: Path) -> _Write:
     """Refuse a name of no format that a surface can be written in; return what writes it."""
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
-    with naming(path, "can this format hold it?"):
+    with naming(path, "check that this format can hold it"):
         if ".patch." in name:
-            raise InputError("is the name of a patch: use write_patch")
+            raise InputError("is the name of a patch. Use write_patch to write it")
         if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
             return _write_freesurfer
         return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")

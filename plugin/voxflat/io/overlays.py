@@ -79,7 +79,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
     path.open("rb").close()  # the system's own error for one that cannot be read says more
     found = points_of_nibabel(path, points, structure)
     if found is None:
-        raise InputError("holds no values at points, but voxels")
+        raise InputError("has values in voxels, not at points")
     return found.mapped(lambda values: _fitting(values, points))
 
 
@@ -151,7 +151,7 @@ def read_region(
         if image is not None and name is not None:
             return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
         if name is not None:
-            raise InputError(f"has no named labels: leave out name={name!r}")
+            raise InputError(f"has no named labels. Omit name={name!r}")
         if kind == formats.PATCH:
             return _mask(patches.parse_patch(path, data).vertex_ids, points)
         if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
@@ -174,15 +174,15 @@ def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> No
             own = gifti.first_metadata(contents(path)).get("AnatomicalStructurePrimary") or own
     if own in (LEFT, RIGHT) and own != structure:
         raise InputError(
-            f"{path}: is of {own}, the surface of {structure}: give the file of this side, or, if it is meant, its "
-            "values as an array"
+            f"{path}: belongs to {own}, but the surface is {structure}. Pass the file of this hemisphere; to use "
+            "the values nevertheless, pass them as an array"
         )
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
     """Return where the only map of some channels is neither 0 nor NaN, shape (points,)."""
     if len(channels) > 1:
-        raise InputError(f"has {len(channels)} maps: give a file with one")
+        raise InputError(f"has {len(channels)} maps. Pass a file with one map")
     values = _fitting(channels.read(0), points)
     return np.asarray((values != 0) & ~np.isnan(values))
 
@@ -192,7 +192,7 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
     name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
     if name.endswith(".npy") or kind == "a NumPy array":
         if kind != "a NumPy array":
-            raise InputError("is no NumPy array: write it again with numpy.save")
+            raise InputError("is not a NumPy array. Write it again with numpy.save")
         return _fitting(readers.read_array(path), points), None
     if name.endswith(".txt"):
         with warnings.catch_warnings():
@@ -208,23 +208,23 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
         return _fitting(gifti.values(image), points), gifti.map_names(image)
     is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
     if kind not in (None, formats.MORPH) and not is_cut_short:
-        raise InputError(f"holds no values at points, but {kind}")
+        raise InputError(f"does not contain values at points: its content is {kind}")
     return _fitting(freesurfer.read_morph(path, data), points), None
 
 
 def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
     """Check that there is a value, or a row of them, for each point."""
     if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
-        raise InputError(f"values are {values.dtype} of shape {values.shape}: give numbers of shape (N,) or (N, K)")
+        raise InputError(f"values have type {values.dtype} and shape {values.shape}. Pass numbers (N,) or (N, K)")
     if len(values) != points:
-        raise InputError(f"has {len(values)} values; the surface has {points} points")
+        raise InputError(f"has {len(values)} values, but the surface has {points} points")
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
 def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
     """Return which points are chosen."""
     if chosen.max() >= points:
-        raise InputError(f"names point {chosen.max()}; the surface has the points 0 to {points - 1}")
+        raise InputError(f"refers to point {chosen.max()}, but the surface has the points 0 to {points - 1}")
     mask = np.zeros(points, dtype=bool)
     mask[chosen] = True
     return mask
@@ -235,7 +235,7 @@ def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDA
     keys = [key for key, label in names.items() if label == name]
     if not keys:
         known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
-        raise InputError(f"name={name!r} is none of its labels: {known}")
+        raise InputError(f"name={name!r} is not one of its labels: {known}")
     if labels.ndim > 1:
-        raise InputError(f"has {labels.shape[1]} maps: give a file with one")
+        raise InputError(f"has {labels.shape[1]} maps. Pass a file with one map")
     return np.isin(labels, keys)

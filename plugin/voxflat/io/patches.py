@@ -22,7 +22,7 @@ from voxflat.io.triangles import as_float32, check_faces
 from voxflat.unique_rows import distinct
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
-_REMEDY = "is it complete, and of this format?"
+_REMEDY = "check that the file is complete and in this format"
 
 FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # how the names of patches end that are flat
 PATCH_ENDING = ".patch.3d"  # how the names of patches end that lie in space; so do those of some flat ones
@@ -67,11 +67,11 @@ class Patch:
         if self.points.shape != (k, 3) or self.border.shape != (k,):
             raise InputError(
                 f"a patch of {k} vertices has points of shape {self.points.shape} and a border of shape "
-                f"{self.border.shape}: give ({k}, 3) and ({k},)"
+                f"{self.border.shape}. Pass shapes ({k}, 3) and ({k},)"
             )
         bad = np.flatnonzero(~np.isfinite(self.points).all(axis=1))
         if len(bad):
-            raise InputError(f"entry {bad[0]} of the patch lies at {self.points[bad[0]].tolist()}: it must be finite")
+            raise InputError(f"entry {bad[0]} of the patch, {self.points[bad[0]].tolist()}, is not finite")
 
 
 def read_patch(path: str | os.PathLike[str]) -> Patch:
@@ -110,12 +110,12 @@ def parse_patch(path: Path, data: bytes) -> Patch:
     """Return the patch that a file holds."""
     header = np.frombuffer(data[:8], ">i4") if len(data) >= 8 else np.zeros(2, int)
     if header[0] != -1:
-        raise InputError(f"begins with {data[:4].hex(' ')} instead of ff ff ff ff: it is no binary patch file")
+        raise InputError(f"is not a binary patch file: it begins with {data[:4].hex(' ')} instead of ff ff ff ff")
     check_size(data, 8 + _ENTRY.itemsize * int(header[1]), f"{header[1]} points", is_exact=True)
     entries = np.frombuffer(data, _ENTRY, offset=8)
     signed = entries["vertex"].astype(np.int64)
     if not signed.all():
-        raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} names vertex 0; patch files count from 1")
+        raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} refers to vertex 0, but patch files count from 1")
     with np.errstate(invalid="ignore"):  # signalling NaN, refused as others
         return Patch(np.abs(signed) - 1, entries["point"].astype(np.float64), signed < 0, path)
 
@@ -152,11 +152,11 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     >>> voxflat.io.write_patch("lh.some.patch.3d", patch)
     """
     path = checked_path(path)
-    with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
+    with atomic_path(path) as temporary, naming(path, "check that a patch file can hold it"):
         entries = np.empty(len(patch.vertex_ids), _ENTRY)
         one_based = patch.vertex_ids + 1
         if one_based.max() > np.iinfo(np.int32).max:
-            raise InputError(f"vertex {patch.vertex_ids.max()} is above what the format can name, 2147483646")
+            raise InputError(f"vertex {patch.vertex_ids.max()} is above the format's largest, 2147483646")
         entries["vertex"] = np.where(patch.border, -one_based, one_based)
         entries["point"] = as_float32(patch.points)
         temporary.write_bytes(np.array([-1, len(entries)], ">i4").tobytes() + entries.tobytes())
@@ -244,7 +244,7 @@ def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int
     check_room(8 * n)
     if chosen.max() >= n:
         entry = np.flatnonzero(chosen >= n)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}; the surface has {n} points")
+        raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}, but the surface has {n} points")
     rows = np.full(n, -1, dtype=np.int64)
     rows[chosen] = np.arange(len(chosen))
     return triangles, rows
@@ -254,13 +254,13 @@ def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     """Check that vertices are whole numbers from 0, each once."""
     array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
-        raise InputError(f"a patch has one whole number or more, not {array.dtype} of shape {array.shape}")
+        raise InputError(f"a patch must list vertices as whole numbers, not {array.dtype} of shape {array.shape}")
     array = np.ascontiguousarray(array, dtype=np.int64)
     if array.min() < 0:
         entry = np.flatnonzero(array < 0)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}: they count from 0")
+        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}. Vertices count from 0")
     order = np.argsort(array, kind="stable")
     twice = order[1:][np.diff(array[order]) == 0]
     if len(twice):
-        raise InputError(f"entry {twice.min()} of the patch is vertex {array[twice.min()]}, which it has already")
+        raise InputError(f"entry {twice.min()} of the patch repeats vertex {array[twice.min()]}. List each vertex once")
     return array

@@ -185,7 +185,7 @@ def as_text(record: Record, indent: int | None = None) -> str:
     try:
         return json.dumps(portable(record), indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the record is {shown(record)}, which JSON cannot hold: {error}") from error
+        raise InputError(f"the record is {shown(record)}, which cannot be written as JSON: {error}") from error
 
 
 def _files(record: object) -> Iterator[tuple[str, str]]:
@@ -204,7 +204,7 @@ def check_not_read(path: Path, record: Record) -> None:
     for name, digest in _files(record):
         is_same = os.path.exists(name) and path.samefile(name)
         if is_same or (path.name == os.path.basename(name) and path.is_file() and digest == hash_of(path)):
-            raise InputError(f"cannot write {path}: it is an input ({name}); choose another name")
+            raise InputError(f"cannot write {path}: it is an input ({name}). Choose another name")
 
 
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
@@ -217,8 +217,8 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
             is_ours = b"voxflat" in file.read(_MARKED)
     if not is_ours:
         raise InputError(
-            f"cannot write {path}: {beside} beside it is there already, and not of voxflat; choose another name, or "
-            "overwrite it (--overwrite, overwrite=True)"
+            f"cannot write {path}: the file {beside} beside it exists and was not written by voxflat. Choose "
+            "another name, or overwrite it (--overwrite, overwrite=True)"
         )
 
 

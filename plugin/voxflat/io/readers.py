@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.apart import apart
 from voxflat.io.files import by_ending, check_regular, nibabel_image, one_line, require
 from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
+from voxflat.io.subprocess_reader import read_in_subprocess
 
 Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine if there is one
 
@@ -43,7 +43,7 @@ def as_array(obj: object) -> NDArray[Any]:
 def read(path: Path) -> Read:
     """Read the voxels of a file and its affine, if it has one."""
     if path.is_dir():
-        raise InputError("is a directory: name a volume file (a DICOM series: convert it to NIfTI first)")
+        raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
     check_regular(path)  # the system's own error for a missing file says more than a reader's
     path.open("rb").close()
     read: Callable[[Path], Read] = by_ending(path, READERS, "read")
@@ -82,7 +82,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in headers:  # with names of fields beyond Latin-1: no numbers
-        raise InputError(f"holds an array of NumPy's format {version}: write it again with numpy.save")
+        raise InputError(f"has NumPy's array format {version}. Write it again with numpy.save")
     shape, _, dtype = headers[version](file)
     return shape, dtype
 
@@ -92,17 +92,17 @@ def _need_of(file: IO[bytes], size: int) -> int:
     shape, dtype = _header(file)
     need = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if file.tell() + need > size and not dtype.hasobject:
-        raise InputError(f"ends after {size} of {file.tell() + need} bytes: copy or download it again")
+        raise InputError(f"ends after {size} of {file.tell() + need} bytes. Copy or download it again")
     return need
 
 
 def _read_npz(path: Path) -> Read:
     if not zipfile.is_zipfile(path):
-        raise InputError("is no complete .npz archive: write it again with numpy.savez")
+        raise InputError("is not a complete .npz archive. Write it again with numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = archive.files
     if "data" not in names and len(names) != 1:
-        raise InputError(f"holds the arrays {names}: name the volume 'data' (and its affine 'affine')")
+        raise InputError(f"contains the arrays {names}. Name the volume 'data' (and its affine 'affine')")
     voxels, *affine = read_arrays(
         path, [name for name in ("data", "affine") if name in names] if "data" in names else names
     ).values()
@@ -122,7 +122,7 @@ def _read_pair(path: Path) -> Read:
     """Read an image of two files, Analyze or NIfTI."""
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
-        raise InputError(f"{voxels.name} is not beside it: an image of this format is two files, .hdr and .img")
+        raise InputError(f"{voxels.name} is missing beside it. This format consists of two files, .hdr and .img")
     found = _read_by_nibabel(path, voxels)
     note(voxels)
     return found
@@ -151,14 +151,14 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
     try:
         # ITK scales in float32 (integers above 2^24 change), and adds scl_inter even if scl_slope is 0
         if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0:
-            raise InputError("its values are scaled, which ITK does in float32 only")
+            raise InputError("its values are scaled, which ITK does only in float32")
         if path.suffix.lower() == ".gz" and path.with_suffix("").exists():
-            raise InputError(f"ITK would read {path.with_suffix('').name} in its place")
+            raise InputError(f"ITK would read {path.with_suffix('').name} instead")
         if not _all_finite(path, header, shape):
-            raise InputError("it holds NaN or infinity, which ITK turns into 0")
+            raise InputError("it contains NaN or infinity, which ITK replaces by 0")
         voxels, _ = _by_itk(path)
         if voxels.shape[:3] != shape[:3]:
-            raise InputError(f"ITK gives the shape {voxels.shape} instead of {shape}")
+            raise InputError(f"ITK returns the shape {voxels.shape} instead of {shape}")
         return voxels
     except Exception as refusal:
         reason = one_line(refusal)
@@ -239,9 +239,9 @@ def _nifti_header(head: bytes) -> np.void:
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
             kind, bits = int(header["datatype"]), int(header["bitpix"])
             if _NIFTI_BITS.get(kind) != bits:
-                raise InputError(f"its voxels are of type {kind} and {bits} bits, which is none: its header is damaged")
+                raise InputError(f"its header is damaged: voxel type {kind} with {bits} bits does not exist")
             return header
-    raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
+    raise InputError("is not a NIfTI file, or its header is damaged. Check that its ending matches its format")
 
 
 def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
@@ -252,7 +252,7 @@ def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
         return affine
     sizes = header["pixdim"][1:4].astype(np.float64)
     if not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise InputError(f"pixdim {sizes.tolist()} must be positive, finite mm: repair the header")
+        raise InputError(f"pixdim is {sizes.tolist()}, but must be positive and finite (mm). Repair the header")
     if header["qform_code"] != 0:
         sizes[2] *= -1 if header["pixdim"][0] == -1 else 1
         affine[:3, :3] = _rotation(header["quatern"].astype(np.float64)) * sizes
@@ -269,7 +269,7 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
     b, c, d = imaginary
     square = 1 - imaginary @ imaginary
     if not square > -3 * np.finfo(np.float32).eps:
-        raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1: repair the header")
+        raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1. Repair the header")
     # within the rounding of the header's float32 a half turn is meant
     a = np.sqrt(square) if square >= 3 * np.finfo(np.float32).eps else 0.0
     return np.array(
@@ -288,9 +288,9 @@ def _read_nrrd(path: Path) -> Read:
     lines = re.findall(rb"(?m)^(?:space )?units:(.*)$", head)
     units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
     if len({millimetres(unit) for unit in units}) > 1:
-        raise InputError(f"its axes have different units, {', '.join(sorted(units))}: give array and spacing")
+        raise InputError(f"its axes have different units, {', '.join(sorted(units))}. Pass array and spacing instead")
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
-        raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
+        raise InputError(f"its spacings are{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
     return _converted(_by_itk(path, *separate), units.pop() if units else "mm")
 
 
@@ -323,7 +323,7 @@ def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
         fields[key] = value
         if key == b"ElementDataFile":
             return fields, at
-    raise InputError("is no MetaImage, or its header is damaged: does its ending name its format?")
+    raise InputError("is not a MetaImage file, or its header is damaged. Check that its ending matches its format")
 
 
 def _beside(path: Path, named: bytes) -> Path:
@@ -331,11 +331,11 @@ def _beside(path: Path, named: bytes) -> Path:
     name = named.strip().decode("utf-8", "surrogateescape")
     file = path.parent / name
     if not name or "%" in name or name.split()[0] == "LIST":  # which are lists of files, and formats of printf
-        raise InputError(f"keeps its voxels in {name!r:.80}, and not in one file: write it as .mha, .nrrd or .nii.gz")
+        raise InputError(f"stores its voxels in {name!r:.80}, not in one file. Write it as .mha, .nrrd or .nii.gz")
     if not file.resolve().is_relative_to(path.parent.resolve()):
-        raise InputError(f"keeps its voxels in {name!r:.80}, outside its directory: copy them beside it")
+        raise InputError(f"stores its voxels in {name!r:.80}, outside its directory. Copy them beside it")
     if not file.is_file():
-        raise InputError(f"keeps its voxels in {name!r:.80}, which is not there: copy it, too")
+        raise InputError(f"stores its voxels in {name!r:.80}, which does not exist. Copy that file, too")
     return file
 
 
@@ -351,7 +351,7 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
             _check_beyond(done, size)
             packed = stream.unconsumed_tail or file.read(_BLOCK)
     if not stream.eof:
-        raise InputError("ends too early: copy or download it again")
+        raise InputError("ends too early. Copy or download it again")
 
 
 def _opened(path: Path) -> Any:
@@ -368,13 +368,13 @@ def check_length(path: Path, needed: int) -> None:
             size += len(block)
             _check_beyond(size, needed)
     if size < needed:
-        raise InputError(f"ends after {size} of {needed} bytes: copy or download it again")
+        raise InputError(f"ends after {size} of {needed} bytes. Copy or download it again")
 
 
 def _check_beyond(size: int, needed: int) -> None:
     """Stop inflating what is far longer than its header says."""
     if size > needed + _MOST_BEYOND:
-        raise InputError(f"goes on after the {needed} bytes that its header tells of: copy or download it again")
+        raise InputError(f"is longer than the {needed} bytes that its header specifies. Copy or download it again")
 
 
 # --------------------------------------------------------------------------------- images of packages
@@ -423,7 +423,7 @@ def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))
     packed = str((*separate, path)[0].absolute())
-    voxels, affine = apart(_read_itk, "itk", path, packed, packed_from, size=size)
+    voxels, affine = read_in_subprocess(_read_itk, "itk", path, packed, packed_from, size=size)
     return voxels, affine
 
 

@@ -68,7 +68,7 @@ def allowed_memory() -> int:
     return free_memory() if now is None or now.limit is None else int(now.limit)
 
 
-def check_room(need: int, remedy: str = "crop or downsample it, or give it more memory") -> None:
+def check_room(need: int, remedy: str = "crop or downsample it, or allow more memory") -> None:
     """Refuse to read what needs more memory, by the file's header, than there is."""
     now = _now.get()
     check_memory(need, None if now is None else now.limit, remedy)

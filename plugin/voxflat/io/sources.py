@@ -33,7 +33,7 @@ def taken(
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
         if unit not in (None, "mm") and spacing is None and affine is None and volume.is_placed:
-            raise InputError(f"unit is {unit!r}, but this volume says how large it is, in mm: leave unit out")
+            raise InputError(f"unit is {unit!r}, but this volume defines its size in mm. Omit unit")
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
     if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
@@ -79,12 +79,12 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     """
     given = given_affine(spacing, affine)
     is_file = isinstance(obj, str | os.PathLike)
-    with naming(obj if is_file else type(obj).__name__, REMEDY if is_file else "give an array, a path or an image"):
+    with naming(obj if is_file else type(obj).__name__, REMEDY if is_file else "pass an array, a path or an image"):
         volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
         if given is None:
             return volume
         if volume.is_placed:
-            raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
+            raise InputError("has its own affine. Omit spacing= and affine=, or pass the bare array")
         return replace(volume, affine=given, is_placed=True)
 
 
@@ -100,14 +100,14 @@ def _of_pair(pair: tuple[Any, Any]) -> Mesh:
 def _of_array(given: object) -> Volume:
     array = as_array(given)
     if array.dtype == object and is_values(given):
-        raise InputError("holds values and not a surface: pass the surface that they belong to")
+        raise InputError("contains values, not a surface. Pass the surface to which they belong")
     if array.dtype == object:
-        raise InputError(f"this object is not supported. Give {SUPPORTED}")
+        raise InputError(f"this object is not supported. Pass {SUPPORTED}")
     return Volume._placed(array, None)
 
 
 def _of_masked(_: Any) -> Volume:
-    raise InputError("has a mask, which would be lost: fill it first, say with .filled(0)")
+    raise InputError("has a mask, which would be lost. Fill it first, for example with .filled(0)")
 
 
 T = TypeVar("T")

@@ -59,15 +59,15 @@ class VolumeGeometry:
     def __post_init__(self) -> None:
         shape, sizes = numbers_of(self.shape, "numbers of voxels"), numbers_of(self.voxel_size, "voxel sizes")
         if shape.shape != (3,) or sizes.shape != (3,) or not np.isfinite([shape, sizes]).all():
-            raise InputError(f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm: give 3 each")
+            raise InputError(f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm. Pass 3 each")
         checked_text(self.filename, "name of the volume's file")
         cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
         if cosines.shape != (3, 3) or c_ras.shape != (3,):
-            raise InputError(f"its volume's axes have shape {cosines.shape}, its centre {c_ras.shape}: (3, 3), (3,)")
+            raise InputError(f"its axes and centre have shapes {cosines.shape}, {c_ras.shape}. Pass (3, 3) and (3,)")
         if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
-            raise InputError(f"its volume's axes are {cosines.T.tolist()}: they must be orthonormal")
+            raise InputError(f"the axes of its volume, {cosines.T.tolist()}, are not orthonormal")
         if not np.isfinite(c_ras).all():
-            raise InputError(f"its c_ras is {c_ras.tolist()}: it must be finite")
+            raise InputError(f"its c_ras, {c_ras.tolist()}, is not finite")
         object.__setattr__(self, "cosines", cosines)
         object.__setattr__(self, "c_ras", c_ras)
         object.__setattr__(self, "shape", tuple(int(n) for n in shape))
@@ -282,9 +282,9 @@ class Space:
         if self.name == "scanner":
             return "scanner RAS"
         if self.name != "tkRAS":
-            return "unknown, taken as scanner RAS"
+            return "unknown, assumed to be scanner RAS"
         if self.volume is None:
-            return "tkRAS, c_ras unknown: taken as scanner RAS"
+            return "tkRAS with unknown c_ras: assumed to be scanner RAS"
         is_turned = not np.array_equal(self.volume.matrix[:3, :3], np.eye(3))
         turned = ", after a rotation" if is_turned else ""
         return f"tkRAS: for scanner RAS add c_ras {_numbers(self.volume.c_ras)} mm{turned}"

@@ -41,10 +41,10 @@ class PointTable:
 def read_points(path: str | os.PathLike[str]) -> PointTable:
     """Read points from a table: its columns x, y and z if it has a header, else the first three."""
     path = checked_path(path)
-    with naming(path, "give columns x, y and z in mm"):
+    with naming(path, "provide columns x, y and z in mm"):
         ending = path.suffix.lower()
         if ending not in TABLE_ENDINGS:
-            raise InputError(f"points are read from {', '.join(TABLE_ENDINGS)}")
+            raise InputError(f"points can be read from {', '.join(TABLE_ENDINGS)}")
         text = contents(path).decode("utf-8-sig")
         lines = text.splitlines()
         if ending == ".txt":
@@ -62,13 +62,13 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
         points = np.full((len(rows), 3), np.nan)
         for n, row in enumerate(rows):
             if len(row) != len(rows[0]) or len(row) <= max(at) or (header and len(row) != len(header)):
-                raise InputError(f"row {n + 1} has {len(row)} cells, others {len(header or rows[0])}")
+                raise InputError(f"row {n + 1} has {len(row)} cells, but other rows have {len(header or rows[0])}")
             for axis, column in enumerate(at):
                 if not _is_number(row[column]):
-                    raise InputError(f"row {n + 1}: {row[column]!r} is no number")
+                    raise InputError(f"row {n + 1}: {row[column]!r} is not a number")
                 points[n, axis] = np.nan if row[column].lower() in _MISSING else float(row[column])
         if not rows:
-            raise InputError("has a header, but no point")
+            raise InputError("has a header, but no points")
         return PointTable(points, header, rows)
 
 

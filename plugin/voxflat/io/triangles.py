@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import array_of, is_whole, shown
 from voxflat.errors import InputError
 
-TRIANGULATE = "triangulate first, e.g. mesh.triangulate() of PyVista"
+TRIANGULATE = "Triangulate it first, for example with mesh.triangulate() of PyVista"
 
 _MOST_CORNERS = 1000  # of a polygon, that is cut into triangles here
 
@@ -24,7 +24,7 @@ def triangulated(
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):
-        raise InputError(f"face {odd[0]} has {counts[odd[0]]} corners; {TRIANGULATE}")
+        raise InputError(f"face {odd[0]} has {counts[odd[0]]} corners. {TRIANGULATE}")
     starts = np.cumsum(counts) - counts
     if (counts == 3).all():
         return starts[:, None] + np.arange(3), ()
@@ -32,7 +32,7 @@ def triangulated(
     if len(bad):
         face = int(np.searchsorted(starts, bad[0], side="right")) - 1
         what = f"face {face} has the corner {corners[bad[0]]}"
-        raise InputError(f"{what}; the surface has the points 0 to {len(points) - 1}")
+        raise InputError(f"{what}, but the surface has the points 0 to {len(points) - 1}")
     ends = np.cumsum(counts - 2)
     triangles = np.empty((ends[-1], 3), dtype=np.int64)
     three = counts == 3
@@ -50,7 +50,7 @@ def triangulated(
         triangles[ends[face] - counts[face] + 2 : ends[face]] = starts[face] + _ears(points[polygon])
     kinds = sorted(Counter(counts[counts > 3].tolist()).items())
     found = ", ".join(f"{number} face{'s' if number > 1 else ''} of {n} corners" for n, number in kinds[:5])
-    return triangles, (f"{found}{', ...' if len(kinds) > 5 else ''} were cut into triangles",)
+    return triangles, (f"{found}{', ...' if len(kinds) > 5 else ''} were split into triangles",)
 
 
 def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -113,15 +113,15 @@ def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
 def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
     """Check that faces are triangles of n points."""
     if not is_whole(n):
-        raise InputError(f"the number of points is {shown(n)}; give a whole number")
+        raise InputError(f"the number of points is {shown(n)}. Pass a whole number")
     array = array_of(faces, "faces")
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise InputError(f"faces are {array.dtype} of shape {array.shape}: give whole numbers of shape (F, 3)")
+        raise InputError(f"faces have type {array.dtype} and shape {array.shape}. Pass whole numbers of shape (F, 3)")
     if len(array) == 0:
-        raise InputError("has no faces: is it a surface, not points alone?")
+        raise InputError("has no faces. Pass a surface, not only points")
     bad = np.flatnonzero(((array < 0) | (array >= n)).any(axis=1))
     if len(bad):
-        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}; the surface has the points 0 to {n - 1}")
+        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}, but the surface has the points 0 to {n - 1}")
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
@@ -131,5 +131,5 @@ def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
         rounded = points.astype(np.float32)
     bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))
     if len(bad):
-        raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}, too far for the format's float32")
+        raise InputError(f"point {bad[0]}, {points[bad[0]].tolist()}, is too large for the float32 of this format")
     return rounded

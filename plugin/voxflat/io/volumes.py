@@ -162,7 +162,7 @@ def write_volume(
     """
     path = checked_path(path)
     write = check_volume_name(path)
-    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
+    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
         volume = Volume(array_of(data, "values"), check_affine(affine))
         if has_unit or write is not _write_nifti:
             write(temporary, volume, record)
@@ -172,8 +172,10 @@ def write_volume(
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
     """Refuse a name of no format that a volume can be written in; return what writes it."""
-    with naming(path, "can this format hold it?"):
-        return by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
+    with naming(path, "check that this format can hold it"):
+        return by_ending(
+            path, _WRITERS, "written. The formats .mhd and .nhdr consist of two files; use .mha or .nrrd instead"
+        )
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
@@ -182,7 +184,7 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
         return data
     data = array_of(data, "values")
     if data.dtype.kind not in "biuf":
-        raise InputError(f"values of type {data.dtype} are no bool, integer or float: convert them")
+        raise InputError(f"values have type {data.dtype}. Convert them to bool, integer or float")
     shape = volume_shape(data.shape, data.dtype)
     data = data if data.shape == shape else data.reshape(shape)
     return data.astype(data.dtype.newbyteorder("="), copy=False)
@@ -190,7 +192,7 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
 
 def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
     if not np.array_equal(volume.affine, np.eye(4)):
-        raise InputError("a .npy file keeps no affine: use .npz or an image format")
+        raise InputError("a .npy file cannot hold an affine. Use .npz or an image format")
     save_array(path, volume.data)
 
 
@@ -202,7 +204,7 @@ def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
     if data.ndim != 3:
-        raise InputError("an MGH file holds no colours: use .nii.gz or .nrrd")
+        raise InputError("an MGH file cannot hold colours. Use .nii.gz or .nrrd")
     nibabel.save(nibabel.MGHImage(data, volume.affine), path)
 
 
@@ -216,7 +218,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
         data = np.ascontiguousarray(data).view(colour)[..., 0]
     if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write what only FreeSurfer reads
-        raise InputError(f"shape {data.shape} is too long for NIfTI-1: use .nrrd or .npz")
+        raise InputError(f"shape {data.shape} is too long for NIfTI-1. Use .nrrd or .npz")
     image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
     image.set_sform(volume.affine, "scanner")
     image.set_qform(volume.affine, "scanner")
@@ -229,7 +231,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
 
 def _write_metaimage(path: Path, volume: Volume, _: Record | None) -> None:
     if volume.data.ndim != 3:
-        raise InputError("a MetaImage does not say that its channels are colours: use .nii.gz or .nrrd")
+        raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
     _write_itk(path, volume, None)
 
 
@@ -237,7 +239,7 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk = require("itk")
     data = _storable(volume.data)
     if data.dtype.name not in ITK_TYPES:
-        raise InputError(f"ITK writes no {data.dtype}: convert to one of {', '.join(ITK_TYPES)}")
+        raise InputError(f"ITK cannot write {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
     kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
     pixel = {3: itk.RGBPixel, 4: itk.RGBAPixel}.get(data.shape[3] if data.ndim == 4 else 0)
     image = itk.image_view_from_array(kji, ttype=pixel and itk.Image[pixel[itk.UC], 3])

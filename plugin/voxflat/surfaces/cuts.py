@@ -41,8 +41,8 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
         cuts = [cuts]
     if not isinstance(cuts, list | tuple):
         raise InputError(
-            f"cuts are {type(cuts).__name__}; give a list of paths, each a list of vertices one after another, or the "
-            "path of a file of cuts"
+            f"cuts have type {type(cuts).__name__}. Pass a list of paths, each a list of consecutive vertices, or "
+            "the path of a file of cuts"
         )
     return list(cuts), None
 
@@ -53,12 +53,14 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
         content = from_json(contents(path))
     except OSError as error:
         raise InputError(
-            f"cannot read the cuts {path}: {error.strerror}; give 'standard', 'automatic', a file or paths"
+            f"cannot read the cuts {path}: {error.strerror}. Pass 'standard', 'automatic', a file or paths"
         ) from error
     except ValueError as error:
-        raise InputError(f"{path} is no file of cuts: {error}") from error
+        raise InputError(f"{path} is not a file of cuts: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):
-        raise InputError(f'{path} is no file of cuts; give {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}')
+        raise InputError(
+            f'{path} is not a file of cuts. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}'
+        )
     lists = [_vertices(path, values, indices) for values in content["cuts"]]
     left_out = _vertices(path, content.get("drop", []), indices)
     return [cut for cut in lists if len(cut)], left_out if len(left_out) else None
@@ -73,7 +75,7 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
         return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
     if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
         what = "vertex numbers" if indices is None else "voxel indices"
-        raise InputError(f"{path} lists {array.dtype} of shape {array.shape}; give lists of {what}")
+        raise InputError(f"{path} contains {array.dtype} values of shape {array.shape}. Provide lists of {what}")
     return array.astype(np.int64)
 
 
@@ -88,7 +90,7 @@ def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np
             steps, _ = whole.core.edge_path(a, b)
         except InputError:
             ends = [whole.ids[end].tolist() for end in (a, b)]
-            raise InputError(f"cut {number}: no path leads from {ends[0]} to {ends[1]}") from None
+            raise InputError(f"cut {number}: the surface has no path from {ends[0]} to {ends[1]}") from None
         passed += steps[1:].tolist()
     return np.asarray(whole.ids[passed])
 
@@ -144,13 +146,11 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
     """Refuse what says not how far to relax."""
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
-            raise InputError(
-                f"adapt is {shown(adapt)}; give how far from the template's cuts further ones may lie, in mm"
-            )
+            raise InputError(f"adapt is {shown(adapt)}. Pass the greatest distance from the template's cuts, in mm")
         if relax is False:
-            raise InputError("adapt relaxes near the template's cuts, relax=False forbids it: give one of them")
+            raise InputError("adapt adds relaxation cuts, but relax=False disables them. Pass only one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
-        raise InputError(f"relax is {shown(relax)}; give True, False, or the length of the cuts in mm")
+        raise InputError(f"relax is {shown(relax)}. Pass True, False, or the total length of the cuts in mm")
 
 
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
@@ -167,7 +167,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     return (
         part._with_core(core),
         part.faces,
-        [in_unit(f"{filled} hole(s) up to {longest:g} mm around were closed for measuring", part.metadata)],
+        [in_unit(f"closed {filled} hole(s) of up to {longest:g} mm circumference to measure distances", part.metadata)],
     )
 
 
@@ -214,8 +214,8 @@ def opened(
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)
         remarks.append(
-            f"added {paths} ({total:.0f} mm in total), which reduce the estimated distance error from {before:.1f} % "
-            f"to {after:.1f} %. Use relax=False to leave them out"
+            f"added {paths} ({total:.0f} mm in total), which reduce the estimated distance error from "
+            f"{before:.1f} % to {after:.1f} %. Use relax=False to disable them"
         )
     _name(part, further)
     return part._with_core(core), cuts + further, [in_unit(remark, part.metadata) for remark in remarks]

@@ -111,7 +111,7 @@ def cut_open(
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
     cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
     if adapt is not None and not is_standard:
-        raise InputError("adapt is for the cuts of a template: give cuts='standard' or a template, or leave it out")
+        raise InputError("adapt requires the cuts of a template. Pass cuts='standard' or a template, or omit adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
@@ -194,8 +194,8 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
             return part, []
         names = ", ".join(line.name for line in choice.template.outlines)
         told = [
-            f"the region that is left out holds {100 * covered:.0f} % of what the template leaves out ({names}): the "
-            "template's is left out, too"
+            f"the excluded region covers {100 * covered:.0f} % of the region that the template excludes "
+            f"({names}), so the template's region is excluded, too"
         ]
         kept &= region
     left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
@@ -209,8 +209,8 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     topology = part.core.topology()
     if topology["handles"]:
         raise InputError(
-            f"the surface has {topology['handles']} handles, and a sphere none: a template needs a surface that was "
-            "repaired; give cuts='automatic', or repair='cuts'"
+            f"the surface has {topology['handles']} handles, but a template requires a surface without handles. "
+            "Pass cuts='automatic' or repair='cuts'"
         )
     cuts, remarks = traced(choice.template, part, choice.sphere, progress)
     if not cuts:
@@ -219,8 +219,8 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     after = opened_part.core.topology()
     if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
         raise InputError(
-            f"cut along the template the surface has Euler characteristic {after['euler']} and "
-            f"{len(after['loops'])} borders: its lines do not fit; give cuts='automatic'"
+            "the lines of the template do not fit: after cutting, the surface has Euler characteristic "
+            f"{after['euler']} and {len(after['loops'])} boundary loops. Pass cuts='automatic'"
         )
     return opened_part, cuts, remarks
 
@@ -229,14 +229,14 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
     """Say which cuts were made, why, and what else there is."""
     names = ", ".join(cut.metadata["cut_names"])
     if not names:
-        return f"no cut of {cut.metadata['cuts_by']} lies in what is flattened"
+        return f"no cut of {cut.metadata['cuts_by']} lies in the flattened region"
     length = sum(one.length for one in cut.traced)
     by = os.path.basename(cut.metadata["sphere"]["input"])
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
-        f"cut along {what} ({names}; {length:.0f} mm), located by {by}, so that maps of different brains can be "
-        f"compared.{estimate} For less distortion use cuts='automatic', which voxflat check compares"
+        f"cut along {what} ({names}; {length:.0f} mm), located with {by}, so that maps of different brains "
+        f"can be compared.{estimate} For less distortion use cuts='automatic'; voxflat check compares both"
     )
     return in_unit(told, cut.metadata)
 
@@ -247,7 +247,7 @@ def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None)
     if not handles:
         return whole
     lengths = [handle["length"] for handle in handles]
-    remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
+    remark = f"cut {len(handles)} handle(s) open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
     remark = in_unit(remark, whole.metadata)
     metadata = {**whole.metadata, "handles_cut": handles}
     return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

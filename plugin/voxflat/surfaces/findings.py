@@ -226,13 +226,13 @@ def check_surface(
     if opened is not None:
         advice += [remark for remark in opened.remarks if remark not in advice]
         if len(opened.part) < 3:
-            advice.append(f"only {len(opened.part)} vertices: take a larger label or patch")
+            advice.append(f"the patch has only {len(opened.part)} vertices. Choose a larger label or patch")
     errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, threads, progress)
     if len(errors) == 2:
         (by, named), (_, automatic) = errors.items()
         advice.append(
-            f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
-            f"with automatic cuts {100 * automatic:.1f} %"
+            f"the same cuts for every brain ({by}) reduce accuracy: the estimated distance error is "
+            f"{100 * named:.1f} %, with automatic cuts {100 * automatic:.1f} %"
         )
     return replace(
         found,

@@ -97,9 +97,9 @@ def hemisphere(
     checked_choice(side, "side", _SIDES)
     volume = as_volume(source, spacing=spacing, affine=affine)
     if volume.data.ndim != 3:
-        raise InputError(f"a hemisphere is taken out of a volume of values, and this one has {volume.data.ndim} axes")
+        raise InputError(f"a hemisphere is extracted from a 3-D volume, but this one has {volume.data.ndim} axes")
     if not volume.is_placed:
-        log.warning("the volume does not say where left is: its first axis is taken to grow to the right")
+        log.warning("the volume does not define left and right: its first axis is assumed to point to the right")
     threshold = optional_number(threshold, "threshold")
     found = _of_labels(volume, side) if threshold is None else None
     if found is None:
@@ -107,7 +107,7 @@ def hemisphere(
         found = _of_mask(white, volume, side, _Steps(side, progress))
     if not found.any():
         raise HemisphereError(
-            f"there is no white matter of the {side} hemisphere in the volume: is it cut off?",
+            f"the volume contains no white matter of the {side} hemisphere. Check that the hemisphere is not cropped",
             _white_matter(volume, threshold),
             volume.affine,
         )
@@ -135,7 +135,7 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
         values = np.unique(data.ravel()[:: max(1, data.size // 100_000)])
         threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
         if len(values) > 2:
-            log.warning("white matter is taken where values are above %.4g; threshold= says otherwise", threshold)
+            log.warning("white matter is defined as values above %.4g. Pass threshold= to change this", threshold)
     white = np.asarray(data > threshold)
     if not white.any():
         said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"
@@ -213,13 +213,13 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
     stretches = np.linalg.svd(fitted[:3, :3], compute_uv=False)
     if overlap < _LEAST_OVERLAP or stretches[0] > _MOST_STRETCHED * stretches[2]:
         raise HemisphereError(
-            f"the volume does not fit the white matter of a whole brain (overlap {overlap:.2f} of 1, after it was "
-            "aligned to MNI152): check the threshold and the orientation, or pass a mask of one hemisphere",
+            "the volume does not match the white matter of a whole brain (overlap with MNI152 after alignment: "
+            f"{overlap:.2f} of 1). Check the threshold and the orientation, or pass a mask of one hemisphere",
             white,
             volume.affine,
             _there(white.shape, volume.affine, fitted),
         )
-    log.info("the brain was aligned to MNI152: overlap %.2f", overlap)
+    log.info("aligned the brain to MNI152: overlap %.2f", overlap)
     back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ volume.affine
     found, is_near = np.zeros(white.shape, dtype=np.bool_), np.zeros(white.shape, dtype=np.bool_)
     step = max(1, _SLAB // max(1, white[0].size))
@@ -327,7 +327,7 @@ def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], f
     """Return the middle of a mask and its root mean square distance from there, mm."""
     places = np.argwhere(mask > 0.5)
     if len(places) == 0:
-        said = "there is hardly any white matter in the volume: check the threshold"
+        said = "the volume contains hardly any white matter. Check the threshold"
         raise HemisphereError(said, np.asarray(mask > 0.5), affine)
     points = places @ affine[:3, :3].T + affine[:3, 3]
     middle = points.mean(axis=0)

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import (
-    checked_path,
     Progress,
     array_of,
     checked_kind,
+    checked_path,
     checked_text,
     checked_threads,
     is_number,
@@ -31,8 +31,8 @@ from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
+from voxflat.surfaces.cut_sides import listed_points, triangles_of
 from voxflat.surfaces.foreground import PackedMask
-from voxflat.surfaces.lips import listed_points, triangles_of
 from voxflat.unique_rows import distinct, in_rows
 
 if TYPE_CHECKING:
@@ -244,10 +244,10 @@ class Manifold:
         0.0
         """
         if not self.is_voxels:
-            raise InputError("a surface from a mesh has no voxels; give the number of a vertex where one is wanted")
+            raise InputError("a surface from a mesh has no voxels. Pass the number of a vertex instead")
         wanted = numbers_of(place, "voxel")
         if wanted.shape != (3,):
-            raise InputError(f"the voxel is {shown(place)}; give its three indices")
+            raise InputError(f"the voxel is {shown(place)}. Pass its three indices")
         linear = np.asarray(self.metadata["affine"])[:3, :3]
         apart = np.linalg.norm((self.ids - wanted) @ linear.T, axis=1)
         vertex = int(apart.argmin())
@@ -285,7 +285,7 @@ class Manifold:
         (441,)
         """
         if not (is_number(smoothing) and 0 <= smoothing < np.inf):
-            raise InputError(f"smoothing is {shown(smoothing)}; give a length in mm, 0 for none")
+            raise InputError(f"smoothing is {shown(smoothing)}. Pass a length in mm, or 0 for no smoothing")
         return self.core.mean_curvature(float(smoothing), checked_threads(threads), progress)
 
     def sulcal_depth(
@@ -323,7 +323,7 @@ class Manifold:
         (632,)
         """
         if not (is_number(flow) and 0 < flow < np.inf):
-            raise InputError(f"flow is {shown(flow)}; give a positive number of mm²")
+            raise InputError(f"flow is {shown(flow)}. Pass a positive number of mm²")
         return self.core.sulcal_depth(float(flow), checked_threads(threads), progress)
 
     def _merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -383,7 +383,7 @@ class Manifold:
         0
         """
         if not self.is_voxels:
-            raise InputError("the surface came from a mesh, which has no voxels to change")
+            raise InputError("the surface came from a mesh and has no voxels to change")
         labels = np.zeros(self.metadata["shape"], dtype=np.uint8)
         report = self.metadata.get("repair", {})
         for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
@@ -440,7 +440,7 @@ class Manifold:
             )
             space = Space("scanner", volume)
         if space.doubt:
-            log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
+            log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
             warn_of_unit(path, self.metadata)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
@@ -452,11 +452,9 @@ class Manifold:
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
-            raise InputError(
-                f"cannot write {path}: a surface in space is no flat patch: end its name in {PATCH_ENDING}"
-            )
+            raise InputError(f"cannot write {path}: a 3-D surface is not a flat patch. End its name in {PATCH_ENDING}")
         if self.is_voxels:
-            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+            raise InputError("a patch file requires a mesh, but this surface comes from voxels. Save it as .surf.gii")
         points, _ = in_tkras(self.points, space)
         write_patch(path, patch_of(points, self.vertices, self.faces, self._bridges(), self.count, self.merged))
 
@@ -491,12 +489,12 @@ def patch_of(
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]
     if len(kept) == 0:
-        raise InputError("each triangle lies at a cut: a patch cannot hold them; save as .vtp, .ply or .obj")
+        raise InputError("every triangle lies at a cut, so a patch file cannot hold them. Save as .vtp, .ply or .obj")
     vertices = len(np.unique(ids[faces]))
     if len(kept) < len(faces):
         log.warning(
-            "a patch has one place for each vertex, and its readers take all triangles whose corners it lists: at cuts "
-            "%d of %d vertices and %d of %d triangles are left out",
+            "a patch file stores one position per vertex, and programs read all triangles whose corners it "
+            "lists: at cuts, %d of %d vertices and %d of %d triangles are excluded",
             vertices - len(rows),
             vertices,
             len(faces) - len(kept),

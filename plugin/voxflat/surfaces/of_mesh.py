@@ -25,7 +25,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()
     need = _A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points)
-    check_room(need, "take a part of the mesh or simplify it, or give it more memory")
+    check_room(need, "use a part of the mesh, simplify it, or allow more memory")
     core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         places, of_pial = pial_of(core, mesh, pial)
@@ -65,19 +65,19 @@ def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
     """Say what was done with a mesh."""
     remarks = []
     if told["turned"]:
-        remarks.append(f"{told['turned']} of {faces} triangles were turned over, so that all face outside")
+        remarks.append(f"{told['turned']} of {faces} triangles were flipped so that all face outwards")
     if told["unused"]:
-        remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are left out")
+        remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are excluded")
     if told["duplicates"]:
-        remarks.append(f"{told['duplicates']} of {faces} triangles have the corners of others and were dropped")
+        remarks.append(f"{told['duplicates']} of {faces} triangles duplicate others and were removed")
     if told["dropped"] or told["flipped"]:
-        flipped = f", {told['flipped']} flipped away" if told["flipped"] else ""
-        remarks.append(f"{told['dropped']} of {faces} triangles have no area and were dropped{flipped}")
+        flipped = f"; {told['flipped']} more were removed by flipping an edge" if told["flipped"] else ""
+        remarks.append(f"{told['dropped']} of {faces} triangles have no area and were removed{flipped}")
     if len(told["merged"]):
         count = len(told["merged"])
-        remarks.append(f"{count} of {points} vertices lie where others do, and share their place in the map")
+        remarks.append(f"{count} of {points} vertices coincide with others and share their position in the map")
     if told["split"]:
         count, first = len(told["split"]), told["split"][0]
-        where = f"vertex {first}" if count == 1 else f"{count} vertices, {first} the first of them"
-        remarks.append(f"sheets touch at {where}: each sheet has a vertex of its own there, of the same number")
+        where = f"vertex {first}" if count == 1 else f"{count} vertices, the first of which is {first}"
+        remarks.append(f"parts of the surface touch at {where}: each part has its own vertex there, of the same number")
     return remarks

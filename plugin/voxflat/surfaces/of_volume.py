@@ -52,11 +52,11 @@ def of_volume(
     metadata["kind"] = "voxels"
     if metadata["conflicts"]:
         remarks.append(
-            f"the sheet's sides do not agree at {metadata['conflicts']} pairs of voxels: it touches itself there, or "
-            "has one side only, like a Möbius strip"
+            f"the two sides of the sheet conflict at {metadata['conflicts']} pairs of voxels: it touches itself "
+            "there, or has only one side, like a Möbius strip"
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
-        remarks.append(f"the foreground touches the volume's border ({touched}); the surface is closed there")
+        remarks.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
     packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.metadata)
     return Manifold(core, voxels.astype(np.int64), metadata, tuple(remarks), foreground=packed)
 
@@ -69,8 +69,8 @@ def _check_width(mask: NDArray[np.bool_]) -> None:
     voxels = np.argwhere(mask)
     if np.linalg.matrix_rank(voxels - voxels[0]) < 2:
         raise InputError(
-            f"the foreground is a {'line' if count > 1 else 'point'} of {count} voxel(s), which has no surface; choose "
-            "a wider label, or a lower threshold"
+            f"the foreground is a {'line' if count > 1 else 'point'} of {count} voxel(s), which has no surface. "
+            "Choose a wider label or a lower threshold"
         )
 
 
@@ -93,13 +93,14 @@ def _level(
         image = as_volume(probability)
         if image.data.shape != mask.shape:
             raise InputError(
-                f"the probability image has shape {image.data.shape}, the volume {mask.shape}; resample it"
+                f"the probability image has shape {image.data.shape}, but the volume has shape {mask.shape}. Resample "
+                "the image"
             )
         if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
-            raise InputError("the probability image lies elsewhere than the volume (their affines differ); resample it")
+            raise InputError("the affines of the probability image and of the volume differ. Resample the image")
         values = image.data.astype(np.float32)
         if not np.isfinite(values).all():
-            raise InputError("the probability image has values that are not finite; replace them by 0")
+            raise InputError("the probability image has values that are not finite. Replace them by 0")
         level = 0.5 if threshold is None else float(threshold)
         return (values, level), f"the level {level:g} of {image.path.name if image.path else 'an image'}"
     if threshold is None or volume.data.dtype.kind != "f":
@@ -135,13 +136,11 @@ def _repaired(
     remarks: list[str] = []
     if removed or added:
         share = 100 * (removed + added) / np.count_nonzero(mask)
-        remarks.append(
-            f"{report['handles']} handle(s) were repaired: {removed} voxels removed, {added} added ({share:.2f} %)"
-        )
+        remarks.append(f"repaired {report['handles']} handles: {removed} voxels removed, {added} added ({share:.2f} %)")
     if others:
         remarks.append(
-            f"{len(report['dropped'])} voxels of smaller components were removed, {len(report['cavities'])} voxels of "
-            "enclosed cavities added"
+            f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
+            "voxels of enclosed cavities"
         )
     return repaired, told, remarks
 
@@ -157,14 +156,17 @@ def _without_handles(
     share = (removed + added) / np.count_nonzero(mask)
     changes = f"{removed} voxels removed, {added} added ({100 * share:.2g} %)"
     if share > _MOST_REPAIRED:
-        remark = f"{report['handles']} handle(s) are left: closing them takes much ({changes}); repair='voxels' does it"
+        remark = (
+            f"{report['handles']} handle(s) remain, because closing them changes many voxels ({changes}). Use "
+            "repair='voxels' to close them"
+        )
         return mask, None, [remark]
     repaired = mask.copy()
     repaired[tuple(report["cut"].T)] = False
     repaired[tuple(report["filled"].T)] = True
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     told |= {"dropped": [], "cavities": []}
-    remark = f"{report['handles']} handle(s) were repaired: {changes}; repair='none' leaves them"
+    remark = f"repaired {report['handles']} handles: {changes}. Use repair='none' to keep them"
     return repaired, told, [remark]
 
 

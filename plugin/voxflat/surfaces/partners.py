@@ -30,13 +30,15 @@ def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.f
     other = as_mesh(pial)
     if other is None and isinstance(pial, str | os.PathLike):
         is_there = Path(pial).exists()
-        raise InputError(f"{pial} is no mesh; give a pial surface" if is_there else f"{pial}: there is no such file")
+        raise InputError(
+            f"{pial} is not a mesh. Pass a pial surface" if is_there else f"{pial}: the file does not exist"
+        )
     if other is None:
-        raise InputError(f"pial is {type(pial).__name__}; give a mesh: a path, (points, faces), or a PolyData")
+        raise InputError(f"pial has type {type(pial).__name__}. Pass a mesh: a path, (points, faces), or a PolyData")
     if len(other.points) != len(mesh.points):
         raise InputError(
-            f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
-            "one subject and correspond vertex by vertex"
+            f"the pial surface has {len(other.points)} vertices, but the given surface has {len(mesh.points)}. "
+            "Pass two surfaces of one subject that correspond vertex by vertex"
         )
     places = _in_space_of(mesh, other)
     return places, _check_pial(core, mesh, other, places)
@@ -53,27 +55,27 @@ def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
 def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
     """Check that a pial surface lies outside a white one, whose triangles face outside."""
     if mesh.structure and pial.structure and mesh.structure != pial.structure:
-        raise InputError(f"the surface is of {mesh.structure}, the pial one of {pial.structure}: give both of one side")
+        raise InputError(f"the surface is {mesh.structure}, the pial surface {pial.structure}. Pass both of one side")
     way = (places - mesh.points)[core.ids]
     lengths = np.linalg.norm(way, axis=1)
     if not lengths.any():
-        return ["the pial surface is the surface itself: distances are measured there, not midway"]
+        return ["the pial surface equals the given surface: distances are measured on it, not halfway between the two"]
     normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))
     outward = float((normals * way).sum() / lengths.sum())
     apart = (
-        f"on the way to the pial surface, {np.median(lengths):.3g} mm (median), {100 * outward:.0f} % leads outwards "
-        "(more than 90 % is usual)"
+        f"the distance to the pial surface is {np.median(lengths):.3g} mm (median), {100 * outward:.0f} % of "
+        "it outwards (usual: more than 90 %)"
     )
     is_closed = not core.topology()["loops"]
     if outward < -_OUTWARD[1] and is_closed:
-        raise InputError(f"the pial surface lies inside the surface: are they exchanged? {apart}")
+        raise InputError(f"the pial surface lies inside the given surface: {apart}. Check whether they are exchanged")
     if abs(outward) < _OUTWARD[0]:
         raise InputError(
-            f"the pial surface does not belong to the surface: {apart}; is it of the other side, of another subject or "
-            "space, or inflated?"
+            f"the pial surface does not match the given surface: {apart}. Check that it is not inflated, and "
+            "belongs to the same hemisphere, subject and space"
         )
     if outward < _OUTWARD[1]:
-        return [f"the pial surface may not belong to the surface: {apart}"]
+        return [f"the pial surface may not match the given surface: {apart}"]
     return []
 
 
@@ -106,10 +108,10 @@ def _check_label(whole: Manifold, path: Path) -> list[str]:
     sides = points[:, 0].mean(), there[:, 0].mean()
     if sides[0] * sides[1] < 0 and min(map(abs, sides)) > _SIDE:
         raise InputError(
-            f"{path}: its points lie on the other side of the brain than the vertices that it names "
-            f"(x = {sides[0]:.0f} and {sides[1]:.0f} mm on average): give the label of this side"
+            f"{path}: its points lie on the other side of the brain than the vertices to which it refers (x = "
+            f"{sides[0]:.0f} and {sides[1]:.0f} mm on average). Pass the label of this hemisphere"
         )
     return [
-        f"the points of {path.name} lie {far:.0f} mm (median) from the vertices that it names: is it of this surface, "
-        "and is this one white, pial or between?"
+        f"the points of {path.name} are {far:.0f} mm (median) away from the vertices to which it refers. "
+        "Check that it belongs to this surface, and that the surface is white, pial or between both"
     ]

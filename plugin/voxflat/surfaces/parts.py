@@ -63,7 +63,7 @@ def disk(
     seed, told = _seed(of, seed_point)
     core, filled = of.core.disk(seed, radius, threads, progress)
     if filled:
-        told.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
+        told.append(f"the disk includes {filled} triangles beyond the radius that it encloses")
     given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
     return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
 
@@ -83,11 +83,11 @@ def largest_piece(part: _Part) -> _Part:
     if part.steps and 1 - share > _STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         raise InputError(
-            f"the patch falls into {len(areas)} pieces that do not touch (of {sizes} mm²): keep one piece, or "
-            "give a seed point and a radius"
+            f"the patch consists of {len(areas)} separate pieces (of {sizes} mm²). Keep one piece, or pass a seed "
+            "point and a radius"
         )
     what = "the patch" if part.steps else "the surface"
-    remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
+    remark = f"{what} has {len(areas)} components; only the largest is used ({100 * share:.1f} % of the area)"
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
 
 
@@ -100,9 +100,7 @@ def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
         return part
     wanted = np.unique(labels[vertices])
     if len(wanted) > 1:
-        raise InputError(
-            f"the sources lie on {len(wanted)} components, which no path joins: give those of one component"
-        )
+        raise InputError(f"the sources lie on {len(wanted)} separate components. Pass sources on one component")
     return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == wanted[0]))
 
 
@@ -113,7 +111,7 @@ def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:
 
 def _region(of: _Part, faces: NDArray[np.bool_], step: Step, region: object) -> _Part:
     if not faces.any():
-        raise InputError(f"the patch holds no triangle of the surface ({len(of)} vertices): does it belong to it?")
+        raise InputError(f"the patch contains no triangle of the surface ({len(of)} vertices). Does it belong to it?")
     told = check_region(of, region) if isinstance(region, str | os.PathLike) and not is_medial_wall(region) else []
     return _part(of, of.core.part_of_faces(faces), step, told)
 
@@ -139,12 +137,12 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
         return None
     if len(mesh.points) != whole.metadata["vertices"]:
         raise InputError(
-            f"the surface to keep has {len(mesh.points)} vertices, the surface {whole.metadata['vertices']}; they must "
-            "correspond one by one"
+            f"the surface to keep has {len(mesh.points)} vertices, but the surface has "
+            f"{whole.metadata['vertices']}. Their vertices must correspond one by one"
         )
     found = whole._has_triangles(mesh.faces)
     if found is None:
-        raise InputError("the surface to keep has triangles that the surface does not have: is it of this one?")
+        raise InputError("the surface to keep has triangles that the surface lacks. Check that it is a part of it")
     return found
 
 
@@ -152,7 +150,7 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     """Return which vertices lie in a region, and of volumes the region as a mask of voxels."""
     name = f"the region to {verb}"
     if isinstance(region, str | os.PathLike) and not os.path.exists(region):
-        raise InputError(f"{name}: there is no file {os.fspath(region)}")
+        raise InputError(f"{name}: the file {os.fspath(region)} does not exist")
     if whole.is_voxels:
         shape = tuple(whole.metadata["shape"])
         if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
@@ -180,12 +178,12 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
         return np.asarray(region != 0)
     if region.ndim != 1 or region.dtype.kind not in "ui":
         raise InputError(
-            f"{name} is {region.dtype} of shape {region.shape}; give a mask of shape ({count},), "
-            "vertex numbers, or a file"
+            f"{name} has type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), vertex "
+            "numbers, or a file"
         )
     bad = region[(region < 0) | (region >= count)]
     if len(bad):
-        raise InputError(f"{name} names vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
+        raise InputError(f"{name} refers to vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
     chosen = np.zeros(count, dtype=np.bool_)
     chosen[region] = True
     return chosen
@@ -196,7 +194,7 @@ def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[st
     if not part.is_voxels:
         place = array_of(seed_point, "indices of the seed point")
         if place.ndim != 0 or place.dtype.kind not in "ui":
-            raise InputError(f"the seed point is {shown(seed_point)}; for a mesh give the number of a vertex")
+            raise InputError(f"the seed point is {shown(seed_point)}. Pass the number of a vertex of the mesh")
         return int(part.find(place[None], "the seed point")[0]), []
     wanted = seed_voxel(seed_point)
     vertex, distance = part.nearest(wanted)
@@ -213,20 +211,20 @@ def is_medial_wall(region: object) -> bool:
 
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     """Find the medial wall, bool (N,): the one large place where cortex has no thickness."""
-    advice = "give its label as the region to drop, or leave it out"
+    advice = "Pass its label as the region to drop, or omit it"
     if whole.thickness is None:
-        raise InputError(f"the medial wall is where white and pial surface touch: give pial, too; or {advice}")
+        raise InputError("finding the medial wall requires the pial surface. Pass pial, or the label of the wall")
     touching = whole.thickness[whole.vertices] < _TOUCHING
     corners = np.asarray(np.asarray(touching[whole.faces]).all(axis=1))
     if not corners.any():
-        raise InputError(f"white and pial surface touch nowhere, so the medial wall is not found: {advice}")
+        raise InputError(f"the white and pial surfaces do not touch, so the medial wall cannot be found. {advice}")
     places = whole.core.part_of_faces(corners)
     areas = [place["area"] for place in places.topology()["components"]]
     share = areas[0] / sum(piece["area"] for piece in whole.core.topology()["components"])
     if not _SHARES[0] <= share <= _SHARES[1] or (len(areas) > 1 and areas[1] * _CLEAR > areas[0]):
         raise InputError(
-            f"white and pial surface touch in {len(areas)} places, the largest {100 * share:.1f} % of the surface: "
-            f"that is not clearly the medial wall; {advice}"
+            f"the white and pial surfaces touch in {len(areas)} places, the largest of which covers "
+            f"{100 * share:.1f} % of the surface, so the medial wall is ambiguous. {advice}"
         )
     wall = np.zeros(whole.count, dtype=np.bool_)
     wall[places.largest_piece().ids] = True

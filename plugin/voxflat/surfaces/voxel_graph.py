@@ -56,15 +56,15 @@ class VoxelGraph:
             inside = {tuple(voxel) for voxel in self.core.voxels.tolist()}
             outside = next(v for v in self.whole.voxels[on_surface].tolist() if tuple(v) not in inside)
             raise InputError(
-                f"source {outside} is on the surface, but outside the patch or component that is used "
-                f"({len(self)} of {len(self.whole)} surface voxels); choose sources inside it"
+                f"source {outside} is on the surface, but outside the patch or component in use ({len(self)} of "
+                f"{len(self.whole)} surface voxels). Choose sources inside it"
             ) from None
 
 
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of the volume, repaired only if asked for, and take the part that the surface is."""
     if of.foreground is None:
-        raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")
+        raise InputError("chain codes need the surface voxels of a volume, but this surface has none. Pass a volume")
     affine = np.asarray(of.foreground.metadata["affine"])
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
     whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
@@ -80,7 +80,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         elif step.mask is not None:
             kept = step.mask if kept is None else kept & step.mask
         else:
-            raise InputError(f"chain codes know no part that {step.verb} chose; choose it by keep, drop or disk")
+            raise InputError(f"chain codes do not support a part chosen by {step.verb}. Use keep, drop or disk")
     if kept is not None or seed is None:
         part = part.cut_out(kept, None, None, progress)
     components = whole.component_sizes()
@@ -103,7 +103,7 @@ def seed_voxel(seed_point: object) -> list[int]:
     """Return a seed point as voxel indices."""
     place = array_of(seed_point, "indices of the seed point")
     if place.shape != (3,) or place.dtype.kind not in "ui":
-        raise InputError(f"the seed point must be whole voxel indices, shape (3,), not {place.dtype} of {place.shape}")
+        raise InputError(f"the seed point must be 3 whole voxel indices, not {place.dtype} of shape {place.shape}")
     return [int(index) for index in place]
 
 
@@ -112,5 +112,6 @@ def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: f
     if distance <= _FAR * voxel_size:
         return []
     return [
-        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; its nearest voxel {voxel} is taken"
+        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; the nearest surface voxel "
+        f"{voxel} is used"
     ]

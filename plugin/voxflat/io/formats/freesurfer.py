@@ -18,7 +18,7 @@ from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import as_float32
 
 _SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, which nibabel does not know
-_REMEDY = "is it complete, and of this format?"
+_REMEDY = "Check that the file is complete and in this format"
 
 
 def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
@@ -46,13 +46,13 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
 def _space(footer: dict[str, Any]) -> Space:
     """Return the space of a surface by its footer: tkRAS."""
     if not str(footer.get("valid", "")).startswith("1"):
-        doubt = "it has FreeSurfer's coordinates (tkRAS), and its file does not say where their volume lies (c_ras)"
+        doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
         return Space("tkRAS", None, doubt)
     cosines = np.column_stack([footer[axis] for axis in ("xras", "yras", "zras")])
     try:
         volume = VolumeGeometry(cosines, footer["cras"], footer["volume"], footer["voxelsize"], footer["filename"])
     except InputError as error:
-        return Space("tkRAS", None, f"it has FreeSurfer's coordinates (tkRAS), but {error}")
+        return Space("tkRAS", None, f"its coordinates are FreeSurfer's (tkRAS), but {error}")
     return Space("tkRAS", volume)
 
 
@@ -89,10 +89,10 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
     if data[:3] == b"\xff\xff\xff":
         points, _, each = (int(count) for count in np.frombuffer(data[3:15].ljust(12, b"\xff"), ">i4"))
         if each != 1:
-            raise InputError(f"has {each} values a point: give a file with one")
+            raise InputError(f"has {each} values per point. Pass a file with one value per point")
         check_size(data, 15 + 4 * points if points >= 0 else -1, f"{points} values", is_exact=True)
     elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has nothing to know it by
-        raise InputError("is none of the files of values that are known, or is cut short: " + _REMEDY)
+        raise InputError("is not a known format of values, or is incomplete. " + _REMEDY)
     return np.asarray(require("nibabel").freesurfer.read_morph_data(path))
 
 
@@ -100,10 +100,10 @@ def read_mgh(data: bytes) -> NDArray[Any]:
     """Return the values of an MGH file, shape (N,), or (N, F) of F frames."""
     version, *shape, kind = (int(number) for number in np.frombuffer(data[:24].ljust(24, b"\0"), ">i4"))
     if version != 1 or min(shape) < 1:
-        raise InputError(f"is no MGH file, or damaged: {_REMEDY}")
+        raise InputError(f"is not an MGH file, or is damaged. {_REMEDY}")
     check_size(data, 284 + math.prod(shape) * {0: 1, 4: 2}.get(kind, 4), f"the shape {shape}")
     if sorted(shape[:3])[:2] != [1, 1]:
-        raise InputError(f"has the shape {shape}: values at N points have (N, 1, 1)")
+        raise InputError(f"has shape {shape}. Values at N points must have shape (N, 1, 1)")
     with np.errstate(all="ignore"):  # of where it lies, which is not asked
         values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
     return values[:, 0] if values.shape[1] == 1 else values
@@ -115,10 +115,10 @@ def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
     check_size(data, 4 + 8 * points if points >= 0 else -1, f"{points} points")
     pairs = np.frombuffer(data, ">i4", count=2 * points, offset=4).reshape(-1, 2)
     if not np.array_equal(pairs[:, 0], np.arange(points)):
-        raise InputError("does not name the points in their order: write it again by FreeSurfer")
+        raise InputError("does not list the points in order. Write it again with FreeSurfer")
     table, names = annot_table(path, data)
     if len(names) != len(table):
-        raise InputError(f"has {len(names)} names for {len(table)} colours: write it again by FreeSurfer")
+        raise InputError(f"has {len(names)} names for {len(table)} colours. Write it again with FreeSurfer")
     labels = np.full(points, -1, dtype=np.int64)
     for index, colour in enumerate(table[:, 4]):  # nibabel's own search gives a colour not in the table its neighbour
         labels[pairs[:, 1] == colour] = index
@@ -130,12 +130,12 @@ def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
     start = 8 + 8 * int.from_bytes(data[:4], "big", signed=True)
     entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
     if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # which nibabel makes room for
-        raise InputError(f"has {max(entries, greatest)} colours by its header, which is damaged: {_REMEDY}")
+        raise InputError(f"its header is damaged: it specifies {max(entries, greatest)} colours. {_REMEDY}")
     with np.errstate(all="ignore"):
         try:
             _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
         except MemoryError:
-            raise InputError(f"has a name that is longer than memory: {_REMEDY}") from None
+            raise InputError(f"contains a name that is longer than the available memory. {_REMEDY}") from None
     return table, [name.decode("utf-8", "replace") for name in names]
 
 
@@ -147,7 +147,7 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
     vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
-        raise InputError(f"line {bad[0] + 3} names point {vertices[bad[0]]:g}; the surface has the points 0 to {n - 1}")
+        raise InputError(f"line {bad[0] + 3} refers to point {vertices[bad[0]]:g}; the surface has points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)
     mask[vertices.astype(np.int64)] = True
     return mask
@@ -198,8 +198,8 @@ def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:
     """Return the first columns of a label file's points: number, x, y, z."""
     lines = data.decode("utf-8", "replace").splitlines()
     if len(lines) < 2 or not lines[1].strip().isdigit():
-        raise InputError("is no label file: its second line must be the number of points")
+        raise InputError("is not a label file: its second line must be the number of points")
     named, rows = int(lines[1]), [line for line in lines[2:] if line.strip()]
     if named != len(rows):
-        raise InputError(f"names {len(rows)} points, by its header {named}: {AGAIN}")
+        raise InputError(f"lists {len(rows)} points, but its header specifies {named}. {AGAIN}")
     return np.loadtxt(io.StringIO("\n".join(rows)), usecols=range(count), ndmin=2) if rows else np.zeros((0, count))

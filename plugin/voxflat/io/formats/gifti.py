@@ -35,7 +35,7 @@ def _parser() -> Any:
     """Return an XML parser that refuses to define entities."""
 
     def refuse(name: str, *_: object) -> None:
-        raise InputError(f"defines the XML entity {name!r}, which no mesh needs and attacks use: write it again")
+        raise InputError(f"defines the XML entity {name!r}, which is not allowed. Write it without entities")
 
     parser = ParserCreate()
     parser.buffer_text = True
@@ -114,9 +114,9 @@ class _Walk:
             self.arrays += 1
             self.array = attributes
             if not 1 <= int(attributes.get("Dimensionality", 1)) <= _MOST_DIMENSIONS:
-                raise InputError(f"array {self.arrays} has {attributes['Dimensionality']} dimensions: is it damaged?")
+                raise InputError(f"array {self.arrays} has {attributes['Dimensionality']} dimensions. Check the file")
         elif self.text is not None:
-            raise InputError(f"array {self.arrays} has <{name}> within its data: copy or download it again")
+            raise InputError(f"array {self.arrays} has <{name}> within its data. Copy or download the file again")
         elif name == "Data":
             self.text = []
 
@@ -135,24 +135,22 @@ class _Walk:
         types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(f"keeps data in another file, {self.array.get('ExternalFileName')!r}: write one file")
+            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Write one file")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]
         need = int(np.prod(dims, dtype=object)) * types.dtype[self.array.get("DataType", "")].itemsize
         self.room -= need
         if min(dims, default=0) < 0 or self.room < 0:
-            raise InputError(
-                f"array {self.arrays} has the dimensions {dims}, more than memory may hold: is it damaged?"
-            )
+            raise InputError(f"array {self.arrays}, of dimensions {dims}, exceeds the memory. Check the file")
         stored = base64.b64decode(text.encode("ascii"))
         if encoding == "B64GZ":
             stream = zlib.decompressobj()
             stored = stream.decompress(stored, need + 1)  # one byte too many is enough to know
         if len(stored) != need:
-            relation = "ends after" if len(stored) < need else "goes on after"
+            relation = "ends after" if len(stored) < need else "is longer than its header specifies:"
             have = f"{len(stored)} of {need}" if len(stored) < need else f"{need}"
-            raise InputError(f"array {self.arrays} {relation} {have} bytes: copy or download it again")
+            raise InputError(f"array {self.arrays} {relation} {have} bytes. Copy or download the file again")
 
 
 def load(data: bytes) -> Any:
@@ -163,7 +161,7 @@ def load(data: bytes) -> Any:
     parser.CharacterDataHandler = walk.characters
     parser.Parse(data, True)
     if walk.named is not None and walk.named.strip() != str(walk.arrays):
-        raise InputError(f"has {walk.arrays} arrays, by its header {walk.named}: copy or download it again")
+        raise InputError(f"has {walk.arrays} arrays, but its header specifies {walk.named}. Copy or download it again")
     return nibabel.gifti.GiftiImage.from_bytes(data)
 
 
@@ -187,9 +185,7 @@ def _only(image: Any, intent: str, name: str) -> Any:
     found = image.get_arrays_from_intent(intent)
     if len(found) != 1:
         others = ", ".join(sorted({require("nibabel").nifti1.intent_codes.niistring[a.intent] for a in image.darrays}))
-        raise InputError(
-            f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}): a surface has one"
-        )
+        raise InputError(f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}) instead of one")
     return found[0]
 
 
@@ -200,7 +196,9 @@ def _remarks(points: Any) -> tuple[str, ...]:
         return ()
     space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
     shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
-    return (f"has a transform to {space} (shift {shift} mm), which is not applied: coordinates are as stored",)
+    return (
+        f"has a transformation to {space} (shift {shift} mm), which is not applied: the coordinates are used as stored",
+    )
 
 
 def _transform(points: Any) -> NDArray[np.float64]:
@@ -208,7 +206,7 @@ def _transform(points: Any) -> NDArray[np.float64]:
     system = points.coordsys
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
-        raise InputError(f"has a transform of {matrix.size} numbers, which needs 16: copy or download it again")
+        raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. Copy or download it again")
     return matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
 
 
@@ -254,14 +252,18 @@ def _space(points: Any) -> Space:
     if min(from_stored, from_moved) < far / 4:
         return Space("tkRAS" if from_stored < from_moved else "scanner", volume)
     c_ras = ", ".join(f"{value:g}" for value in volume.c_ras)
-    doubt = f"its file has FreeSurfer's c_ras ({c_ras}) mm and does not say whether its coordinates include it: "
+    doubt = f"its file has FreeSurfer's c_ras ({c_ras}) mm, but does not say whether its coordinates include it: "
     if dataspace:
         return Space(
             "scanner",
             volume,
-            doubt + "they are taken to (scanner RAS), since its coordinate system is not FreeSurfer's",
+            doubt + "they are assumed to include it (scanner RAS), since its coordinate system is not FreeSurfer's",
         )
-    return Space("tkRAS", volume, doubt + "they are taken not to (tkRAS), as mris_convert writes without --to-scanner")
+    return Space(
+        "tkRAS",
+        volume,
+        doubt + "they are assumed not to include it (tkRAS), as mris_convert writes them without --to-scanner",
+    )
 
 
 _SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
@@ -375,10 +377,10 @@ def values(image: Any) -> NDArray[Any]:
     """Return the values at the points, shape (N,), or (N, K) of K maps."""
     arrays = [array.data for array in _maps(image)]
     if not arrays:
-        raise InputError("holds a surface, but no values at its points")
+        raise InputError("contains a surface, but no values at its points")
     lengths = {len(array) for array in arrays}
     if len(lengths) > 1:
-        raise InputError(f"its maps have different lengths, {sorted(lengths)}: write each as a file")
+        raise InputError(f"its maps have different lengths, {sorted(lengths)}. Write each map to its own file")
     maps = np.column_stack(arrays)
     return maps[:, 0] if maps.shape[1] == 1 else maps
 

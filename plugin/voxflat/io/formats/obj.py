@@ -15,7 +15,9 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
     rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None
-    remarks = cut if data.endswith(b"\n") else ("does not end with a whole line: is it complete?", *cut)
+    remarks = (
+        cut if data.endswith(b"\n") else ("does not end with a complete line. Check that the file is complete", *cut)
+    )
     if (used != -1).any():
         texture, seam = _texture(_places(rows["vt"], used), used, faces, len(points))
         remarks += seam
@@ -46,9 +48,9 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
             if words[0] == "f":
                 before.append((len(rows["v"]), len(rows["vt"])))
     if not rows["v"]:
-        raise InputError("has no line that begins with 'v': is it an OBJ file of a surface?")
+        raise InputError("has no line that begins with 'v'. Check that it is an OBJ file of a surface")
     if rows["l"]:
-        raise InputError(f"has {len(rows['l'])} lines beside its faces: remove them")
+        raise InputError(f"has {len(rows['l'])} lines in addition to its faces. Remove them")
     counts = np.array([len(face) for face in rows["f"]], dtype=np.int64)
     corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
     of_points, of_texture = (_numbers(corners[:, part], lines[:, part]) for part in (0, 1))
@@ -61,7 +63,7 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
     """Return numbers of point and texture coordinate of each corner, 0 for none, shape (C, 2)."""
     corners = [corner for face in faces for corner in face]
     if not corners:
-        raise InputError("has no line that begins with 'f': is it an OBJ file of a surface?")
+        raise InputError("has no line that begins with 'f'. Check that it is an OBJ file of a surface")
     if len({corner.count("/") for corner in corners}) > 1:
         corners = ["/".join([*corner.split("/"), ""][:2]) for corner in corners]
     parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than one by one
@@ -79,7 +81,7 @@ def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
-        raise InputError(f"face {bad[0] // 3} names texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
+        raise InputError(f"face {bad[0] // 3} refers to texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
     return places
 
 
@@ -92,7 +94,7 @@ def _texture(
     texture = np.full((n, 2), np.nan)
     texture[corners[::-1]] = places[used[::-1]]  # the last that is written is the first of the file
     seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
-    text = f"{len(seam)} points lie on a seam of the texture: each keeps the first of its texture coordinates"
+    text = f"{len(seam)} points lie on a texture seam: each keeps the first of its texture coordinates"
     return texture, (text,) if len(seam) else ()
 
 
@@ -118,7 +120,7 @@ def write_obj(
             return
         bad = np.flatnonzero(~np.isfinite(texture).all(axis=1))
         if len(bad):
-            raise InputError(f"point {bad[0]} has no texture coordinate, which OBJ needs: give all, or none")
+            raise InputError(f"point {bad[0]} has no texture coordinate. OBJ requires them for all points or for none")
         np.savetxt(file, texture, "vt %.9g %.9g")
         corners = np.stack([faces, faces if texture_faces is None else texture_faces], axis=2) + 1
         np.savetxt(file, corners.reshape(-1, 6), "f %d/%d %d/%d %d/%d")

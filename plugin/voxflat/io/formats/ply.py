@@ -23,7 +23,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
     """Read a PLY file of polygons, or of strips of triangles."""
     header = re.match(rb"(?s)ply(\r?\n|\r)(.*?)\1end_header\1", data)
     if header is None:
-        raise InputError("has no header from 'ply' to 'end_header': is it a PLY file?")
+        raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
     form, elements = _header(header[2].decode("latin1"))
     body, order = data[header.end() :], _ORDERS[form]
     if form == "ascii":  # as if it were binary, of doubles alone
@@ -41,7 +41,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
             break  # what follows does not matter
     names = vertices.dtype.names or ()
     if not {"x", "y", "z"} <= set(names) or lists is None:
-        raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices: {REMEDY}")
+        raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices. {REMEDY}")
     points = np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64)
     corners, counts = lists
     if any(name == "tristrips" for name, _, _ in elements):
@@ -86,9 +86,9 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
         elif words[:1] == ["property"] and len(words) == 3 and elements:
             elements[-1][2].append((words[2], _TYPES[words[1]], ""))
         elif words and words[0] not in ("comment", "obj_info"):
-            raise InputError(f"its header has the line {line!r}, which no PLY file has")
+            raise InputError(f"its header has the line {line!r}, which is not part of the PLY format")
     if form not in _ORDERS:
-        raise InputError(f"its format is {form!r}: write it as one of {', '.join(_ORDERS)}")
+        raise InputError(f"its format is {form!r}. Write it as one of {', '.join(_ORDERS)}")
     return form, elements
 
 
@@ -113,9 +113,9 @@ def _table(
         other = np.flatnonzero(rows[key] != rows[key][:1])
         if len(other):
             here, first = (int(rows[key][row]) for row in (other[0], 0))
-            raise _UnevenError(f"{name} {other[0]} has {here} corners, {name} 0 has {first}; {TRIANGULATE}")
+            raise _UnevenError(f"{name} {other[0]} has {here} corners, but {name} 0 has {first}. {TRIANGULATE}")
     if len(rows) < count:
-        raise InputError(f"ends in {name} {len(rows)} of {count}: copy or download it again")
+        raise InputError(f"ends at {name} {len(rows)} of {count}. Copy or download it again")
     return rows
 
 
@@ -153,7 +153,7 @@ def _uneven(
                 length = int(number) if number >= 0 and number % 1 == 0 else len(body)
                 at += length_kind.itemsize
             if at + length * kind.itemsize > len(body):
-                raise InputError(f"ends in {name} {row} of {count}: copy or download it again")
+                raise InputError(f"ends at {name} {row} of {count}. Copy or download it again")
             if one == key:
                 rows.append(np.frombuffer(body, kind, length, at))
             at += length * kind.itemsize
@@ -170,7 +170,7 @@ def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDAr
     ]
     strips = [strip for strip in strips if len(strip)]
     faces = of_strips(strips)
-    return faces, (f"{len(strips)} strips were cut into {len(faces)} triangles",)
+    return faces, (f"{len(strips)} strips were split into {len(faces)} triangles",)
 
 
 def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -180,7 +180,7 @@ def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64
         face = int(np.searchsorted(np.cumsum(counts), bad[0], side="right"))
         start = int(counts[:face].sum())
         corners = numbers[start : start + counts[face]].tolist()
-        raise InputError(f"face {face} is {corners}: corners must be whole numbers")
+        raise InputError(f"face {face} is {corners}, but corners must be whole numbers")
     return np.asarray(numbers.astype(np.int64))
 
 

@@ -37,7 +37,7 @@ class Outline:
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
     """Read a layer's paths, the lowest first, by ``inkscape:label``, else their group's within it, title or id."""
     path = checked_path(path)
-    with naming(path, "is it an SVG figure of voxflat.figures?"):
+    with naming(path, "check that it is an SVG figure written by voxflat.figures"):
         check_regular(path)
         path.open("rb").close()
         svg = require("svgelements")
@@ -50,7 +50,7 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
             raise InputError(f"has no layer {layer!r}; its layers are {', '.join(map(repr, groups)) or 'none'}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
         if not outlines:
-            raise InputError(f"its layer {layer!r} has no path: draw regions there, as closed paths")
+            raise InputError(f"its layer {layer!r} has no path. Draw the regions there as closed paths")
         return outlines
 
 
@@ -64,9 +64,7 @@ def _placement(root: Any, svg: Any) -> Any:
         except ValueError:
             numbers = []
         if len(numbers) != 4 or not np.isfinite(numbers).all():
-            raise InputError(
-                f"its root does not say where the map lies: {key} must be four numbers; draw into a figure of voxflat"
-            )
+            raise InputError(f"its root does not define {key} as four numbers. Draw into a figure written by voxflat")
         area.append(numbers)
     (left, right, bottom, top), (x, y, width, height) = area
     if width <= 0 or height <= 0 or left == right or bottom == top:
@@ -80,7 +78,7 @@ def _placement(root: Any, svg: Any) -> Any:
             py = matrix.b * points[:, 0] + matrix.d * points[:, 1] + matrix.f
             mm = np.column_stack([left + (px - x) / width * (right - left), top - (py - y) / height * (top - bottom)])
         if not np.isfinite(mm).all():
-            raise InputError("one of its paths leads to infinity: draw it anew, or look at its viewBox")
+            raise InputError("one of its paths has infinite coordinates. Draw it again, or check its viewBox")
         return mm
 
     return to_mm

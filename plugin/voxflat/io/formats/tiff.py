@@ -27,7 +27,7 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
         ]
         if others or len(pages) > 1:
             found = ", ".join([*others, *(f"{shape[axis]} along {axis}" for axis in pages[1:])])
-            raise InputError(f"holds more than one volume ({found}): save one channel and one time as its own TIFF")
+            raise InputError(f"contains more than one volume ({found}). Save one channel and one time point")
         data = series.asarray()
         sizes = _ome_sizes(file.ome_metadata) or _imagej_sizes(file, "Z" in shape or bool(pages))
     depth = pages[0] if pages else ""
@@ -69,7 +69,7 @@ def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
         number, whole = tags[name].value
         across.append(_size(str(whole / number), unit))
     if is_deep and not told.get("spacing"):
-        raise InputError("says how large its pixels are, and not how far apart its slices: pass spacing for the array")
+        raise InputError("defines its pixel size, but not its slice distance. Pass the array with a spacing")
     return [*across, _size(str(told.get("spacing", whole / number)), unit)]
 
 
@@ -79,5 +79,5 @@ def _size(text: str, unit: str) -> float:
     except ValueError:
         size = 0.0
     if not 0 < size < np.inf:
-        raise InputError(f"its voxel size is {text} {unit}: give a positive one")
+        raise InputError(f"its voxel size is {text} {unit}, but must be positive")
     return size

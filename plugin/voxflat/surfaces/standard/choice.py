@@ -43,7 +43,7 @@ def chosen(
             own = register(whole, None, threads, progress)
             told = f"the surface was registered by its folds ({own.side}, confidence {own.confidence:.2f})"
             remarks = [remark for remark in own.remarks if remark not in whole.remarks]
-            found, remarks = registered_sphere(own), [*remarks, f"there is no sphere: {told}"]
+            found, remarks = registered_sphere(own), [*remarks, f"no sphere was found, so {told}"]
         else:
             found, remarks = sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
@@ -60,7 +60,10 @@ def chosen(
         if sphere is not None:
             raise
         return Choice(
-            None, None, True, (f"cuts are automatic, since the sphere beside the surface does not fit: {error}",)
+            None,
+            None,
+            True,
+            (f"automatic cuts are used, because the sphere beside the surface does not match: {error}",),
         )
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
@@ -71,8 +74,8 @@ def _check_fits(template: Template, sphere: Sphere) -> None:
     for name, own, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
         if own != other:
             raise InputError(
-                f"the template {template.name} is of {name} {own}, the sphere {sphere.name} of {other}: give one of "
-                f"the same {name}"
+                f"the template {template.name} has the {name} {own}, but the sphere {sphere.name} has the {name} "
+                f"{other}. Pass a template and a sphere of the same {name}"
             )
 
 

@@ -125,12 +125,12 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     topology = whole.core.topology()
     if topology["handles"]:
         raise InputError(
-            f"the surface has {topology['handles']} handle(s), and a sphere has none: "
+            f"the surface has {topology['handles']} handle(s), but a sphere has none. "
             + (
-                "extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair it with "
+                "Extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair the surface with "
                 "repair='voxels' (--repair voxels)"
                 if whole.is_voxels
-                else "mend the mesh where it was made"
+                else "Repair the mesh in the program that created it"
             )
         )
     others = len(topology["components"]) - 1
@@ -139,7 +139,7 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     core = whole.core.largest_piece()
     return whole._with_core(core), (
         *whole.remarks,
-        f"{others} smaller component(s) were left out, {len(whole.core) - len(core)} vertices",
+        f"{others} smaller component(s) with {len(whole.core) - len(core)} vertices were excluded",
     )
 
 
@@ -161,16 +161,17 @@ def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: 
     confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
     if evidence < _MIDWAY:
         raise InputError(
-            f"the surface is no hemisphere of a cortex, as far as its folds say (confidence {confidence:.2f}): they "
-            f"agree with the template by {better:.2f}, with its other side by {worse:.2f}. Give the surface of one "
-            "hemisphere, without cerebellum and brain stem; other shapes are cut without a template"
+            f"according to its folds, the surface is not a hemisphere of a cortex (confidence {confidence:.2f}): "
+            f"their agreement with the template is {better:.2f}, with its other side {worse:.2f}. Pass the "
+            "surface of one hemisphere without cerebellum and brain stem, or cut other shapes without a template"
         )
     if named is not None and scores[other] > scores[side]:
         raise InputError(
             f"side is {named!r}, but the surface agrees better with the {other} side of the template (score "
-            f"{scores[other]:.2f} instead of {scores[side]:.2f}): give side={other!r}, or see whether it is mirrored"
+            f"{scores[other]:.2f} instead of {scores[side]:.2f}). Pass side={other!r}, or check whether the "
+            "surface is mirrored"
         )
     told = _STRUCTURES.get(str(whole.metadata.get("structure")))
     if told not in (None, side):
-        remarks = (*remarks, f"the file says that it is the {told} side, its folds are those of the {side} side")
+        remarks = (*remarks, f"the file specifies the {told} side, but the folds are those of the {side} side")
     return Registration(whole, found["points"], side, confidence, figures, remarks)

@@ -72,14 +72,14 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     )
     if len(points) != whole.count:
         raise InputError(
-            f"{name} has {len(points)} vertices, the surface {whole.count}: give the sphere of this surface, one "
-            "place for each vertex"
+            f"{name} has {len(points)} vertices, but the surface has {whole.count}. Pass the sphere of this "
+            "surface, with one position per vertex"
         )
     radii = np.linalg.norm(points[whole.vertices], axis=1)
     radius = float(np.median(radii))
     if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
         raise InputError(
-            f"{name} is no sphere around the origin: its points lie {radii.min():.4g} to {radii.max():.4g} from it"
+            f"{name} is not a sphere around the origin: its radius is {radii.min():.4g} to {radii.max():.4g}"
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
@@ -88,13 +88,13 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
         shared = float(are_triangles(own, whole._merged_in(mesh.faces)).mean())
         if shared < _SHARED:
             raise InputError(
-                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same): it is of another "
-                "subject or side"
+                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same). Pass the sphere of "
+                "the same subject and hemisphere"
             )
     folded = _folded(whole, places, name)
     space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
     if folded:
-        remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
+        remarks.append(f"{folded} of {len(whole.faces)} triangles are flipped on the sphere {Path(name).name}")
     return Sphere(places, space, side, name, folded, distance), remarks
 
 
@@ -108,7 +108,7 @@ def registered_sphere(found: Registration) -> Sphere:
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     if isinstance(sphere, str | os.PathLike):
         if not Path(sphere).is_file():
-            raise InputError(f"the sphere {os.fspath(sphere)}: there is no such file")
+            raise InputError(f"the sphere {os.fspath(sphere)}: the file does not exist")
         return read_mesh(sphere)
     mesh = as_mesh(sphere)
     if mesh is not None:
@@ -118,9 +118,7 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     except ValueError:
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
-        raise InputError(
-            f"sphere is {type(sphere).__name__}; give a file such as lh.sphere.reg, or finite places of shape (V, 3)"
-        )
+        raise InputError(f"sphere has type {type(sphere).__name__}. Pass a file, or finite positions (V, 3)")
     return points.astype(np.float64)
 
 
@@ -130,11 +128,11 @@ def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
     folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
     share = folded / len(whole.faces)
     if share > 1 - _FOLDED:
-        raise InputError(f"{name} is mirrored: all triangles are turned over on it; give it as FreeSurfer has it")
+        raise InputError(f"{name} is mirrored: all triangles are flipped on it. Pass it with FreeSurfer's orientation")
     if share > _FOLDED:
         raise InputError(
-            f"{100 * share:.1f} % of the surface's triangles are turned over on {name}: it is of another surface, or "
-            "damaged"
+            f"{100 * share:.1f} % of the surface's triangles are flipped on {name}. Check that it is the sphere "
+            "of this surface and not damaged"
         )
     return folded
 
@@ -145,7 +143,9 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface}: give the other")
+        raise InputError(
+            f"{name} is {of_sphere}, but the surface is {of_surface}. Pass the sphere of the other hemisphere"
+        )
     return of_surface or of_sphere
 
 
@@ -190,9 +190,7 @@ def _placed(
     distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
         if named is None:
-            raise InputError(
-                "of which hemisphere the surface is, its file's name does not say: name it lh., rh., hemi-L or hemi-R"
-            )
+            raise InputError("the file name does not show the hemisphere. Name it with lh., rh., hemi-L or hemi-R")
         return told_space, named, float("nan"), []
     best = min(distances, key=lambda key: distances[key])
     own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
@@ -200,20 +198,23 @@ def _placed(
     if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
         if named is not None and best[1] != named:
             raise InputError(
-                f"by {name} the surface is of the {best[1]} hemisphere, not of the {named} one that its name says: "
-                "rename it, or give the sphere that belongs to it"
+                f"according to {name}, the surface is the {best[1]} hemisphere, but its name specifies the {named} "
+                "one. Rename it, or pass the matching sphere"
             )
         remarks.append(
-            f"{name} is taken for one of {best[0]}, where corresponding places lie {distances[best]:.0f} mm apart; in "
-            f"{told_space} they would {distances[own]:.0f} mm"
+            f"{name} is assumed to be in {best[0]} space, where corresponding points are {distances[best]:.0f} mm "
+            f"apart (in {told_space} space: {distances[own]:.0f} mm)"
         )
         own = best
     distance = distances[own]
-    told = f"by {name} the surface lies {distance:.0f} mm (median) from the template's brain, rigidly laid on it"
+    told = (
+        f"according to {name}, the surface is {distance:.0f} mm (median) away from the template's brain after "
+        "rigid alignment"
+    )
     if distance > _FAR[1]:
-        raise InputError(f"{told}: it is not registered to fsaverage or fs_LR; give lh.sphere.reg, not lh.sphere")
+        raise InputError(f"{told}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
     if distance > _FAR[0]:
-        remarks.append(f"{told}, where 4 to 9 are usual: is it registered?")
+        remarks.append(f"{told}; 4 to 9 mm are usual. Check that it is registered")
     return *own, distance, remarks
 
 

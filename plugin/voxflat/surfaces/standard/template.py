@@ -104,18 +104,18 @@ def read_template(path: str | os.PathLike[str]) -> Template:
     except OSError as error:
         raise InputError(f"cannot read the template {path}: {error.strerror}") from error
     except ValueError as error:
-        raise InputError(f"{path} is no template of cuts: {error}") from error
+        raise InputError(f"{path} is not a template of cuts: {error}") from error
     return _parsed(path, content, os.fspath(path))
 
 
 def _parsed(path: Path, content: Any, name: str) -> Template:
     if not isinstance(content, dict) or content.get("voxflat") != "template":
-        raise InputError(f"{path} is no template of cuts: make one with voxflat cut --save-template")
+        raise InputError(f"{path} is not a template of cuts. Create one with voxflat cut --save-template")
     if content.get("format") != _FORMAT:
-        raise InputError(f"{path} has format {content.get('format')!r}; this version knows {_FORMAT}")
+        raise InputError(f"{path} has format {content.get('format')!r}, but this version supports {_FORMAT}")
     for key, known in (("space", SPACES), ("side", tuple(SIDES))):
         if content.get(key) not in known:
-            raise InputError(f"{path}: {key} is {content.get(key)!r}; it must be {' or '.join(map(repr, known))}")
+            raise InputError(f"{path}: {key} is {content.get(key)!r}, but must be {' or '.join(map(repr, known))}")
     outlines = tuple(_line(path, entry, 3) for entry in _entries(path, content, "outlines"))
     cuts = tuple(_line(path, entry, 2) for entry in _entries(path, content, "cuts"))
     if not outlines and not cuts:
@@ -123,7 +123,7 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
     names = {line.name for line in outlines}
     for cut in cuts:
         if cut.root is not None and cut.root not in names:
-            raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, no outline and no cut before it")
+            raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, neither an outline nor an earlier cut")
         if cut.name in names:
             raise InputError(f"{path} has two lines named {cut.name!r}")
         names.add(cut.name)
@@ -135,16 +135,16 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
 def _entries(path: Path, content: dict[str, Any], name: str) -> list[Any]:
     entries = content.get(name, [])
     if not isinstance(entries, list):
-        raise InputError(f"{path}: {name} is no list")
+        raise InputError(f"{path}: {name} is not a list")
     return entries
 
 
 def _line(path: Path, entry: Any, fewest: int) -> Line:
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str) or not entry["name"]:
-        raise InputError(f"{path}: each outline and each cut needs a name")
+        raise InputError(f"{path}: each outline and each cut must have a name")
     root = entry.get("root")
     if root is not None and not isinstance(root, str):
-        raise InputError(f"{path}: the root of {entry['name']!r} is no name")
+        raise InputError(f"{path}: the root of {entry['name']!r} is not a name")
     points = _numbers(path, entry.get("line"), 3, repr(entry["name"]), fewest)
     far = np.abs(np.linalg.norm(points, axis=1) - 1)
     if (far > _UNIT).any():
@@ -153,7 +153,7 @@ def _line(path: Path, entry: Any, fewest: int) -> Line:
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
     keep = np.concatenate([[True], apart > 1e-6])  # arcs need two ends
     if keep.sum() < fewest or apart.max() > 1:
-        raise InputError(f"{path}: the points of {entry['name']!r} lie at one place, or too far apart to be joined")
+        raise InputError(f"{path}: the points of {entry['name']!r} coincide, or are too far apart to be joined")
     return Line(entry["name"], points[keep], root)
 
 
@@ -162,7 +162,7 @@ def _anchors(path: Path, content: dict[str, Any]) -> Anchors | None:
     if given is None:
         return None
     if not isinstance(given, dict):
-        raise InputError(f"{path}: anchors is no object")
+        raise InputError(f"{path}: anchors is not an object")
     found = [_numbers(path, given.get(key), width, key, 3) for key, width in (("sphere", 3), ("flat", 2), ("white", 3))]
     if len({len(array) for array in found}) != 1:
         raise InputError(f"{path}: the anchors have different lengths")
@@ -175,5 +175,5 @@ def _numbers(path: Path, values: Any, width: int, name: str, fewest: int) -> NDA
     except (ValueError, TypeError):
         array = np.empty(0)
     if array.ndim != 2 or array.shape[1] != width or len(array) < fewest or not np.isfinite(array).all():
-        raise InputError(f"{path}: {name} must be {fewest} or more rows of {width} finite numbers")
+        raise InputError(f"{path}: {name} must consist of at least {fewest} rows of {width} finite numbers")
     return array

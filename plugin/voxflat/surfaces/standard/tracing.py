@@ -46,7 +46,7 @@ def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.b
         dropped = ~_left_of(outline, sphere.places[whole.vertices])
         kept &= ~_largest(dropped, faces)[faces].any(axis=1)
     if not kept.any():
-        raise InputError(f"the outlines of the template {template.name} keep no triangle of the surface")
+        raise InputError(f"the outlines of the template {template.name} exclude every triangle of the surface")
     piece = whole.core.part_of_faces(kept).largest_piece()
     in_piece = np.zeros(whole.count, dtype=np.bool_)
     in_piece[piece.ids] = True
@@ -132,7 +132,7 @@ def traced(
         apart = np.linalg.norm(places[tips] - cut.points[-1], axis=1)
         tip = int(tips[apart.argmin()]) if len(tips) else -1
         if tip < 0 or apart.min() > max(edge, _ASTRAY / 2):
-            remarks.append(f"the cut {cut.name!r} ends where nothing is flattened; it is not made")
+            remarks.append(f"the cut {cut.name!r} ends outside the flattened region and is omitted")
             continue
         is_root = np.zeros(len(part), dtype=np.bool_)
         if cut.root is None and not loops:
@@ -142,7 +142,7 @@ def traced(
         elif cut.root in found:
             is_root[found[cut.root]] = True
         else:
-            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is not made; nor is it")
+            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is omitted, too")
             continue
         aside = _beside(cut, places, drawn_on=cut.root is not None)
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
@@ -150,14 +150,14 @@ def traced(
             way = part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
         except InputError:
             raise InputError(
-                f"the cut {cut.name!r} finds no way from its tip to its root: borders or other cuts lie between; give "
-                "other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} has no path from its tip to its root, because boundaries or other cuts lie "
+                "between. Pass other regions, or cuts='automatic'"
             ) from None
         if aside[way].max() > astray:
             aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
-                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its place on a sphere of 100 mm: what is "
-                "left out lies in its way; give other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its position (on a sphere of radius 100 "
+                "mm), because an excluded region is in its way. Pass other regions, or cuts='automatic'"
             )
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
@@ -171,7 +171,8 @@ def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], c
     """Return the border at which a cut begins: the one nearest to its line."""
     if not loops:
         raise InputError(
-            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no border: its region was not left out"
+            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no boundary there, because that "
+            "region was not excluded"
         )
     apart = [
         float(scipy.spatial.KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min())
@@ -213,7 +214,7 @@ def template_of(
         for name, path in rest:
             ends = int(path[0]), int(path[-1])
             if ends[0] == ends[1] or len(path) < 2:
-                raise InputError(f"the cut {name!r} is closed: a template holds cuts that make no handle's loop")
+                raise InputError(f"the cut {name!r} is closed, but a template cannot contain loops around handles")
             if ends[0] in at or ends[1] in at:
                 way = path if ends[0] in at else path[::-1]
                 root: str | None = at[int(way[0])]
@@ -227,9 +228,7 @@ def template_of(
             rest = [one for one in rest if one[0] != name]
             break
         else:
-            raise InputError(
-                f"the cut {rest[0][0]!r} begins neither at a border nor at another cut: a template needs a root for it"
-            )
+            raise InputError(f"the cut {rest[0][0]!r} begins at no boundary or other cut. A template requires one")
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
 
 

@@ -21,7 +21,7 @@ from voxflat import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat, Zigelman2002
-from voxflat.surfaces.lips import listed_points, one_point_a_vertex
+from voxflat.surfaces.cut_sides import listed_points, one_point_a_vertex
 
 PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
 

@@ -53,10 +53,12 @@ _ENVIRONMENT = {
 }
 
 # not -m, which would look for modules in the working directory, where others may have put them
-_START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.apart import serve; serve()"
+_START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.subprocess_reader import serve; serve()"
 
 
-def apart(function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None) -> Any:
+def read_in_subprocess(
+    function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None
+) -> Any:
     """Call a function of a module's top level that reads a file by a package in C++, in the child process.
 
     It returns an array, None, a number, text, or lists (tuples become such) and dictionaries of them. `size`: bytes
@@ -149,9 +151,12 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
     status, name = child.returncode, _PACKAGES[asked["package"]][0]
     for timer, (_, times) in _TIMES.items():
         if status == -timer:
-            return f"{name} was not done with it after {asked['seconds'] * times} s: {AGAIN}"
+            return f"{name} did not finish reading the file within {asked['seconds'] * times} s. {AGAIN}"
     how = signal.Signals(-status).name if status < 0 else f"status {status}"
-    return f"{name} ended at it ({how}), within {amount(asked['memory'])}: {AGAIN}, or give it more memory"
+    return (
+        f"{name} ended while it read the file ({how}, memory limit {amount(asked['memory'])}). {AGAIN}, or "
+        "allow more memory"
+    )
 
 
 def _stop(patience: float = 0.0) -> None:
@@ -191,7 +196,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve() -> None:
-    """Answer calls of `apart` that come on standard input, until it ends."""
+    """Answer calls of `read_in_subprocess` that come on standard input, until it ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
@@ -213,7 +218,7 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
         with contextlib.suppress(OSError, ValueError):  # of no such file
             mode = os.stat(values[0]).st_mode
     if stat.S_ISFIFO(mode):
-        raise InputError(f"{Path(os.fsdecode(values[0])).name} is no regular file: copy what it gives into one")
+        raise InputError(f"{Path(os.fsdecode(values[0])).name} is not a regular file. Copy its content into a file")
 
 
 def _told(error: Exception, path: str) -> list[Any]:
@@ -221,7 +226,7 @@ def _told(error: Exception, path: str) -> list[Any]:
     if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
         return ["OSError", error.errno, error.strerror, error.filename]
     if isinstance(error, MemoryError):
-        return ["InputError", "needs more memory than there is: crop it, or give it more memory"]
+        return ["InputError", "reading it needs more memory than is available. Crop it, or allow more memory"]
     text = str(error).replace(path, Path(path).name)
     return ["InputError", text] if isinstance(error, InputError) else ["RuntimeError", one_line(RuntimeError(text))]
 
