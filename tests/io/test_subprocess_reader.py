@@ -72,10 +72,13 @@ def found_by_the_child(monkeypatch):
 @pytest.mark.slow
 def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
-        with pytest.raises(InputError, match=rf"^VTK ended at it \({name}\), within .*: copy it again, or give"):
+        with pytest.raises(
+            InputError,
+            match=rf"^VTK ended while it read the file \({name}, memory limit .*\). Copy or download the file again, or allow",
+        ):
             read_in_subprocess(ends, "vtkmodules", path, int(number))
     monkeypatch.setattr(module, "_SECONDS", 1)
-    refused("VTK was not done with it after 1 s", read_in_subprocess, computes, "vtkmodules", path)
+    refused("VTK did not finish reading the file within 1 s", read_in_subprocess, computes, "vtkmodules", path)
     assert size(path) == 1770
 
 

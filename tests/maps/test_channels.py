@@ -100,7 +100,7 @@ class TestOverlays:
             assert_shows(flat.image(tmp_path / name, channel=2), 2)
             assert_shows(flat.image(tmp_path / name, channel=-3), 0)
             refused(rf"{name}: has 3 maps \(.*\): choose one by its name or number", flat.image, tmp_path / name)
-            refused(r"has no map 3: they are numbered 0 to 2", flat.image, tmp_path / name, channel=3)
+            refused(r"has no map 3. Pass a number from 0 to 2", flat.image, tmp_path / name, channel=3)
 
     def test_one_map_needs_no_choice(self, flat, tmp_path):
         for name in overlays(tmp_path, 1):
@@ -118,7 +118,7 @@ class TestOverlays:
         nib.save(nib.MGHImage(values, np.eye(4)), tmp_path / "a.mgz")
         nib.save(nib.Nifti1Image(values, np.eye(4)), tmp_path / "b.nii.gz")
         for name in ("a.mgz", "b.nii.gz"):
-            refused(f"{name}: has 7 values; the surface has 169 points", flat.image, tmp_path / name)
+            refused(f"{name}: has 7 values, but the surface has 169 points", flat.image, tmp_path / name)
 
     def test_regions(self, tmp_path):
         mesh = plane(None)
@@ -177,7 +177,7 @@ class TestCifti:
         labels = np.ones(100, np.float32)
         labels[7] = wrong
         cifti(tmp_path / "a.dlabel.nii", axis, labels[None], np.arange(100), BOTH[:1])
-        refused(r"a\.dlabel\.nii: has the label .*: give whole numbers", flat.image, tmp_path / "a.dlabel.nii")
+        refused(r"a\.dlabel\.nii: label .* is not a whole number", flat.image, tmp_path / "a.dlabel.nii")
 
     @pytest.mark.slow
     @needs_workbench

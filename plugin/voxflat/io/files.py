@@ -275,23 +275,30 @@ def temporary_beside(path: Path) -> Path:
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a file beside its place, and move it there once it is complete.
+    """Write a file completely or not at all.
+
+    The file is written under a temporary name in the same directory and renamed when it is complete.
 
     Parameters
     ----------
     path : path
-        The file to make or replace.
+        The file to create or replace.
 
     Yields
     ------
     Path
-        A new empty file in the same directory whose name has the same ending. It takes the place of
-        `path` when the block ends, and is deleted when the block raises.
+        A new empty file in the same directory whose name has the same ending. It replaces `path` when the block ends,
+        and is deleted if the block raises an exception.
 
     Raises
     ------
     OSError
-        Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
+        Nothing can be written at `path`, for example because the disk is full. The error names `path`.
+
+    See Also
+    --------
+    write_mesh : Write a mesh to a file.
+    write_volume : Write a volume to a file.
 
     Examples
     --------

@@ -28,18 +28,61 @@ _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 @dataclass(frozen=True, eq=False)
 class LabelTable:
-    """What labels are called, and their colours: red, green, blue from 0 to 255."""
+    """Store the names and colours of labels.
+
+    Labels may lack a name or a colour.
+
+    Parameters
+    ----------
+    names : dict of int to str
+        Names, by label.
+    colours : dict of int to tuple of 3 ints
+        Red, green and blue from 0 to 255, by label.
+
+    See Also
+    --------
+    read_table : Read a lookup table.
+
+    Examples
+    --------
+    >>> from voxflat.io.label_tables import LabelTable
+    >>> LabelTable({1: "V1"}, {1: (255, 0, 0)}).names[1]
+    'V1'
+    """
 
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, Colour] = field(default_factory=dict)
 
     def is_region(self, label: int) -> bool:
-        """Tell whether a label is one of a region: neither negative, nor called unknown, nor 0 without a name."""
+        """Return whether a label belongs to a region.
+
+        Negative labels, labels with a name such as "unknown", and 0 without a name are not regions.
+
+        Parameters
+        ----------
+        label : int
+            The label.
+
+        Returns
+        -------
+        bool
+            True for a region.
+
+        See Also
+        --------
+        read_table : Read a lookup table.
+
+        Examples
+        --------
+        >>> from voxflat.io.label_tables import LabelTable
+        >>> LabelTable({1: "V1"}).is_region(1)
+        True
+        """
         return label >= 0 and self.names.get(label, str(label) if label else "").strip().lower() not in _NO_NAMES
 
 
 def read_table(path: str | os.PathLike[str]) -> LabelTable:
-    """Read a lookup table, as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS with ``index``, ``name``, ``color``."""
+    """Read a lookup table, such as FreeSurferColorLUT.txt or a BIDS ``dseg.tsv`` (``index``, ``name``, ``color``)."""
     path = checked_path(path)
     with naming(path, "pass a table such as FreeSurferColorLUT.txt, or a BIDS dseg.tsv file"):
         text = contents(path).decode("utf-8-sig")
@@ -50,7 +93,7 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
-    """Read the names and colours that a file of labels, or an image of nibabel, holds; of CIFTI those of a channel."""
+    """Read the names and colours stored in a file of labels or a nibabel image; for CIFTI those of a channel."""
     if is_gifti(labels):
         return _of_gifti(labels)
     if is_cifti(labels):

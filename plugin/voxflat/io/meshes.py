@@ -32,28 +32,37 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles. Making one checks it; a bad array is an `InputError`.
+    """Store a surface of triangles.
+
+    Creating a mesh checks its arrays; an invalid array raises an `InputError`.
 
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm, in `space`; finite.
+        Coordinates in RAS+ mm, in `space`; they must be finite.
     faces : ndarray of int64, shape (F, 3)
-        Triangles, as rows of `points`. Points that no face uses are allowed: a flat map may have them.
+        Triangles, as rows of `points`. Points without a face are allowed, because flat maps may have them.
     path : Path or None
-        The file it came from.
+        The file that the mesh was read from.
     structure : str or None
-        What it is, as GIFTI's AnatomicalStructurePrimary says it: ``"CortexLeft"``, ``"CortexRight"``, ...
+        Brain structure in the notation of GIFTI's AnatomicalStructurePrimary: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, by name.
+    texture_coordinates : ndarray of float64, shape (N, 2), or None
+        Position of each point in a picture; NaN for points without one.
     face_data : dict of str to ndarray, shape (F,)
         Values of the triangles, by name.
-    texture_coordinates : ndarray of float64, shape (N, 2), or None
-        Place of each point in a picture; NaN for points without one.
     remarks : tuple of str
         What the reader noticed or changed.
     space : Space
-        Whose coordinates the points are: scanner RAS, FreeSurfer's tkRAS, or unknown.
+        Coordinate space of the points: scanner RAS, FreeSurfer's tkRAS, or unknown.
+    has_unit : bool
+        Whether the source defines the unit of the coordinates.
+
+    See Also
+    --------
+    read_mesh : Read a mesh from a file.
+    write_mesh : Write a mesh to a file.
 
     Examples
     --------
@@ -75,18 +84,54 @@ class Mesh:
 
     @property
     def has_unknown_unit(self) -> bool:
-        """Whether it may not be in mm: only GIFTI and FreeSurfer say so, or it is smaller than anything in mm."""
+        """Whether the unit of the coordinates is unknown.
+
+        Only GIFTI and FreeSurfer files define the unit. It also counts as unknown if the mesh is smaller than 1 mm.
+
+        See Also
+        --------
+        Mesh.unit : The unit as text.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).has_unknown_unit
+        False
+        """
         by_name = None if self.path is None else formats.by_name(self.path)
         return not self.has_unit or by_name in _WITHOUT_UNIT or self.unit_remark is not None
 
     @property
     def unit(self) -> str:
-        """That of its points: "mm" or "unknown"."""
+        """Unit of the coordinates.
+
+        It is ``"mm"`` or ``"unknown"``.
+
+        See Also
+        --------
+        Mesh.has_unknown_unit : Whether the unit is unknown.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).unit
+        'mm'
+        """
         return "unknown" if self.has_unknown_unit else "mm"
 
     @property
     def unit_remark(self) -> str | None:
-        """A remark on a surface that seems not to be in mm: the longest side of its box is below 1."""
+        """Remark on a mesh that is probably not in mm, or None.
+
+        A mesh is suspicious if the longest side of its bounding box is below 1.
+
+        See Also
+        --------
+        Mesh.unit : The unit as text.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3) / 1000, [[0, 1, 2]]).unit_remark.split(";")[0]
+        'is 0.001 units across'
+        """
         across = float(np.ptp(self.points, axis=0).max())
         if across >= 1:
             return None
@@ -130,24 +175,30 @@ class Mesh:
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a surface of triangles from a file.
 
+    The ending of the name determines the format; without a known ending, the content does.
+
     Parameters
     ----------
     path : path
         GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...; in
-        ASCII ``.asc``), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` and ``.glb``. Without a known
-        ending its content tells.
+        ASCII ``.asc``), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` or ``.glb``.
 
     Returns
     -------
     Mesh
-        With the points as stored and in their order, except that STL knows no points: equal corners become one.
+        The points as stored and in their order. STL files store corners instead of points; equal corners become one.
 
     Raises
     ------
     InputError
-        The file is damaged, of another format than its ending says, or no surface of triangles.
+        The file is damaged, is in another format than its ending specifies, or is not a surface of triangles.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    write_mesh : Write a mesh to a file.
+    read_patch : Read a FreeSurfer patch.
 
     Examples
     --------
@@ -228,20 +279,22 @@ READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
 
 
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:
-    """Write a surface to a file, all of it or nothing.
+    """Write a surface to a file.
+
+    The file is written completely or not at all. FreeSurfer files are written in tkRAS with the volume geometry, all
+    other formats in scanner RAS. Points are transformed if the transformation is known. Points in an unknown space are
+    written unchanged.
 
     Parameters
     ----------
     path : path
-        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or ``lh.white`` and the like.
-        FreeSurfer's files have tkRAS and the volume that says where that is, all others scanner RAS, as tools take them
-        with volumes: points are moved where it is known how. Points of an unknown space are written as they are.
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or such as ``lh.white``.
     mesh : Mesh
-        GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
-        ``.vtp`` its point and face data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are
-        all 0 is marked as flat in GIFTI.
+        The mesh. GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` stores the
+        structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and ``.obj`` the texture
+        coordinates. GIFTI marks a mesh as flat if all its z coordinates are 0.
     record : dict, optional
-        What made it, for GIFTI's metadata; no other format has a place for it.
+        Provenance record for GIFTI's metadata; other formats cannot hold it.
 
     Raises
     ------
@@ -249,6 +302,10 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
         The format cannot hold the mesh.
     OSError
         The file cannot be written.
+
+    See Also
+    --------
+    read_mesh : Read a mesh from a file.
 
     Examples
     --------

@@ -24,30 +24,36 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
     """Read values at the points of a surface.
 
+    The ending of the name determines the format; FreeSurfer's files of values need none.
+
     Parameters
     ----------
     path : path
         GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), CIFTI (``.dscalar.nii``, ``.dtseries.nii``,
         ``.dlabel.nii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``, ...; ``.annot``, whose labels are
-        numbers from 0, −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
-        ``.txt`` with a line a point.
+        numbers from 0, or −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
+        ``.txt`` with one line per point.
     points : int
-        How many the surface has.
+        Number of points of the surface.
     structure : str, optional
-        What the surface is, as GIFTI says it, such as "CortexLeft": which part of a CIFTI file is meant. Points that it
-        does not list are NaN, in ``.dlabel.nii`` 0.
+        Structure of the surface in GIFTI's notation, such as "CortexLeft". It selects a part of a CIFTI file. Points
+        that the file does not list are NaN, or 0 in ``.dlabel.nii`` files.
 
     Returns
     -------
-    ndarray, shape (points,), or (points, K) of K maps
-        Of the file's type.
+    ndarray, shape (points,), or (points, K) for K maps
+        The values, in the type of the file.
 
     Raises
     ------
     InputError
-        The file is damaged, has another number of values, or more maps than memory holds.
+        The file is damaged, has another number of values, or has more maps than fit into memory.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    read_region : Read a region of a surface.
 
     Examples
     --------
@@ -110,21 +116,24 @@ def read_region(
 ) -> NDArray[np.bool_]:
     """Read which points of a surface belong to a region.
 
+    The region can be stored as a label, an annotation, a patch, a part of the surface, or as values.
+
     Parameters
     ----------
     path : path
-        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface, whose faces use the region's points
-        only; or what `read_overlay` reads, for the points whose value is neither 0 nor NaN.
+        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface whose faces use only points of the region;
+        or a file for `read_overlay`, whose region consists of the points with a value other than 0 and NaN.
     points : int
-        How many the surface has.
+        Number of points of the surface.
     name : str, optional
         A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
     structure : str, optional
-        As in `read_overlay`.
+        Structure of the surface, as in `read_overlay`.
 
     Returns
     -------
     ndarray of bool, shape (points,)
+        True for the points of the region.
 
     Raises
     ------
@@ -132,6 +141,10 @@ def read_region(
         The file is damaged, belongs to another surface, or has no label of that name.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    read_overlay : Read values at the points of a surface.
 
     Examples
     --------

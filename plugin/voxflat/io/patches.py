@@ -30,18 +30,25 @@ PATCH_ENDING = ".patch.3d"  # how the names of patches end that lie in space; so
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Some points of a surface, in places of their own. Making one checks it; a bad array is an `InputError`.
+    """Store some points of a surface, with positions of their own.
+
+    Creating a patch checks its arrays; an invalid array raises an `InputError`.
 
     Parameters
     ----------
     vertex_ids : ndarray of int64, shape (k,)
-        Which points of the surface, each once.
+        Numbers of the points on the surface, each listed once.
     points : ndarray of float64, shape (k, 3)
-        Their places, mm; in a flat patch z is 0.
+        Positions of the points, mm; in a flat patch z is 0.
     border : ndarray of bool, shape (k,)
-        Which of them lie at the border of the patch; `patch_border` finds them.
+        Whether each point lies at the border of the patch; `patch_border` finds these points.
     path : Path or None
-        The file it came from.
+        The file that the patch was read from.
+
+    See Also
+    --------
+    read_patch : Read a patch from a file.
+    write_patch : Write a patch to a file.
 
     Examples
     --------
@@ -77,22 +84,29 @@ class Patch:
 def read_patch(path: str | os.PathLike[str]) -> Patch:
     """Read a FreeSurfer patch file.
 
+    Only binary patch files are supported.
+
     Parameters
     ----------
     path : path
-        Such as ``lh.cortex.patch.3d`` or ``lh.cortex.patch.flat``.
+        Patch file, such as ``lh.cortex.patch.3d`` or ``lh.cortex.patch.flat``.
 
     Returns
     -------
     Patch
-        In the order of the file.
+        The points in the order of the file.
 
     Raises
     ------
     InputError
-        The file is no patch, cut short, or names a point twice.
+        The file is not a patch, is incomplete, or lists a point twice.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    write_patch : Write a patch to a file.
+    patch_faces : Return the faces of a patch.
 
     Examples
     --------
@@ -130,21 +144,27 @@ def is_patch(path: str | os.PathLike[str]) -> bool:
 
 
 def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
-    """Write a FreeSurfer patch file, all of it or nothing.
+    """Write a FreeSurfer patch file.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     path : path
-        Such as ``lh.cortex.patch.flat``.
+        Patch file, such as ``lh.cortex.patch.flat``.
     patch : Patch
-        Its points are rounded to float32.
+        The patch; its points are rounded to float32.
 
     Raises
     ------
     InputError
-        The file cannot hold the patch.
+        The file format cannot hold the patch.
     OSError
-        It cannot be written.
+        The file cannot be written.
+
+    See Also
+    --------
+    read_patch : Read a patch from a file.
 
     Examples
     --------
@@ -163,11 +183,9 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
 
 
 def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Find the faces of a patch: those of the surface whose three corners are all listed.
+    """Find the faces of a patch, which are the faces of the surface whose three corners are all listed.
 
-    `faces` int (F, 3): the surface's triangles. `vertices` int (k,): the patch's points, as numbers of the surface's.
-    `n`: number of the surface's points. Returns: bool (F,). Raises InputError: a vertex or a face names a point that
-    the surface does not have.
+    The arguments are those of `patch_faces`. Returns bool (F,).
     """
     triangles, rows = _rows(faces, vertices, n)
     return np.asarray((rows[triangles] >= 0).all(axis=1))
@@ -176,20 +194,30 @@ def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]
 def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int64]:
     """Return the faces of a patch.
 
+    These are the faces of the surface whose three corners are all listed in the patch.
+
     Parameters
     ----------
-    faces, vertices, n
-        As in `in_patch`.
+    faces : array_like of int, shape (F, 3)
+        Triangles of the surface.
+    vertices : array_like of int, shape (k,)
+        Points of the patch, as point numbers of the surface.
+    n : int
+        Number of points of the surface.
 
     Returns
     -------
     ndarray of int64, shape (G, 3)
-        As rows of the patch, 0 to k − 1: together with ``patch.points`` a mesh.
+        Faces as rows of the patch, 0 to k − 1; together with ``patch.points`` they form a mesh.
 
     Raises
     ------
     InputError
-        As in `in_patch`.
+        A vertex or a face refers to a point that the surface does not have.
+
+    See Also
+    --------
+    patch_border : Find the border of a patch.
 
     Examples
     --------
@@ -202,21 +230,33 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
 
 
 def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Find the border of a patch: points on an edge with a single face, or with a face or no face at all left out.
+    """Find the border of a patch.
+
+    A point lies at the border if one of its edges has a single face, if one of its faces is not in the patch, or if it
+    has no face at all.
 
     Parameters
     ----------
-    faces, vertices, n
-        As in `in_patch`.
+    faces : array_like of int, shape (F, 3)
+        Triangles of the surface.
+    vertices : array_like of int, shape (k,)
+        Points of the patch, as point numbers of the surface.
+    n : int
+        Number of points of the surface.
 
     Returns
     -------
     ndarray of bool, shape (k,)
+        True for the points at the border.
 
     Raises
     ------
     InputError
-        As in `in_patch`.
+        A vertex or a face refers to a point that the surface does not have.
+
+    See Also
+    --------
+    patch_faces : Return the faces of a patch.
 
     Examples
     --------

@@ -50,17 +50,19 @@ def as_mesh(source: object) -> Mesh | None:
 
 
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
-    """Take anything that holds voxels as a `Volume`, without a copy where possible.
+    """Return anything that contains voxels as a `Volume`.
+
+    The voxels are not copied where this is possible.
 
     Parameters
     ----------
     obj : Volume, path, ndarray, nibabel image, itk image, or object with ``__array__``
-        The voxels, in the order (i, j, k) if it is an array.
+        The voxels; arrays are indexed as (i, j, k).
     spacing : sequence of 3 floats, optional
         Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
     affine : array_like, shape (4, 4), optional
-        Voxel index to RAS+ mm. Neither this nor `spacing` may be given for something with an affine of
-        its own. Without any, the identity.
+        Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has an
+        affine of its own.
 
     Returns
     -------
@@ -70,7 +72,11 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     Raises
     ------
     InputError
-        The object is no volume, or its place is given twice.
+        The object is not a volume, or its position is given twice.
+
+    See Also
+    --------
+    read_volume : Read a volume from a file.
 
     Examples
     --------

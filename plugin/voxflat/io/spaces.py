@@ -28,20 +28,26 @@ _ROUNDING = 1e-3  # of direction cosines
 
 @dataclass(frozen=True, eq=False)
 class VolumeGeometry:
-    """FreeSurfer's volume geometry: of the volume whose centre is the origin of tkRAS.
+    """Store FreeSurfer's volume geometry.
+
+    It describes the volume whose centre is the origin of tkRAS.
 
     Parameters
     ----------
     cosines : ndarray, shape (3, 3)
-        The directions of the volume's axes in scanner RAS, as columns: xras, yras, zras. Orthonormal within 1e-3.
+        Directions of the volume's axes in scanner RAS, as columns: xras, yras, zras. Orthonormal within 1e-3.
     c_ras : ndarray, shape (3,)
-        The volume's centre, scanner RAS, mm.
+        Centre of the volume in scanner RAS, mm.
     shape : sequence of 3 ints
-        Numbers of voxels.
+        Numbers of voxels along the axes.
     voxel_size : sequence of 3 floats
-        mm.
+        Voxel size along the axes, mm.
     filename : str
-        The volume's file.
+        File name of the volume.
+
+    See Also
+    --------
+    Space : The space of a surface's coordinates.
 
     Examples
     --------
@@ -75,18 +81,25 @@ class VolumeGeometry:
 
     @classmethod
     def conformed(cls, c_ras: ArrayLike = (0, 0, 0), filename: str = "") -> VolumeGeometry:
-        """Return the geometry of a conformed volume of 256³ voxels of 1 mm.
+        """Return the geometry of a conformed volume.
+
+        A conformed volume has 256³ voxels of 1 mm.
 
         Parameters
         ----------
         c_ras : array_like, shape (3,)
-            Its centre, scanner RAS, mm.
+            Centre of the volume in scanner RAS, mm.
         filename : str
-            Its file.
+            File name of the volume.
 
         Returns
         -------
         VolumeGeometry
+            Geometry of the conformed volume.
+
+        See Also
+        --------
+        VolumeGeometry.of_volume : Return the geometry of any volume.
 
         Examples
         --------
@@ -97,23 +110,27 @@ class VolumeGeometry:
 
     @classmethod
     def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
-        """Return the geometry of a volume as FreeSurfer conforms it: about the same centre.
+        """Return the geometry of a volume as FreeSurfer conforms it, with the same centre.
 
-        A volume of another orientation than a conformed one would have a tkRAS that is turned, or mirrored.
+        The tkRAS of a volume with another orientation than a conformed one would be rotated or mirrored.
 
         Parameters
         ----------
         affine : array_like, shape (4, 4)
-            From voxel indices to scanner RAS, mm.
+            Affine from voxel indices to scanner RAS, mm.
         shape : array_like, shape (3,)
-            Numbers of voxels.
+            Numbers of voxels along the axes.
         filename : str
-            Its file.
+            File name of the volume.
 
         Returns
         -------
         VolumeGeometry
-            Of the volume itself if it runs left, inferior, anterior.
+            Geometry of the volume itself if its axes point left, inferior and anterior.
+
+        See Also
+        --------
+        VolumeGeometry.conformed : Return the geometry of a conformed volume.
 
         Examples
         --------
@@ -136,7 +153,19 @@ class VolumeGeometry:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """From tkRAS to scanner RAS, shape (4, 4)."""
+        """Matrix from tkRAS to scanner RAS, shape (4, 4).
+
+        It is a rotation by the direction cosines, followed by a translation by c_ras.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
+
+        Examples
+        --------
+        >>> voxflat.io.VolumeGeometry.conformed().matrix.shape
+        (4, 4)
+        """
         whole = np.eye(4)
         whole[:3, :3] = self.cosines @ _CONFORMED.T
         whole[:3, 3] = self.c_ras
@@ -148,17 +177,22 @@ class VolumeGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The space of a surface's coordinates.
+    """Describe the space of a surface's coordinates.
+
+    Coordinates in an unknown space are treated as scanner RAS.
 
     Parameters
     ----------
     name : {"scanner", "tkRAS", "unknown"}
-        "scanner": scanner RAS, the world of volumes' affines (also that of a template). "tkRAS": FreeSurfer's. Those of
-        an unknown space are taken as scanner RAS.
+        "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is FreeSurfer's surface space.
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str
-        What speaks against the above, for messages: empty if nothing does.
+        Reason to doubt this space, for messages; empty if there is none.
+
+    See Also
+    --------
+    VolumeGeometry : The volume that links both spaces.
 
     Examples
     --------
@@ -209,21 +243,39 @@ class Space:
 
     @property
     def is_known(self) -> bool:
-        """Whether it is known how to come from here to scanner RAS."""
+        """Whether the transformation to scanner RAS is known.
+
+        For tkRAS it is known if the volume geometry is.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
+
+        Examples
+        --------
+        >>> voxflat.io.Space("tkRAS").is_known
+        False
+        """
         return self._matrix is not None
 
     def to_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of this space to scanner RAS.
+        """Transform points from this space to scanner RAS.
+
+        Points are returned unchanged if the transformation is unknown.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            mm.
+            Points in this space, mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
+            Points in scanner RAS, mm.
+
+        See Also
+        --------
+        Space.from_scanner : Transform points from scanner RAS.
 
         Examples
         --------
@@ -234,17 +286,23 @@ class Space:
         return _carried(points, self._matrix)
 
     def from_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of scanner RAS to this space.
+        """Transform points from scanner RAS to this space.
+
+        Points are returned unchanged if the transformation is unknown.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            mm.
+            Points in scanner RAS, mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
+            Points in this space, mm.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
 
         Examples
         --------
@@ -256,17 +314,23 @@ class Space:
         return _carried(points, None if matrix is None else np.asarray(np.linalg.inv(matrix), dtype=np.float64))
 
     def to_tkras(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of this space to tkRAS.
+        """Transform points from this space to tkRAS.
+
+        Points are returned unchanged if the transformation is unknown.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            mm.
+            Points in this space, mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
+            Points in tkRAS, mm.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
 
         Examples
         --------

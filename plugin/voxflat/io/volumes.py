@@ -27,20 +27,27 @@ VOLUME_ENDINGS = tuple(READERS)
 
 @dataclass(frozen=True, eq=False)
 class Volume(Recorded):
-    """Voxels and where they lie. Making one checks it; a bad array or affine is an `InputError`.
+    """Store voxels and their position.
+
+    Creating a volume checks its arrays; an invalid array or affine raises an `InputError`.
 
     Parameters
     ----------
     data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours
-        Values in the index order i, j, k, as nibabel gives them; native byte order.
+        Values indexed as i, j, k, as in nibabel, in native byte order.
     affine : ndarray, shape (4, 4), float64
-        Takes the voxel index (i, j, k, 1) to RAS+ mm; a voxel's centre has integer indices.
+        Affine from voxel indices (i, j, k, 1) to RAS+ mm; the centre of a voxel has integer indices.
     path : Path or None
-        The file it came from.
+        The file that the volume was read from.
     is_placed : bool
-        Whether its place was given; otherwise the affine is the identity for want of a better one.
+        Whether the affine was given; otherwise it is the identity by default.
     provenance : dict or None
-        What made it, if voxflat did.
+        Record of how voxflat made the volume, if it did.
+
+    See Also
+    --------
+    read_volume : Read a volume from a file.
+    as_volume : Return anything that contains voxels as a volume.
 
     Examples
     --------
@@ -71,12 +78,36 @@ class Volume(Recorded):
 
     @property
     def spacing(self) -> Affine:
-        """Distance between the centres of neighbouring voxels along i, j, k, shape (3,), in mm."""
+        """Distance between the centres of neighbouring voxels along i, j, k, in mm.
+
+        It has the shape (3,).
+
+        See Also
+        --------
+        Volume.orientation : The directions of the axes.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).spacing
+        array([1., 1., 1.])
+        """
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
 
     @property
     def orientation(self) -> str:
-        """The way each index grows, one of R/L, A/P, S/I each, such as ``'RAS'``."""
+        """Directions of the axes, such as ``'RAS'``.
+
+        Each axis has one letter of R/L, A/P and S/I: the direction in which its index grows.
+
+        See Also
+        --------
+        Volume.spacing : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).orientation
+        'RAS'
+        """
         cosines = self.affine[:3, :3] / self.spacing
         codes = [""] * 3
         # the best aligned index chooses first, so that no two share a direction
@@ -90,12 +121,13 @@ class Volume(Recorded):
 def read_volume(path: str | os.PathLike[str]) -> Volume:
     """Read a volume from a file.
 
+    Arrays without an affine get the identity, which means voxels of 1 mm.
+
     Parameters
     ----------
     path : path
         ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd``, ``.mgh``, ``.mgz``, ``.npy``, or
-        ``.npz`` with one array, or with ``data`` and perhaps ``affine``. Arrays without an affine get
-        the identity: 1 mm voxels.
+        ``.npz`` with one array, or with ``data`` and optionally ``affine``.
 
     Returns
     -------
@@ -105,9 +137,13 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     Raises
     ------
     InputError
-        The file is damaged, of another format, no single volume, sheared, or not in mm.
+        The file is damaged, is in another format, is not a single volume, or has a sheared affine or an unknown unit.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    write_volume : Write a volume to a file.
 
     Examples
     --------
@@ -133,21 +169,23 @@ def write_volume(
     *,
     has_unit: bool = True,
 ) -> None:
-    """Write a volume to a file, all of it or nothing.
+    """Write a volume to a file.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     path : path
-        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which has
-        no place for an affine other than the identity.
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which cannot hold an
+        affine other than the identity.
     data : array_like, shape (I, J, K), or (I, J, K, 3|4) uint8 for colours
         Values; the type is kept, except that bool becomes uint8 in image formats.
     affine : array_like, shape (4, 4)
-        Voxel index to RAS+ mm.
+        Affine from voxel indices to RAS+ mm.
     record : dict, optional
-        What made it, for NIfTI's header: an extension of code 6, a comment. No other format has a place for it.
+        Provenance record, stored in a NIfTI header as an extension of code 6 (comment). Other formats cannot hold it.
     has_unit : bool
-        Whether the affine leads to mm; if not, NIfTI's header says that the unit is unknown.
+        Whether the affine maps to mm; if not, a NIfTI header marks the unit as unknown.
 
     Raises
     ------
@@ -155,6 +193,10 @@ def write_volume(
         The format cannot hold the volume.
     OSError
         The file cannot be written.
+
+    See Also
+    --------
+    read_volume : Read a volume from a file.
 
     Examples
     --------

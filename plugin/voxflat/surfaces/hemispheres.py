@@ -1,8 +1,8 @@
-"""A hemisphere's white matter out of that of a whole brain.
+"""Extract the white matter of one hemisphere from that of a whole brain.
 
-A template of MNI152's white matter, parted into the hemispheres and the rest, is fitted to the brain by an affine
-transform. Each voxel of white matter belongs to the part that lies nearest in the template. What lies deep in the
-hemisphere, ventricles and deep nuclei, is filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
+An affine transform aligns a template of MNI152's white matter, divided into both hemispheres and the rest, to the
+brain. Each voxel of white matter belongs to the nearest part of the template. Ventricles and deep nuclei inside the
+hemisphere are filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
 """
 
 import hashlib
@@ -54,38 +54,45 @@ def hemisphere(
     affine: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Extract the white matter of one hemisphere from that of a whole brain, ready to become a closed surface.
+    """Extract the white matter of one hemisphere from that of a whole brain.
 
-    Cerebellum and brain stem are left out, and ventricles and deep nuclei are filled. The brain may lie anywhere, in
-    any orientation that its affine tells, rotated by up to some 30 degrees.
+    The result has a closed surface. Cerebellum and brain stem are excluded, and ventricles and deep nuclei are filled.
+    The brain may have any position and any orientation that its affine defines, and be rotated by up to about
+    30 degrees.
 
     Parameters
     ----------
     source : ndarray, path, image object or Volume
-        A mask or probability of white matter, or a segmentation with the labels of FreeSurfer's aseg or of SynthSeg.
+        A mask or probability map of white matter, or a segmentation with the labels of FreeSurfer's aseg or SynthSeg.
     side : {"left", "right"}
         The hemisphere.
     threshold : float, optional
-        White matter is where values are greater. By default it is found by Otsu's method; a mask needs none.
-    spacing, affine
-        As in `voxflat.surface`.
+        Values above it are white matter. By default Otsu's method determines it; masks need none.
+    spacing : sequence of 3 floats, optional
+        Voxel size, as in `voxflat.surface`.
+    affine : array_like, shape (4, 4), optional
+        Affine to RAS+ mm, as in `voxflat.surface`.
     progress : callable, optional
-        As in `flatten`.
+        Function that receives the progress, as in `flatten`.
 
     Returns
     -------
     Volume
-        uint8, on the grid of the source: 1 in the hemisphere, one component under face adjacency.
+        Mask of uint8 on the grid of the source: 1 in the hemisphere, one component under face adjacency.
 
     Raises
     ------
     HemisphereError
-        If the volume does not look like the white matter of a whole brain. The message says which step failed, and the
-        error's ``figure()`` shows it.
+        The volume does not look like the white matter of a whole brain. The message names the step that failed, and
+        ``figure()`` of the error shows it.
     InputError
-        If it is no volume of values.
+        The input is not a 3-D volume.
     Cancelled
-        If `progress` returned False.
+        `progress` returned False.
+
+    See Also
+    --------
+    voxflat.surface : Create the surface of a volume.
 
     Examples
     --------

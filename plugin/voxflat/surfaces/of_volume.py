@@ -136,7 +136,9 @@ def _repaired(
     remarks: list[str] = []
     if removed or added:
         share = 100 * (removed + added) / np.count_nonzero(mask)
-        remarks.append(f"repaired {report['handles']} handles: {removed} voxels removed, {added} added ({share:.2f} %)")
+        remarks.append(
+            f"repaired {report['handles']} handle(s): {removed} voxels removed, {added} added ({share:.2f} %)"
+        )
     if others:
         remarks.append(
             f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
@@ -166,7 +168,7 @@ def _without_handles(
     repaired[tuple(report["filled"].T)] = True
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     told |= {"dropped": [], "cavities": []}
-    remark = f"repaired {report['handles']} handles: {changes}. Use repair='none' to keep them"
+    remark = f"repaired {report['handles']} handle(s): {changes}. Use repair='none' to keep them"
     return repaired, told, [remark]
 
 

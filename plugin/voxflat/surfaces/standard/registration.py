@@ -1,4 +1,4 @@
-"""Registration: a surface on fsaverage's sphere, found by the pattern of its folds."""
+"""Register a surface to fsaverage's sphere by the pattern of its folds."""
 
 import os
 from dataclasses import dataclass, field
@@ -21,28 +21,34 @@ _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 @dataclass(frozen=True, eq=False)
 class Registration(Recorded):
-    """A surface on the unit sphere, in fsaverage space.
+    """Store a surface on the unit sphere, in fsaverage space.
+
+    `Surface.register` returns it.
 
     Parameters
     ----------
     surface : Manifold
-        What was registered.
+        The registered surface.
     points : ndarray of float64, shape (N, 3)
-        The place of each vertex on the unit sphere. No triangle is turned over: the sphere is covered once.
+        Position of each vertex on the unit sphere. No triangle is flipped: the surface covers the sphere once.
     side : {"left", "right"}
-        Which hemisphere it is.
+        The hemisphere.
     confidence : float
-        How sure it is that this is that hemisphere, and lies as the template does: 0 to 1, see `register`.
+        Confidence, from 0 to 1, that the surface is that hemisphere, aligned with the template.
     figures : dict
-        What that rests on. ``score``: agreement with the template after the best rotation, by side; ``rigid``: how well
-        a rigid motion carries the smoothed surface to the template's then, 1 for the same shape, by side;
-        ``correlations``: of depth in folds at scales of 24, 12 and 6 mm (in an adult's brain) with the template's,
-        after the warp, and ``rotated``: before it; ``affine``: the share of the template's places that an affine map
-        explains.
+        Values behind the confidence. ``score``: agreement with the template after the best rotation, by side.
+        ``rigid``: fit of the smoothed surface to the template by a rigid motion, 1 for the same shape, by side.
+        ``correlations``: correlation with the template of the depth in folds at scales of 24, 12 and 6 mm (for an
+        adult's brain) after the warp; ``rotated``: the same before the warp. ``affine``: share of the template's
+        positions that an affine map explains.
     remarks : tuple of str
-        What the user should know of it.
+        Remarks for the user.
     provenance : dict
-        What made it.
+        Record of how the registration was made.
+
+    See Also
+    --------
+    voxflat.Surface.register : Register a surface.
 
     Examples
     --------
@@ -68,7 +74,21 @@ class Registration(Recorded):
 
     @property
     def sphere(self) -> NDArray[np.float64]:
-        """The place of each vertex of the whole mesh, shape (V, 3): as `points`, and NaN for what no triangle uses."""
+        """Position of each vertex of the complete mesh on the unit sphere, shape (V, 3).
+
+        Vertices without a triangle are NaN.
+
+        See Also
+        --------
+        Registration.save : Write the sphere to a file.
+
+        Examples
+        --------
+        >>> from nilearn.datasets import fetch_surf_fsaverage
+        >>> white = fetch_surf_fsaverage().white_left  # of fsaverage5, which comes with nilearn
+        >>> voxflat.surface(white).register().sphere.shape
+        (10242, 3)
+        """
         places = np.full((self.surface.count, 3), np.nan)
         places[self.surface.vertices] = self.points
         merged = self.surface.merged
@@ -76,22 +96,30 @@ class Registration(Recorded):
         return places
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the sphere, of radius 100, as FreeSurfer's ``?h.sphere.reg``: the mesh's own vertices and triangles.
+        """Write the sphere to a file, like FreeSurfer's ``?h.sphere.reg``.
+
+        The sphere has a radius of 100, and the vertices and triangles of the mesh.
 
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.sphere.reg. The
-            vertices of a volume's surface are those that `Surface.save` writes.
-        sidecar, overwrite
-            As in `Surface.save`.
+            Ends in .surf.gii, .vtp, .ply or .obj, or is a FreeSurfer name like lh.sphere.reg. For a surface from a
+            volume, the vertices are those of `Surface.save`.
+        sidecar : bool
+            Whether to write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Whether to replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending, or is a file that was read.
+            The path has another ending, or the surface was made from that file.
         OSError
-            If it cannot be written.
+            The file cannot be written.
+
+        See Also
+        --------
+        voxflat.Surface.save : Write a surface to a file.
 
         Examples
         --------

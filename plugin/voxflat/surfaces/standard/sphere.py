@@ -94,7 +94,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     folded = _folded(whole, places, name)
     space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
     if folded:
-        remarks.append(f"{folded} of {len(whole.faces)} triangles are flipped on the sphere {Path(name).name}")
+        remarks.append(f"{folded} of {len(whole.faces)} triangles are flipped on {Path(name).name}")
     return Sphere(places, space, side, name, folded, distance), remarks
 
 
