@@ -253,7 +253,7 @@ BAD_FILES = {
     "empty.nii": (lambda path: path.write_bytes(b""), r"empty\.nii: "),
     "directory.nii": (lambda path: path.mkdir(), r"directory\.nii: is a directory. Pass a volume file"),
     "missing.nii": (lambda path: None, r"missing\.nii.*: No such file|No such file.*missing\.nii"),
-    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz';  \.nii,.* can be read"),
+    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz'; \.nii,.* can be read"),
     "series.nii": (series, r"Select one"),
     "sheared.nii": (sheared, r"sheared\.nii: .*sheared: the cosine .* Resample"),
     "nan_affine.nii": (lambda path: raw_header(path, srow=(280, NAN), qoffset=(268, NAN)), r"is not finite. Repair"),

@@ -28,7 +28,7 @@ def test_units_have_their_usual_names(given):
 
 @pytest.mark.parametrize("given", ["", "furlong", 3, None])
 def test_another_unit_is_refused(given):
-    refused("give one of mm, cm, m, µm, nm, inch", named_unit, given)
+    refused("Pass one of mm, cm, m, µm, nm, inch", named_unit, given)
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,7 @@ CHANGES = {
 def test_arrays_that_do_not_fit_each_other(tmp_path, flat_map, name):
     refuses(
         changed(flat_map, tmp_path / "map.npz", other(*CHANGES[name])),
-        ": .*: Copy or download the file again",
+        ": .*[.:] Copy or download the file again",
         voxflat.load,
     )
 
@@ -317,7 +317,7 @@ PIECES = {
 def test_pieces_that_do_not_fit_each_other(tmp_path, atlas, name):
     refuses(
         changed(atlas, tmp_path / "atlas.npz", other(*PIECES[name])),
-        ": .*: Copy or download the file again",
+        ": .*[.:] Copy or download the file again",
         voxflat.load_atlas,
     )
 

@@ -188,8 +188,8 @@ def test_gifti_transforms_to_a_template_are_not_applied(tmp_path):
     read = read_mesh(gifti(tmp_path / "s.gii", change=change))
     same(read, sphere(), 1e-6)
     assert read.remarks == (
-        "has a transformation to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), which is not applied: the coordinates are used as "
-        "stored",
+        "has a transformation to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), which is not applied: the coordinates "
+        "are used as stored",
     )
     assert read.space.name == "unknown"
 

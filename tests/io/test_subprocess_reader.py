@@ -74,7 +74,7 @@ def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
         with pytest.raises(
             InputError,
-            match=rf"^VTK ended while it read the file \({name}, memory limit .*\). Copy or download the file again, or allow",
+            match=rf"^VTK ended while it read the file \({name}, memory limit .*\). Copy or download .*, or allow",
         ):
             read_in_subprocess(ends, "vtkmodules", path, int(number))
     monkeypatch.setattr(module, "_SECONDS", 1)

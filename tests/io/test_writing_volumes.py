@@ -73,7 +73,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path):
         ("v.nrrd", values("i8"), "int64.*Convert"),
         ("v.mhd", values(), "two files"),
         ("v.nhdr", values(), "two files"),
-        ("v.xyz", values(), "'.xyz' is unknown"),
+        ("v.xyz", values(), "ending '.xyz'"),
         ("v.nii", values(shape=(4, 5)), r"\(4, 5\)"),
         ("v.nii", values(shape=(40000, 1, 1)), "v.nii: "),
     ]:

@@ -193,7 +193,7 @@ class TestOmeZarr:
         ("changes", "message"),
         [
             ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
-            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is in parsec"),
+            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is parsec"),
             (
                 {"coordinateTransformations": [{"type": "affine", "affine": []}]},
                 "the transformation 'affine' is not supported",
@@ -253,7 +253,7 @@ def test_what_is_no_volume():
     assert not is_chunked(np.zeros(3))
     assert chunked_of(np.zeros((3, 3, 3))) is None
     for data, chunks, told in (
-        (np.zeros((3, 3)), (2, 2), "has the shape"),
+        (np.zeros((3, 3)), (2, 2), "has shape"),
         (np.zeros((3, 3, 3), complex), (2, 2, 2), "complex"),
         (np.zeros((3, 3, 3)), (2, 0, 2), "is empty"),
         (np.zeros((3, 0, 3)), (2, 2, 2), "is empty"),

@@ -45,7 +45,7 @@ def fin():
 
 NAN = float("nan")
 MESHES = {
-    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .*  the points 0 to 48"),
+    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* the points 0 to 48"),
     "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
     "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),

@@ -271,4 +271,4 @@ def test_faces_and_border_of_a_patch():
     assert not patch_border(sphere().faces, np.arange(42), 42).any()
     for function in (patch_faces, patch_border):
         refused("entry 1 of the patch is vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
-        refused(r"face 0 is \[0, 5, 1\]; the surface has the points 0 to 3", function, mesh.faces, [0], 4)
+        refused(r"face 0 is \[0, 5, 1\], but the surface has the points 0 to 3", function, mesh.faces, [0], 4)

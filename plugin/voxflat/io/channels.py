@@ -1,4 +1,4 @@
-"""Files of several maps, values at points or volumes (GIFTI, CIFTI, MGH, NIfTI), of which one is read at a time."""
+"""Read files with several maps, values at points or volumes (GIFTI, CIFTI, MGH, NIfTI), one map at a time."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 @dataclass(frozen=True)
 class Timing:
-    """When the frames of a series were, s."""
+    """Store the times of the frames of a series, s."""
 
     step: float  # from each frame to the next
     start: float = 0.0  # when the first one was
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
-        """Return what a header tells, s; None if that is no length of time."""
+        """Return the duration in a header, s; None if it is not valid."""
         values = np.array([step, start], dtype=np.float64)
         if not (np.isfinite(values).all() and values[0] > 0):
             return None
@@ -45,7 +45,7 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """One or more arrays of one shape, read when they are asked for."""
+    """Store one or more arrays of the same shape, which are read on demand."""
 
     names: tuple[str, ...]  # of each channel; empty where the file has none
     read: Callable[[int], NDArray[Any]]  # takes the number of a channel, from 0
@@ -59,13 +59,13 @@ class Channels:
         return f"<Channels: {len(self)}, {self.listed()}>"
 
     def listed(self) -> str:
-        """Return the names, shortened, for messages."""
+        """Return the shortened names, for messages."""
         if not any(self.names):
             return f"0 to {len(self) - 1}"
         return textwrap.shorten(", ".join(name or str(n) for n, name in enumerate(self.names)), 300, placeholder=" ...")
 
     def find(self, channel: int | str | None) -> int:
-        """Find a channel: by its number, from 0 or negative from the end, by its name, or None for the only one."""
+        """Find a channel by its number (from 0, or negative from the end) or name; None selects the only channel."""
         count = len(self)
         if channel is None:
             if count > 1:
@@ -87,11 +87,11 @@ class Channels:
         return int(channel) % count
 
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
-        """Return the same channels, each changed when it is read."""
+        """Return the same channels, with a function applied when each is read."""
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     def of_file(self, path: Path | None) -> Channels:
-        """Return the same channels, of which errors name the file, as they come long after it was opened."""
+        """Return the same channels; their errors name the file, because they are read long after it was opened."""
         if path is None:
             return self
 
@@ -103,13 +103,13 @@ class Channels:
 
     @classmethod
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
-        """Take the last axis of values at points, (N,) or (N, K), as channels."""
+        """Return the columns of values at points, (N,) or (N, K), as channels."""
         columns = values[:, None] if values.ndim == 1 else values
         return cls(tuple(names or [""] * columns.shape[1]), lambda n: columns[:, n])
 
 
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
-    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, with its affine to RAS+ mm; None for all else."""
+    """Return a NIfTI or MGH series of volumes (I, J, K, T) and its affine to RAS+ mm; None for other input."""
     image, path = opened(obj)
     if image is None or is_cifti(image):
         return None
@@ -133,7 +133,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
-    """Take points' values in a file of volumes, of CIFTI a structure's, NaN or 0 where it lacks; None of volumes."""
+    """Return values at points from a NIfTI, MGH or CIFTI file; NaN or 0 outside a CIFTI structure; None for volumes."""
     image, path = opened(obj)
     if image is None:
         return None
@@ -160,7 +160,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
 
 
 def opened(obj: object) -> tuple[Any, Path | None]:
-    """Return the nibabel image of what has one, with its data still in the file, and the file; None for the rest."""
+    """Return the nibabel image of an object or file, with its data on disk, and the file; None for other input."""
     if hasattr(obj, "dataobj") and hasattr(obj, "get_data_dtype") and hasattr(obj, "shape"):
         return obj, None
     if not isinstance(obj, str | Path) or not str(obj).lower().endswith(_NIFTI_OR_MGH) or not Path(obj).is_file():
@@ -176,22 +176,22 @@ def opened(obj: object) -> tuple[Any, Path | None]:
 
 
 def are_points(shape: tuple[int, ...]) -> bool:
-    """Tell whether the shape of an image is that of values at points: (N, 1, 1) in any order, or a series of them."""
+    """Return whether an image has the shape of values at points, (N, 1, 1) in any order, or of a series of them."""
     return len(shape) >= 3 and sorted(shape[:3])[:2] == [1, 1] and max(shape[:3]) > 1 and min(shape) > 0
 
 
 def is_cifti(image: Any) -> bool:
-    """Tell whether an image is CIFTI."""
+    """Return whether an image is a CIFTI image."""
     return type(image).__name__ == "Cifti2Image"
 
 
 def _shape(image: Any) -> tuple[int, ...]:
-    """Return a shape as whole numbers of any size: those of MGH have 32 bits, which products are beyond."""
+    """Return a shape as Python integers, because products of MGH's 32-bit integers overflow."""
     return tuple(int(length) for length in image.shape)
 
 
 def _timing(header: Any) -> Timing | None:
-    """Return when the frames along the fourth axis were; None where the header gives no unit of time."""
+    """Return the times of the frames along the fourth axis; None if the header has no unit of time."""
     if not hasattr(header, "get_xyzt_units"):  # of .mgh, ms
         return Timing.told(float(header["tr"]) / 1000) if "tr" in header else None
     second = _SECONDS.get(header.get_xyzt_units()[1])
@@ -201,7 +201,7 @@ def _timing(header: Any) -> Timing | None:
 
 
 def _check_complete(path: Path | None, image: Any, values: int) -> None:
-    """Check a file's length, which nibabel would do in the middle, and that there is room for so many of its values."""
+    """Check the length of a file before nibabel reads it, and that its values fit into memory."""
     proxy = image.dataobj
     if path is not None and hasattr(proxy, "offset"):
         check_length(path, proxy.offset + math.prod(_shape(proxy)) * proxy.dtype.itemsize)
@@ -248,7 +248,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
 
 
 def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return labels, which a file may hold as scaled fractions, as the whole numbers that they are."""
+    """Return labels as whole numbers, even if a file stores them as scaled fractions."""
     with np.errstate(invalid="ignore"):  # infinity less itself
         is_label = (np.abs(values) <= _LARGEST_LABEL) & (np.abs(values - np.round(values)) <= 1e-3)
     if not is_label.all():
@@ -257,7 +257,7 @@ def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:
-    """Return which structure of a CIFTI file a surface is."""
+    """Return the structure of a CIFTI file that corresponds to a surface."""
     if not models:
         raise InputError("has values in voxels only, not at vertices")
     if structure is not None:
@@ -281,7 +281,7 @@ def _short(name: str) -> str:
 
 
 def _map_names(axis: Any) -> tuple[tuple[str, ...], bool]:
-    """Return the names of a CIFTI file's maps, and whether they are of labels."""
+    """Return the names of a CIFTI file's maps, and whether they contain labels."""
     kind = type(axis).__name__
     if kind in ("ScalarAxis", "LabelAxis"):
         return tuple(str(name) for name in axis.name), kind == "LabelAxis"

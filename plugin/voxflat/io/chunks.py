@@ -1,4 +1,4 @@
-"""Volumes in chunks, larger than memory (dask, zarr, OME-Zarr): chunks that hold wanted voxels are read once."""
+"""Read volumes in chunks, larger than memory (dask, zarr, OME-Zarr); each required chunk is read once."""
 
 import json
 import math
@@ -37,7 +37,7 @@ _ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
 
 
 class _Grid:
-    """The chunks along an axis: all of one size, or of a list of them."""
+    """Store the chunks along an axis: all of one size, or a list of sizes."""
 
     def __init__(self, length: int, of: Any) -> None:
         self._length = length
@@ -46,13 +46,13 @@ class _Grid:
         self.count = len(self._edges) - 1 if self._size is None else -(-length // self._size)
 
     def number(self, index: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
-        """Return in which chunk indices lie."""
+        """Return the numbers of the chunks that contain the given indices."""
         if self._size is None:
             return np.searchsorted(self._edges, index, side="right") - 1
         return index // self._size
 
     def span(self, number: int) -> tuple[int, int]:
-        """Return a chunk's first index, and that behind its last."""
+        """Return the first index of a chunk and the index after its last one."""
         if self._size is None:
             return int(self._edges[number]), min(int(self._edges[number + 1]), self._length)
         return number * self._size, min((number + 1) * self._size, self._length)
@@ -60,7 +60,7 @@ class _Grid:
 
 @dataclass(frozen=True, eq=False)
 class Chunked:
-    """Three axes of an array in chunks, as a volume: indexed as (i, j, k)."""
+    """Represent three axes of a chunked array as a volume, indexed as (i, j, k)."""
 
     array: Any  # with shape, dtype, chunks and slices
     axes: tuple[int, int, int] = (0, 1, 2)  # the array's axes that are i, j and k
@@ -75,22 +75,22 @@ class Chunked:
 
     @property
     def ndim(self) -> int:
-        """Three."""
+        """Number of dimensions, 3."""
         return 3
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the values."""
+        """Type of the values."""
         found: np.dtype[Any] = np.dtype(self.array.dtype)
         return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
 
     @property
     def grids(self) -> list[_Grid]:
-        """Where chunks begin along i, j and k."""
+        """Chunks along i, j and k."""
         return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
-        """Read a box of voxels, from the first to behind the last index along i, j and k."""
+        """Read a box of voxels, given the first index and the index after the last one along i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
@@ -106,7 +106,7 @@ class Chunked:
 
 @dataclass(frozen=True, eq=False)
 class _Apart:
-    """An array of a zarr directory, whose chunks are unpacked in a process of their own, as C does that."""
+    """Represent an array of a zarr directory, whose chunks are decompressed by C code in a child process."""
 
     path: Path
     shape: tuple[int, ...]
@@ -121,19 +121,19 @@ class _Apart:
 
 
 def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
-    """Read a box of an array of a zarr directory: along each axis an index, or the first and behind the last."""
+    """Read a box of an array of a zarr directory: along each axis an index, or the first and the end index."""
     array = require("zarr").open_array(str(path), mode="r")
     return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
 
 
 def is_chunked(obj: object) -> bool:
-    """Tell whether something is an array in chunks: not in memory as a whole."""
+    """Return whether an object is a chunked array, which is not completely in memory."""
     named = all(hasattr(obj, name) for name in ("shape", "dtype", "chunks", "__getitem__"))
     return named and not isinstance(obj, np.ndarray) and bool(getattr(obj, "chunks", None))
 
 
 def is_zarr_path(obj: object) -> bool:
-    """Tell whether something is the path of a zarr directory."""
+    """Return whether an object is the path of a zarr directory."""
     if not isinstance(obj, str | os.PathLike):
         return False
     path = Path(obj)
@@ -141,7 +141,7 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return voxels, `low` (P, 3) plus `offsets` (K, 3) but within the volume, (P, K); each chunk is read once."""
+    """Return voxels at `low` (P, 3) plus `offsets` (K, 3), clipped to the volume, (P, K); each chunk is read once."""
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
     if not isinstance(data, Chunked):
@@ -174,7 +174,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Take an array in chunks, or a path of OME-Zarr, as channels of `Chunked`, with affine and file; or None."""
+    """Return a chunked array or an OME-Zarr path as `Chunked` channels, with affine and file; None for other input."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
     if not is_chunked(obj):
@@ -210,7 +210,7 @@ def _channels(each: list[Chunked], names: list[str]) -> Channels:
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
-    """Open the finest image of an OME-Zarr, or the one that the path names within it."""
+    """Open the finest image of an OME-Zarr, or the image that the path selects within it."""
     zarr = require("zarr")
     wanted = None
     told, about = _multiscales(path)
@@ -273,7 +273,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
-    """Return the first multiscales of a zarr group, and the file that says it."""
+    """Return the first multiscales metadata of a zarr group, and the file that contains it."""
     for name in ("zarr.json", ".zattrs"):
         file = path / name
         if not file.is_file():

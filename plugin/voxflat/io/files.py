@@ -1,4 +1,4 @@
-"""What all readers and writers share: files whole or not at all, optional packages, errors that name the file."""
+"""Provide what all readers and writers share: atomic writing, optional packages, errors that name the file."""
 
 import errno
 import gzip
@@ -45,7 +45,7 @@ OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seek
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
-    """Return the entry of a table whose key ends the file's name."""
+    """Return the entry of a table whose key matches the ending of a file name."""
     for ending, entry in table.items():
         if path.name.lower().endswith(ending):
             return entry
@@ -53,7 +53,7 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Ca
 
 
 def require(module: str, extra: str | None = None) -> Any:
-    """Import an optional package, which has the name of its extra unless that is told."""
+    """Import an optional package; its extra has the same name by default."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -64,7 +64,7 @@ _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
 
 
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
-    """Load an image by nibabel; what that prints of headers which it changes goes to the log, with the file's name."""
+    """Load an image with nibabel; nibabel's warnings about the header go to the log, with the name of the file."""
     nibabel = require("nibabel")
     check_regular(Path(path))
     try:
@@ -79,7 +79,7 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
 
 @contextmanager
 def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
-    """Let what another package's logger is told go to our log, with the file's name."""
+    """Redirect another package's log messages to voxflat's log, with the name of the file."""
     logging.getLogger(logger).addFilter(_told_by_us)
     token = _loading.set(path)
     try:
@@ -95,7 +95,7 @@ def _told_by_us(record: logging.LogRecord) -> bool:
 
 
 def one_line(error: Exception) -> str:
-    """Shorten a message, above all ITK's: lines of C++ places and addresses."""
+    """Shorten an error message to one line, in particular ITK's, which contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
     told = str(error)[:_LONGEST_ERROR]  # readers may repeat all that they read, and patterns try each letter of it
@@ -105,7 +105,7 @@ def one_line(error: Exception) -> str:
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Turn whatever is wrong, but the system's errors, into one line that begins with a file's or object's name."""
+    """Convert all errors except the system's to one line that begins with the name of a file or object."""
     name = name if isinstance(name, str | os.PathLike) else type(name).__name__
     try:
         yield
@@ -121,7 +121,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
 
 @contextmanager
 def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Turn whatever goes wrong with one of the package's own files into an error that says what it is not."""
+    """Convert any error while reading one of voxflat's own files to an error that names the expected kind of file."""
     try:
         yield
     except InputError as error:
@@ -136,7 +136,7 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
 
 @contextmanager
 def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Let errors of the system, such as a full disk, name the file that they are about; not a temporary one."""
+    """Add the name of a file to system errors such as a full disk, instead of the name of a temporary file."""
     try:
         yield
     except OSError as error:
@@ -146,7 +146,7 @@ def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 
 def check_regular(path: Path) -> os.stat_result:
-    """Refuse what is no regular file, for which a reader might wait for ever; return what the system knows of it."""
+    """Raise an error if a file is not regular, because reading it could block forever; return its status."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError("is a directory. Pass the name of a file")
@@ -156,14 +156,14 @@ def check_regular(path: Path) -> os.stat_result:
 
 
 def check_regular_within(folder: Path) -> None:
-    """Refuse a directory in which something is neither a directory nor a regular file."""
+    """Raise an error if a directory contains anything other than directories and regular files."""
     for entry in folder.iterdir():
         if entry.exists() and not entry.is_file() and not entry.is_dir():
             raise InputError(f"{entry} is not a regular file. Copy its content into a regular file")
 
 
 def from_json(text: str | bytes) -> Any:
-    """Parse JSON; depth beyond Python's is a ValueError, too, and numbers that JSON does not have."""
+    """Parse JSON; raise ValueError for too deep nesting and for numbers that JSON does not define."""
     try:
         return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:
@@ -177,11 +177,11 @@ def _finite(number: str) -> float:
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
-    """Compare arrays of one file with each other.
+    """Compare the arrays of one file with each other.
 
-    Of each, by its name, the NumPy type that it has once it is loaded (`in_types`), of which it may have the kind
-    alone, and its axes, apart by blanks: numbers, or names, which are as long wherever they stand. Axes that may vary
-    are called "?".
+    `layout` gives the NumPy type of each array after loading (`in_types`), of which only the kind is checked, and its
+    axes, separated by spaces. An axis is a number, its length, or a name; axes of the same name have equal lengths, and
+    "?" stands for any length.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, (wanted_type, axes) in layout.items():
@@ -197,7 +197,7 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[
 
 
 def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> dict[str, NDArray[Any]]:
-    """Return arrays in the types of a layout, as whoever takes them expects; refuse whole numbers beyond."""
+    """Return arrays in the types of a layout; raise an error for whole numbers out of range."""
     made = dict(arrays)
     for name in made.keys() & layout.keys():
         array, wanted = made[name], np.dtype(layout[name][0])
@@ -214,21 +214,21 @@ def _is_of_kind(array: NDArray[Any], wanted: np.dtype[Any]) -> bool:
 
 
 def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:
-    """Check that arrays of numbers of rows, by their names, name rows that there are."""
+    """Check that arrays of row numbers, by name, refer to existing rows."""
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
             raise InputError(f"its array {name} refers to rows outside the {limit} available ones. {AGAIN}")
 
 
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Check that coordinates, by their names, are finite and such as the core takes."""
+    """Check that arrays of coordinates, by name, are finite and in the range that the core accepts."""
     for name, array in arrays.items():
         if not (np.abs(array.astype(np.float64)) <= FARTHEST).all():
             raise InputError(f"its array {name} has coordinates that are not finite or exceed {FARTHEST:g} mm. {AGAIN}")
 
 
 def contents(path: Path) -> bytes:
-    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the memory."""
+    """Return the bytes of a file, decompressed if gzipped; raise an error beyond a quarter of the memory."""
     status = check_regular(path)
     limit = allowed_memory() // 4
     with path.open("rb") as file:
@@ -256,7 +256,7 @@ def _unpacked(stream: IO[bytes]) -> bytes:
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
-    """Compare the length of a file to what its header asks for."""
+    """Compare the length of a file to the length that its header specifies."""
     if need < 0:
         raise InputError(f"its header is damaged: it specifies {what}. {AGAIN}")
     if len(data) < need:
@@ -266,7 +266,7 @@ def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> 
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a new name in the same directory that ends as a file's does, and is no longer than names may be."""
+    """Return a new name in the same directory with the same ending, not longer than file systems allow."""
     name = path.name
     while len(os.fsencode(name)) > _LONGEST_NAME - 10:
         name = name[1:]
@@ -323,7 +323,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced."""
+    """Write a directory under a temporary name and rename it when it is complete; never replace an existing one."""
     path = checked_path(path)
     check_new(path)
     temporary = temporary_beside(path)
@@ -337,13 +337,13 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def check_new(path: Path) -> None:
-    """Refuse a directory that is there already: its files are not ours to delete."""
+    """Raise an error if a directory exists, because voxflat must not delete its files."""
     if path.exists() or path.is_symlink():
         raise InputError(f"{path} exists, and directories are not replaced. Delete it, or choose another name")
 
 
 def _probe(path: Path) -> None:
-    """Raise the system's own error where no more can be written: not every package's writer says so."""
+    """Raise the system's own error if nothing more can be written, because some packages' writers hide it."""
     if path.exists():
         with path.open("ab") as file:
             file.write(bytes(_BLOCK))
@@ -351,11 +351,11 @@ def _probe(path: Path) -> None:
 
 
 def save_array(path: Path, array: NDArray[Any]) -> None:
-    """Write a .npy file as `numpy.save` does, but by Python's own file, which tells of every byte not written."""
+    """Write a .npy file like `numpy.save`, but with Python's own file object, which reports incomplete writes."""
     with path.open("wb") as file:
         np.lib.format.write_array(SimpleNamespace(write=file.write), np.asanyarray(array), allow_pickle=False)
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the file that goes with a surface; its name has no spaces, at which readers of OBJ would end it."""
+    """Return the path of a surface's companion file; its name has no spaces, because OBJ readers would cut it there."""
     return path.with_name(re.sub(r"[\s#]+", "_", path.stem) + ending)

@@ -1,4 +1,4 @@
-"""What makes a grid of voxels: its shape, and an affine to RAS+ mm that is not sheared."""
+"""Define grids of voxels: their shape, and an affine to RAS+ mm without shear."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ SMALLEST = _core.SMALLEST  # mm that a voxel has at least, and the longest side 
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine."""
+    """Return the geometric mean of the three voxel spacings, mm; for cubes exactly the spacing, on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
     # the cube root of 1 is 1 everywhere, that of 0.125 is not 0.5 everywhere
@@ -31,7 +31,7 @@ def voxel_size(affine: ArrayLike) -> float:
 
 
 def check_affine(affine: ArrayLike) -> Affine:
-    """Return an affine, voxel index to RAS+ mm, that maps a grid of boxes: finite, and not sheared."""
+    """Check and return an affine from voxel indices to RAS+ mm, which must be finite and without shear."""
     try:
         matrix = numbers_of(affine, "affine")
     except InputError as error:
@@ -63,7 +63,7 @@ def check_affine(affine: ArrayLike) -> Affine:
 
 
 def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> Affine | None:
-    """Return the affine that the caller gave, as such or as a spacing."""
+    """Return the affine that the caller passed as an affine or as a spacing."""
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
@@ -80,7 +80,7 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
 
 
 def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
-    """Drop trailing axes of length 1; an error for what is no volume then."""
+    """Drop trailing axes of length 1; raise an error if the result is not the shape of a volume."""
     kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
@@ -92,7 +92,7 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
 
 
 def check_axes(shape: tuple[int, ...]) -> None:
-    """Refuse axes that an index of 32 bits does not reach to the end of."""
+    """Raise an error for axes that a 32-bit index cannot cover."""
     if max(shape) > _LONGEST:
         raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop it, or copy it again")
 
@@ -110,7 +110,7 @@ _UNITS = {
 
 
 def named_unit(unit: object) -> str:
-    """Return a unit of length that a user gave, as it is written."""
+    """Return the standard name of a unit of length that a user passed."""
     given = unit.strip().lower() if isinstance(unit, str) and unit.strip() else None
     found = next((name for name, called in _UNITS.items() if given in called), None)
     if found is None:
@@ -119,7 +119,7 @@ def named_unit(unit: object) -> str:
 
 
 def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
-    """Return a text that speaks of mm in the unit of a surface or map; of one whose unit is unknown without it."""
+    """Return a text about mm in the unit of a surface or map; without a unit if it is unknown."""
     unit = metadata.get("unit", "mm")
     if metadata.get("napari", {}).get("unit", "").startswith("pixel"):
         unit = "unknown"
@@ -131,7 +131,7 @@ def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
 
 
 def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
-    """Warn that coordinates go into a format of which other programs take mm, although they are in another unit."""
+    """Warn if coordinates in another unit are written in a format that other programs read in mm."""
     unit = metadata.get("unit", "mm")
     if unit not in ("mm", "unknown"):
         log.warning(
@@ -140,7 +140,7 @@ def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
 
 
 def millimetres(unit: str) -> float:
-    """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
+    """Return the length of a unit in mm; mm is the default, and an unknown unit raises an `InputError`."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
     if found is None:
         raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
@@ -148,7 +148,7 @@ def millimetres(unit: str) -> float:
 
 
 def in_millimetres(affine: Affine, unit: str) -> Affine:
-    """Return an affine to a unit as one to mm, and log that lengths were converted."""
+    """Convert an affine in a unit to mm, and log the conversion."""
     factor = millimetres(unit)
     if factor == 1:
         return affine

@@ -1,4 +1,4 @@
-"""Names and colours of labels: of files that hold their own, and from lookup tables beside them."""
+"""Read names and colours of labels, from files of labels and from separate lookup tables."""
 
 import csv
 import io
@@ -141,7 +141,7 @@ def _table(rows: Iterable[tuple[Any, Any, Any]]) -> LabelTable:
 
 
 def _bytes(parts: Any) -> list[int]:
-    """Return a colour's parts, of 0 to 1, as bytes."""
+    """Return colour values from 0 to 1 as bytes."""
     return [round(255 * float(np.nan_to_num(part if part is not None else 0))) for part in parts]
 
 

@@ -1,4 +1,4 @@
-"""Surfaces in and out, points in RAS+ mm and triangles: by nibabel, by VTK, or parsed here (PLY, OBJ, STL)."""
+"""Read and write surfaces, with points in RAS+ mm and triangles: with nibabel, VTK, or parsed here (PLY, OBJ, STL)."""
 
 import os
 import re
@@ -213,7 +213,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 
 def is_mesh_name(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a mesh by its ending, or, where it has none that is known, by its first bytes."""
+    """Return whether a file is a mesh according to its ending or, without a known ending, to its first bytes."""
     path = checked_path(path)
     name = path.name.lower()
     if name.endswith(tuple(formats.ENDINGS)):
@@ -225,7 +225,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
 
 
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch."""
+    """Return whether a file contains triangles, and not values at points or a patch."""
     path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
@@ -248,7 +248,7 @@ def _format(path: Path, data: bytes) -> str:
 
 
 def parsed(path: Path, data: bytes) -> Mesh:
-    """Return the surface that a file holds, with what its name and its size tell."""
+    """Return the surface in a file, with what its name and its size reveal."""
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
@@ -256,7 +256,7 @@ def parsed(path: Path, data: bytes) -> Mesh:
 
 
 def named_structure(path: str | os.PathLike[str]) -> str | None:
-    """Tell a side of the cortex by a name that says one: ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii``."""
+    """Return the hemisphere that a name contains, such as ``lh.thickness`` or ``sub-01_hemi-L_curv.shape.gii``."""
     found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
     return found[0] if len(found) == 1 else None
 
@@ -322,7 +322,7 @@ _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
 
 
 def check_mesh_name(path: Path) -> _Write:
-    """Refuse a name of no format that a surface can be written in; return what writes it."""
+    """Return the writer for a file name; raise an error if no format of surfaces matches."""
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
     with naming(path, "check that this format can hold it"):
@@ -334,7 +334,7 @@ def check_mesh_name(path: Path) -> _Write:
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
-    """Carry points to tkRAS, with its volume: by default a conformed one in their middle; those of no space stay."""
+    """Transform points to tkRAS and return the volume, by default a conformed one at their centre."""
     if space.name != "scanner":
         return points, space.volume
     volume = space.volume or VolumeGeometry.conformed()

@@ -1,4 +1,4 @@
-"""What Jupyter shows of a result."""
+"""Display results in Jupyter."""
 
 import base64
 import html
@@ -9,7 +9,7 @@ _DPI = 150  # of pictures, of 85 mm of paper
 
 
 def page(value: object, text: str = "", figure: Any = None, about: str = "") -> str:
-    """Return HTML of a value: what `repr` says, a picture with what it shows, and text that is aligned in columns."""
+    """Return HTML for a value: its `repr`, a picture with a description, and text aligned in columns."""
     parts = [f"<p><code>{html.escape(repr(value))}</code></p>"]
     if figure is not None:
         drawn = io.BytesIO()

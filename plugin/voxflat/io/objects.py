@@ -1,4 +1,4 @@
-"""Surfaces and values of nilearn, nibabel, trimesh, meshio and VTK, known by attributes: none is imported."""
+"""Read surfaces and values from objects of nilearn, nibabel, trimesh, meshio and VTK without importing these."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -26,7 +26,7 @@ _REMEDY = "convert it to a file or to arrays"
 
 
 def mesh_of_object(given: object) -> Mesh | None:
-    """Return the surface that an object of another package holds; None if it is no such object."""
+    """Return the surface in an object of another package; None for other objects."""
     for is_one, of in _MESHES:
         if is_one(given):
             with naming(type(given).__name__, _REMEDY):
@@ -35,7 +35,7 @@ def mesh_of_object(given: object) -> Mesh | None:
 
 
 def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
-    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none."""
+    """Return the values at a surface's vertices in an object of another package; None for other objects."""
     if isinstance(given, np.ndarray | list | tuple):
         return None
     with naming(type(given).__name__, "pass the values of this surface"):
@@ -55,12 +55,12 @@ def values_of_object(given: object, points: int, structure: str | None) -> Chann
 
 
 def is_values(given: object) -> bool:
-    """Tell whether an object holds values at the vertices of a surface, and no surface."""
+    """Return whether an object contains values at a surface's vertices, but no surface."""
     return is_gifti(given) or _value_parts(given) is not None
 
 
 def is_gifti(given: object) -> bool:
-    """Tell whether an object is a GIFTI image of nibabel."""
+    """Return whether an object is a GIFTI image of nibabel."""
     return hasattr(given, "darrays") and hasattr(given, "agg_data")
 
 
@@ -130,7 +130,7 @@ _MESHES: tuple[_Reader, ...] = (
 
 
 def _value_parts(given: object) -> Mapping[str, Any] | None:
-    """Return the values of each hemisphere of a SurfaceImage or PolyData of nilearn."""
+    """Return the values of each hemisphere of a nilearn SurfaceImage or PolyData."""
     data = getattr(given, "data", None) if hasattr(given, "mesh") else given
     parts = getattr(data, "parts", None)
     if not isinstance(parts, Mapping) or not all(hasattr(part, "shape") for part in parts.values()):
@@ -139,7 +139,7 @@ def _value_parts(given: object) -> Mapping[str, Any] | None:
 
 
 def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> NDArray[Any]:
-    """Return the values of the hemisphere that a surface is."""
+    """Return the values of a surface's hemisphere."""
     fitting = {side: part for side, part in parts.items() if len(part) == points}
     known = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
     if known:

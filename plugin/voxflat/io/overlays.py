@@ -1,4 +1,4 @@
-"""Values at the points of a surface, and regions of it, from files."""
+"""Read values at the points of a surface, and regions of it, from files."""
 
 import io
 import os
@@ -72,7 +72,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 
 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
-    """Read values at the points of a surface map by map: as `read_overlay`, those of NIfTI and CIFTI when asked for."""
+    """Read values at the points of a surface like `read_overlay`, but NIfTI and CIFTI maps on demand."""
     path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
@@ -90,7 +90,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending."""
+    """Return whether a file is a volume according to its ending, and not values at points with the same ending."""
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False
@@ -101,7 +101,7 @@ def holds_volume(path: str | os.PathLike[str]) -> bool:
 
 
 def _dimensions(path: Path) -> int | None:
-    """Return how many dimensions an array in a file has, if it is one."""
+    """Return the number of dimensions of an array in a file, or None."""
     try:
         check_regular(path)
         return readers.dimensions(path)
@@ -177,7 +177,7 @@ def read_region(
 
 
 def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
-    """Refuse a file of values of the other side of the cortex; what GIFTI says of itself counts more than its name."""
+    """Raise an error for values of the other hemisphere; GIFTI's own metadata override the file name."""
     if structure not in (LEFT, RIGHT):
         return
     path = checked_path(path)
@@ -201,7 +201,7 @@ def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
 
 
 def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:
-    """Return the values of any file that has some, and the names of its maps if they have any."""
+    """Return the values in a file, and the names of its maps if there are any."""
     name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
     if name.endswith(".npy") or kind == "a NumPy array":
         if kind != "a NumPy array":
@@ -226,7 +226,7 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
 
 
 def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
-    """Check that there is a value, or a row of them, for each point."""
+    """Check that there is one value, or one row of values, per point."""
     if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
         raise InputError(f"values have type {values.dtype} and shape {values.shape}. Pass numbers (N,) or (N, K)")
     if len(values) != points:
@@ -235,7 +235,7 @@ def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
 
 
 def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
-    """Return which points are chosen."""
+    """Return which points are selected."""
     if chosen.max() >= points:
         raise InputError(f"refers to point {chosen.max()}, but the surface has the points 0 to {points - 1}")
     mask = np.zeros(points, dtype=bool)
@@ -244,7 +244,7 @@ def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
 
 
 def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDArray[np.bool_]:
-    """Return which points have the label of a name."""
+    """Return which points have the label of a given name."""
     keys = [key for key, label in names.items() if label == name]
     if not keys:
         known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")

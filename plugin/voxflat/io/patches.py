@@ -1,10 +1,9 @@
-"""FreeSurfer's patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
+"""Read and write FreeSurfer's patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
 
-A patch lists some points of a surface with places of their own. Its faces are not in the file: they are those of the
-surface, all of whose corners are listed. This is the rule of FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), and of
-pycortex and autoflatten; that a point lies at the border is for the eye. The format is big-endian: int32 −1, int32
-number of points, then for each an int32, v + 1 for point v inside and −(v + 1) for one at the border, and three
-float32.
+A patch lists some points of a surface with positions of their own. Its faces are not in the file: they are the faces of
+the surface whose corners are all listed. FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), pycortex and autoflatten
+use this rule; the border flag is only for display. The format is big-endian: int32 −1, int32 number of points, then
+for each point an int32, v + 1 for point v inside and −(v + 1) at the border, and three float32.
 """
 
 import os
@@ -121,7 +120,7 @@ def read_patch(path: str | os.PathLike[str]) -> Patch:
 
 
 def parse_patch(path: Path, data: bytes) -> Patch:
-    """Return the patch that a file holds."""
+    """Return the patch in a file."""
     header = np.frombuffer(data[:8], ">i4") if len(data) >= 8 else np.zeros(2, int)
     if header[0] != -1:
         raise InputError(f"is not a binary patch file: it begins with {data[:4].hex(' ')} instead of ff ff ff ff")
@@ -135,7 +134,7 @@ def parse_patch(path: Path, data: bytes) -> Patch:
 
 
 def is_patch(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a FreeSurfer patch."""
+    """Return whether a file is a FreeSurfer patch."""
     path = checked_path(path)
     if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
         return False
@@ -291,7 +290,7 @@ def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int
 
 
 def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
-    """Check that vertices are whole numbers from 0, each once."""
+    """Check that vertices are whole numbers from 0, each listed once."""
     array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
         raise InputError(f"a patch must list vertices as whole numbers, not {array.dtype} of shape {array.shape}")

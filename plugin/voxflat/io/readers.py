@@ -1,9 +1,8 @@
-"""Files and images of other packages as arrays of voxels and affines.
+"""Read files and images of other packages as arrays of voxels and affines.
 
-Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where
-ITK refuses them or would change them; the affine is read here, so it is the same (nibabel's: sform, else qform, else
-pixdim) whichever package is installed. Neither package notices every damaged file, so the checks of completeness are
-made here, too.
+The header reveals how much memory the voxels need before they are read. NIfTI voxels are read by ITK, or by nibabel if
+ITK refuses or would change them. The affine is read here, so it does not depend on the installed packages (as in
+nibabel: sform, else qform, else pixdim). Neither package detects every damaged file, so completeness is checked here.
 """
 
 import gzip
@@ -36,7 +35,7 @@ ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64"
 
 
 def as_array(obj: object) -> NDArray[Any]:
-    """Return an ndarray; of ITK's own view, one that keeps its image alive (`numpy.asarray` ends in freed memory)."""
+    """Return an ndarray; for ITK's own view, keep the image alive (`numpy.asarray` would point to freed memory)."""
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
 
 
@@ -61,7 +60,7 @@ def read_array(path: Path) -> NDArray[Any]:
 
 
 def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Read arrays of a .npz archive, all or some, in native order of bytes: KeyError for those that it has not."""
+    """Read all or some arrays of a .npz archive in native byte order; raise KeyError for missing ones."""
     with np.load(path, allow_pickle=False) as archive:
         taken, need = archive.files if names is None else list(names), 0
         for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # others are none
@@ -73,7 +72,7 @@ def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = No
 
 
 def dimensions(path: Path) -> int:
-    """Return how many dimensions the array of a .npy file has, by its header alone."""
+    """Return the number of dimensions of the array in a .npy file, from its header."""
     with path.open("rb") as file:
         return len(_header(file)[0])
 
@@ -88,7 +87,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _need_of(file: IO[bytes], size: int) -> int:
-    """Return how many bytes an array needs, by its header, which is compared with the file's length."""
+    """Return the number of bytes of an array according to its header, and compare it to the length of the file."""
     shape, dtype = _header(file)
     need = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if file.tell() + need > size and not dtype.hasobject:
@@ -110,7 +109,7 @@ def _read_npz(path: Path) -> Read:
 
 
 def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
-    """Read a file, whose voxels may lie in another one."""
+    """Read a file, whose voxels may be in another one."""
     image = nibabel_image(path, mmap=False)
     _check_proxy(image)
     stored = image.dataobj
@@ -119,7 +118,7 @@ def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
 
 
 def _read_pair(path: Path) -> Read:
-    """Read an image of two files, Analyze or NIfTI."""
+    """Read an image that consists of two files, Analyze or NIfTI."""
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
         raise InputError(f"{voxels.name} is missing beside it. This format consists of two files, .hdr and .img")
@@ -147,7 +146,7 @@ def _read_nifti(path: Path) -> Read:
 
 
 def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Read by ITK; by nibabel what ITK refuses or would change."""
+    """Read voxels with ITK, or with nibabel if ITK refuses or would change them."""
     try:
         # ITK scales in float32 (integers above 2^24 change), and adds scl_inter even if scl_slope is 0
         if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0:
@@ -170,7 +169,7 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
 
 
 def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
-    """Tell whether all values of a NIfTI-1 file are finite."""
+    """Return whether all values of a NIfTI-1 file are finite."""
     form = {16: "f4", 64: "f8"}.get(int(header["datatype"]))
     if form is None:
         return True
@@ -210,7 +209,7 @@ _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 
 
 def has_place(path: Path) -> bool:
-    """Tell whether the header of a file that could be read says where its voxels lie, not only how large they are."""
+    """Return whether the header of a readable file defines the position of the voxels, not only their size."""
     name = path.name.lower()
     if name.endswith((".hdr", ".img")):
         header = path.with_suffix(".HDR" if path.suffix.isupper() else ".hdr").read_bytes()
@@ -312,7 +311,7 @@ def _read_metaimage(path: Path) -> Read:
 
 
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
-    """Return the fields of a MetaImage's header, as ITK will find them, and where its voxels begin."""
+    """Return the fields of a MetaImage header as ITK finds them, and the offset of the voxels."""
     fields: dict[bytes, bytes] = {}
     at = 0
     while (end := start.find(b"\n", at)) >= 0:
@@ -327,7 +326,7 @@ def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
 
 
 def _beside(path: Path, named: bytes) -> Path:
-    """Return the file of voxels that a header names: one, in the header's directory or below."""
+    """Return the file of voxels that a header names, which must be in the header's directory or below."""
     name = named.strip().decode("utf-8", "surrogateescape")
     file = path.parent / name
     if not name or "%" in name or name.split()[0] == "LIST":  # which are lists of files, and formats of printf
@@ -340,7 +339,7 @@ def _beside(path: Path, named: bytes) -> Path:
 
 
 def _check_deflated(path: Path, start: int, size: int) -> None:
-    """Decompress to compare the checksum: ITK returns what it could decompress as if it were whole."""
+    """Decompress to verify the checksum, because ITK returns incomplete data as if they were complete."""
     stream = zlib.decompressobj(wbits=47)  # zlib or gzip
     done = 0
     with path.open("rb") as file:
@@ -355,13 +354,13 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
 
 
 def _opened(path: Path) -> Any:
-    """Open a file that may be gzipped, for reading bytes."""
+    """Open a file, possibly gzipped, for reading bytes."""
     opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
     return opener(path, "rb")
 
 
 def check_length(path: Path, needed: int) -> None:
-    """Read a file that may be gzipped to its end, for its checksum, and compare its length with its header's."""
+    """Read a file, possibly gzipped, to its end to verify its checksum and its length."""
     size = 0
     with _opened(path) as file:
         while block := file.read(_BLOCK):
@@ -372,7 +371,7 @@ def check_length(path: Path, needed: int) -> None:
 
 
 def _check_beyond(size: int, needed: int) -> None:
-    """Stop inflating what is far longer than its header says."""
+    """Stop decompressing a file that is much longer than its header specifies."""
     if size > needed + _MOST_BEYOND:
         raise InputError(f"is longer than the {needed} bytes that its header specifies. Copy or download it again")
 
@@ -393,7 +392,7 @@ def from_nibabel(image: Any) -> Read:
 
 
 def _check_proxy(image: Any) -> None:
-    """Find out whether there is memory for voxels that are still in their file."""
+    """Check that voxels that are still in their file fit into memory."""
     stored = image.dataobj
     if require("nibabel").is_proxy(stored):
         voxels = int(np.prod(image.shape, dtype=object))
@@ -403,7 +402,7 @@ def _check_proxy(image: Any) -> None:
 
 
 def from_itk(image: Any) -> Read:
-    """Return voxels and affine of an ITK image, whose axes are (k, j, i) and whose world is LPS."""
+    """Return voxels and affine of an ITK image, whose axes are (k, j, i) and whose world space is LPS."""
     itk = require("itk")
     view = as_array(itk.array_view_from_image(image))
     dimension = image.GetImageDimension()
@@ -418,7 +417,7 @@ def from_itk(image: Any) -> Read:
 
 
 def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read:
-    """Read an image whose voxels may lie in another file, and may be packed, from a place on."""
+    """Read an image whose voxels may be in another file and compressed from an offset on."""
     for file in separate:
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))
@@ -428,7 +427,7 @@ def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read
 
 
 def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> Read:
-    """Read an image by ITK, in the child process."""
+    """Read an image with ITK, in the child process."""
     size = _size_by_itk(path)
     check_room(size)
     if packed_from is not None:
@@ -441,7 +440,7 @@ def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> R
 
 
 def _size_by_itk(path: Path) -> int:
-    """Return how many bytes the voxels take, by their header."""
+    """Return the number of bytes of the voxels according to their header."""
     itk = require("itk")
     header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
     if header is None:

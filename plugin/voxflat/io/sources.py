@@ -1,4 +1,4 @@
-"""What is handed over, a file or some package's object, as a `Mesh` or a `Volume`: the first kind that fits counts."""
+"""Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match counts."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ def taken(
     unit: str | None = None,
     memory_limit: int | None = None,
 ) -> Mesh | Volume:
-    """Take a mesh as a `Mesh`, and all else as a `Volume` (`as_volume`) of which there is room to make a surface."""
+    """Return a mesh as a `Mesh`, and anything else as a `Volume` (`as_volume`) that is small enough for a surface."""
     mesh = as_mesh(source)
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
@@ -42,7 +42,7 @@ def taken(
 
 
 def as_mesh(source: object) -> Mesh | None:
-    """Take a path, (points, faces), a `Mesh` or another package's as a `Mesh`, or InputError; None for all else."""
+    """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`; None for other input."""
     for is_one, of in _MESHES:
         if is_one(source):
             return of(source)

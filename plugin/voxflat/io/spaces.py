@@ -1,13 +1,13 @@
-"""In which space coordinates are: scanner RAS, where volumes lie, or tkRAS, in which FreeSurfer keeps its surfaces.
+"""Define coordinate spaces: scanner RAS, the space of volumes, and tkRAS, in which FreeSurfer stores its surfaces.
 
-The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume, and its axes are the volume's as if it were
-conformed (voxels that run left, inferior, anterior). With D the direction cosines of the volume's axes, as columns
-xras, yras, zras, with L those of a conformed one, and c_ras the centre in scanner RAS,
+The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are those of the volume as if it
+were conformed (voxels run left, inferior, anterior). D denotes the direction cosines of the volume's axes, as columns
+xras, yras, zras, L those of a conformed volume, and c_ras the centre in scanner RAS. Then
 
     scanner RAS = D Lᵀ tkRAS + c_ras
 
-which is vox2ras · inv(vox2ras_tkr) whatever the voxels' size and number; for a conformed volume D = L, and only c_ras
-is added. FreeSurfer writes D and c_ras into the surface's file: its volume geometry.
+This equals vox2ras · inv(vox2ras_tkr) for any size and number of voxels. For a conformed volume D = L, so only c_ras is
+added. FreeSurfer writes D and c_ras into the surface's file, as its volume geometry.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class VolumeGeometry:
 
     @classmethod
     def _of_matrix(cls, matrix: ArrayLike) -> VolumeGeometry:
-        """Return the geometry of some volume whose tkRAS a matrix takes to scanner RAS."""
+        """Return the geometry of a volume whose tkRAS is mapped to scanner RAS by a matrix."""
         whole = numbers_of(matrix, "matrix")
         return cls(whole[:3, :3] @ _CONFORMED, whole[:3, 3])
 
@@ -207,7 +207,7 @@ class Space:
 
     @classmethod
     def _of(cls, metadata: Mapping[str, Any]) -> Space:
-        """Return the space that the metadata of a surface, a map or an atlas tell."""
+        """Return the space that the metadata of a surface, a map or an atlas define."""
         told = metadata.get("space")
         if told is None:
             return cls("scanner") if metadata.get("kind") == "voxels" else UNKNOWN
@@ -218,7 +218,7 @@ class Space:
         return cls(told["name"], volume, told["doubt"])
 
     def _described(self) -> dict[str, Any]:
-        """Return what metadata tell of it, ready for JSON."""
+        """Return the space as metadata, ready for JSON."""
         volume = self.volume
         return {
             "name": self.name,
@@ -361,7 +361,7 @@ UNKNOWN = Space()  # nothing says where the points lie: they are taken as scanne
 
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Carry points by a matrix; one that changes nothing leaves every bit as it is."""
+    """Transform points by a matrix; the identity leaves every bit unchanged."""
     places = numbers_of(points, "points")
     if matrix is None or np.array_equal(matrix, np.eye(4)):
         return places

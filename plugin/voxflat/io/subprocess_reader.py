@@ -1,11 +1,10 @@
-"""Readers in C++ run in a process of their own.
+"""Run readers written in C++ in a child process.
 
-ITK and VTK trust the files that they read, as does what unpacks chunks of Zarr and pixels of pictures: a damaged one
-ends their process, takes all its memory, prints what nobody asked for, or is never done.
-So they read in a child process, which is started when it is first needed, kept, and started anew after it ended. The
-system holds it to a limit of addresses and of seconds for each file, what it prints goes nowhere, and its answers are
-JSON and the bytes of arrays, checked here: whatever it does, the caller has an error of one line. Where the system has
-no such limits (Windows), a file may take long, and memory.
+ITK and VTK trust the files that they read, and so do the decoders of Zarr chunks and pictures. A damaged file can crash
+the process, take all its memory, print messages, or never finish. Therefore they read in a child process, which is
+started on first use, kept, and restarted after a crash. The system limits its memory and time for each file, its output
+is discarded, and its answers are JSON and the bytes of arrays, which are checked here. In every case the caller gets an
+error of one line. On systems without such limits (Windows), a file may take long and use much memory.
 """
 
 import atexit
@@ -59,11 +58,11 @@ _START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.subprocess_rea
 def read_in_subprocess(
     function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None
 ) -> Any:
-    """Call a function of a module's top level that reads a file by a package in C++, in the child process.
+    """Call a module-level function that reads a file with a C++ package, in the child process.
 
-    It returns an array, None, a number, text, or lists (tuples become such) and dictionaries of them. `size`: bytes
-    that are read, if they do not all lie in that file. That a child ends is an `InputError`; its other errors are
-    `RuntimeError`.
+    It returns an array, None, a number, text, or lists (also for tuples) and dictionaries of these. `size` is the
+    number of bytes to read, if they are not all in that file. A crash of the child raises an `InputError`, its other
+    errors raise a `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:
@@ -104,7 +103,7 @@ _child: subprocess.Popen[bytes] | None = None
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """Start a child: out of reach of Ctrl-C, which is for its caller; it ends when its input does."""
+    """Start a child that ignores the caller's Ctrl-C and ends when its input does."""
     return subprocess.Popen(
         [sys.executable, "-c", _START, *sys.path],
         bufsize=0,
@@ -119,7 +118,7 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Ask the child; return what it says, and its arrays."""
+    """Send a request to the child; return its answer and its arrays."""
     assert child.stdin is not None
     assert child.stdout is not None
     line = b""
@@ -146,7 +145,7 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict
 
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
-    """Say why a child ended."""
+    """Return why a child ended."""
     _stop(_DYING)
     status, name = child.returncode, _PACKAGES[asked["package"]][0]
     for timer, (_, times) in _TIMES.items():
@@ -160,7 +159,7 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
 
 
 def _stop(patience: float = 0.0) -> None:
-    """End the child, whatever it does: it only reads. After so many seconds in which it may end by itself."""
+    """Stop the child, which only reads, after some seconds in which it may end by itself."""
     global _child
     child, _child = _child, None
     if child is not None:
@@ -196,7 +195,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve() -> None:
-    """Answer calls of `read_in_subprocess` that come on standard input, until it ends."""
+    """Answer the requests of `read_in_subprocess` on standard input until it ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
@@ -212,7 +211,7 @@ def serve() -> None:
 
 
 def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
-    """Let Python open no pipe, which would be waited for: a file that others name, such as a chunk of Zarr."""
+    """Prevent Python from opening a pipe, such as one in place of a Zarr chunk, because reading it would block."""
     mode = 0
     if event == "open" and isinstance(values[0], str | bytes | os.PathLike):
         with contextlib.suppress(OSError, ValueError):  # of no such file
@@ -222,7 +221,7 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
 
 
 def _told(error: Exception, path: str) -> list[Any]:
-    """Return the kind of an error and its values; the file is named by the caller."""
+    """Return the kind of an error and its values; the caller adds the file."""
     if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
         return ["OSError", error.errno, error.strerror, error.filename]
     if isinstance(error, MemoryError):
@@ -232,7 +231,7 @@ def _told(error: Exception, path: str) -> list[Any]:
 
 
 def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
-    """Call a function within limits, for which importing its package does not count."""
+    """Call a function within limits, which do not include the import of its package."""
     _, extra, loaded = _PACKAGES[package]
     _limit_addresses(None)  # that of the file before
     getattr(require(package, extra), loaded)
@@ -248,13 +247,13 @@ def _called(function: str, package: str, arguments: list[Any], seconds: int, mem
 
 
 def _limit_seconds(seconds: int) -> None:
-    """End this process after so many seconds of computing; 0 for never."""
+    """Stop this process after some seconds of computing; 0 means never."""
     for clock, times in _TIMES.values():
         signal.setitimer(clock, seconds * times)
 
 
 def _limit_addresses(most: int | None) -> None:
-    """Limit how many bytes may be taken more than there are now, or lift it; write no image of a process that ended."""
+    """Limit the additional address space, or remove the limit; disable core dumps."""
     try:
         import resource
     except ImportError:  # Windows
@@ -266,7 +265,7 @@ def _limit_addresses(most: int | None) -> None:
 
 
 def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Take arrays out of a value, and put their numbers in their places."""
+    """Replace arrays in a value by their numbers, and collect them."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -276,7 +275,7 @@ def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Put arrays back."""
+    """Replace numbers in a value by their arrays."""
     if isinstance(value, dict):
         if "array" in value:
             return arrays[value["array"]]
@@ -285,7 +284,7 @@ def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def _send(answers: IO[bytes], answer: dict[str, Any], arrays: list[NDArray[Any]]) -> None:
-    """Write an answer, and its arrays as they lie in memory."""
+    """Write an answer, and its arrays as they are in memory."""
     kinds, blocks = [], []
     for array in arrays:
         order = np.argsort([-abs(stride) for stride in array.strides], kind="stable")

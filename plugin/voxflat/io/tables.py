@@ -1,4 +1,4 @@
-"""Tables of points: CSV and TSV files, as of electrodes or peaks, read with all their columns and written with more."""
+"""Read CSV and TSV tables of points, such as electrodes or peaks, and write them with additional columns."""
 
 import csv
 import io
@@ -19,14 +19,14 @@ _MISSING = ("", "n/a", "na", "nan")
 
 @dataclass(frozen=True, eq=False)
 class PointTable:
-    """Points and what else a table says of them."""
+    """Store points and the other columns of their table."""
 
     points: NDArray[np.float64]  # (P, 3), mm; NaN where one is missing
     header: list[str]  # empty if the file has none
     rows: list[list[str]]  # all cells, as they were read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
-        """Write the table with further columns, all of it or nothing; a missing number is ``n/a``."""
+        """Write the table with additional columns, completely or not at all; a missing number is ``n/a``."""
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
         columns = [["n/a" if np.isnan(of) else f"{of:.6f}" for of in values.tolist()] for values in more.values()]
@@ -39,7 +39,7 @@ class PointTable:
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:
-    """Read points from a table: its columns x, y and z if it has a header, else the first three."""
+    """Read points from a table: the columns x, y and z if it has a header, else the first three."""
     path = checked_path(path)
     with naming(path, "provide columns x, y and z in mm"):
         ending = path.suffix.lower()

@@ -1,4 +1,4 @@
-"""Triangles as the formats of surfaces share them: checks, and how polygons and strips become triangles."""
+"""Provide functions on triangles that surface formats share: checks, and the splitting of polygons and strips."""
 
 from collections import Counter
 
@@ -16,11 +16,11 @@ _MOST_CORNERS = 1000  # of a polygon, that is cut into triangles here
 def triangulated(
     points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Cut polygons into triangles, without new points; return places in `corners`, (T, 3), and what was cut.
+    """Split polygons into triangles without new points; return positions in `corners`, (T, 3), and remarks.
 
-    The corners of the polygons, of which each has one of `counts`, follow one another, and triangles run around as the
-    polygon does. Quadrilaterals are cut along the shorter diagonal that lies inside, other polygons ear by ear, the one
-    with the shortest diagonal first.
+    The corners of all polygons are concatenated; each polygon has one of `counts`. Triangles keep the direction of the
+    polygon. Quadrilaterals are split along the shorter diagonal inside, other polygons by ear clipping, shortest
+    diagonal first.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):
@@ -54,14 +54,14 @@ def triangulated(
 
 
 def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the squared length of a diagonal of each quadrilateral (Q, 4, 3), and whether both halves face one way."""
+    """Return the squared diagonal of each quadrilateral (Q, 4, 3), and whether both halves face the same way."""
     a, b, c, d = np.moveaxis(np.roll(quads, -turn, axis=1), 1, 0)
     left, right = np.cross(b - a, c - a), np.cross(c - a, d - a)
     return ((c - a) ** 2).sum(axis=1), np.asarray((left * right).sum(axis=1) > 0)
 
 
 def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Cut one polygon (n, 3) into n − 2 triangles, in the plane that it lies in best."""
+    """Split one polygon (n, 3) into n − 2 triangles, in its best-fitting plane."""
     ahead = np.roll(polygon, -1, axis=0)
     normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's: of twice the area's length
     if not normal.any():
@@ -88,7 +88,7 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
 def _holds(
     corners: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], ear: int
 ) -> bool:
-    """Tell whether the triangle of an ear holds another corner."""
+    """Return whether the triangle of an ear contains another corner."""
     inside = (_cross(b - a, corners - a) >= 0) & (_cross(c - b, corners - b) >= 0) & (_cross(a - c, corners - c) >= 0)
     n = len(corners)
     inside[[ear - 1, ear, (ear + 1) % n]] = False
@@ -101,7 +101,7 @@ def _cross(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the triangles (T, 3) of strips, in each of which every second one runs the other way."""
+    """Return the triangles (T, 3) of strips, in which every second triangle runs the other way."""
     parts = [np.empty((0, 3), dtype=np.int64)]
     for strip in strips:
         rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
@@ -126,7 +126,7 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
 
 
 def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Round to float32; what that cannot hold is refused."""
+    """Round to float32; raise an error for values that it cannot represent."""
     with np.errstate(over="ignore"):
         rounded = points.astype(np.float32)
     bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))

@@ -1,7 +1,7 @@
-"""Volumes in and out: voxels in the order (i, j, k) and an affine to RAS+ mm.
+"""Read and write volumes: voxels in the order (i, j, k), and an affine to RAS+ mm.
 
-`read_volume` reads a file, `write_volume` writes one; `voxflat.io.sources` takes objects as well. All of them end in a
-`Volume`, which is checked once, where it is made.
+`read_volume` reads a file, `write_volume` writes one, and `voxflat.io.sources` accepts objects, too. All of them create
+a `Volume`, which checks its data once.
 """
 
 import os
@@ -73,7 +73,7 @@ class Volume(Recorded):
 
     @classmethod
     def _placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> "Volume":
-        """Return voxels that lie where their affine says, or with the identity where there is none."""
+        """Return voxels with their affine, or with the identity if there is none."""
         return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None)
 
     @property
@@ -213,7 +213,7 @@ def write_volume(
 
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
-    """Refuse a name of no format that a volume can be written in; return what writes it."""
+    """Return the writer for a file name; raise an error if no format of volumes matches."""
     with naming(path, "check that this format can hold it"):
         return by_ending(
             path, _WRITERS, "written. The formats .mhd and .nhdr consist of two files; use .mha or .nrrd instead"
@@ -221,7 +221,7 @@ def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], Non
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
-    """Check type and shape, drop trailing axes of length 1, take the native byte order; chunks stay where they are."""
+    """Check type and shape, drop trailing axes of length 1, convert to native byte order; keep chunked arrays."""
     if isinstance(data, Chunked) or is_chunked(data):
         return data
     data = array_of(data, "values")
@@ -293,7 +293,7 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
 
 
 def _storable(data: NDArray[Any]) -> NDArray[Any]:
-    """Take the types that no image format knows as the next one that keeps their values."""
+    """Convert types that image formats lack to the next type that keeps their values."""
     wider = {"bool": np.uint8, "float16": np.float32}.get(data.dtype.name)
     return data if wider is None else data.astype(wider)
 

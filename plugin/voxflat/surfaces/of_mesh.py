@@ -9,7 +9,7 @@ from voxflat import _core
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import check_room
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.partners import pial_of
+from voxflat.surfaces.correspondence import pial_of
 
 _A_TRIANGLE, _A_POINT = 200, 100
 """Bytes that they take until the surface is made: 160 to 190 a triangle, with half a point, were measured."""

@@ -20,7 +20,7 @@ from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
-from voxflat.surfaces.partners import check_region
+from voxflat.surfaces.correspondence import check_region
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
 _STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces

@@ -1,4 +1,4 @@
-"""FreeSurfer's surfaces, values at points and labels, by nibabel once counts are compared to the length of the file."""
+"""Read FreeSurfer's surfaces, values and labels with nibabel, after comparing their counts to the file's length."""
 
 import io
 import math
@@ -22,7 +22,7 @@ _REMEDY = "Check that the file is complete and in this format"
 
 
 def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a surface file; quadrangles are split as FreeSurfer does."""
+    """Read a surface file; split quadrangles like FreeSurfer."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
@@ -44,7 +44,7 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _space(footer: dict[str, Any]) -> Space:
-    """Return the space of a surface by its footer: tkRAS."""
+    """Return the space of a surface according to its footer: tkRAS."""
     if not str(footer.get("valid", "")).startswith("1"):
         doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
         return Space("tkRAS", None, doubt)
@@ -59,7 +59,7 @@ def _space(footer: dict[str, Any]) -> Space:
 def write_geometry(
     path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
 ) -> None:
-    """Write a surface file in tkRAS, with its volume; nibabel's array.tofile would not tell of a full disk."""
+    """Write a surface file in tkRAS with its volume geometry; nibabel's array.tofile would not report a full disk."""
     counts = np.array([len(points), len(faces)], ">i4")
     parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
     body = b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts)
@@ -67,7 +67,7 @@ def write_geometry(
 
 
 def _footer(volume: VolumeGeometry) -> bytes:
-    """Return the end of a surface file, which says where its tkRAS lies."""
+    """Return the footer of a surface file, which defines the position of its tkRAS."""
     # nibabel splits lines at =
     named = "".join(letter if letter.isprintable() and letter != "=" else "_" for letter in volume.filename)
     lines = ["valid = 1  # volume info valid", f"filename = {named or 'unknown'}"]
@@ -79,7 +79,7 @@ def _footer(volume: VolumeGeometry) -> bytes:
 
 
 def is_morph(data: bytes) -> bool:
-    """Tell whether a file that begins with ff ff ff is one of values, not a surface of quadrangles."""
+    """Return whether a file that begins with ff ff ff contains values, and not a surface of quadrangles."""
     points, _, each = (int(count) for count in np.frombuffer(data[3:15].ljust(12, b"\xff"), ">i4"))
     return each > 0 and len(data) == 15 + 4 * points * each
 
@@ -97,7 +97,7 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
 
 
 def read_mgh(data: bytes) -> NDArray[Any]:
-    """Return the values of an MGH file, shape (N,), or (N, F) of F frames."""
+    """Return the values of an MGH file, shape (N,), or (N, F) for F frames."""
     version, *shape, kind = (int(number) for number in np.frombuffer(data[:24].ljust(24, b"\0"), ">i4"))
     if version != 1 or min(shape) < 1:
         raise InputError(f"is not an MGH file, or is damaged. {_REMEDY}")
@@ -110,7 +110,7 @@ def read_mgh(data: bytes) -> NDArray[Any]:
 
 
 def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the label of each point, −1 for none, and the labels' names."""
+    """Return the label of each point, −1 for none, and the names of the labels."""
     points = int.from_bytes(data[:4], "big", signed=True)
     check_size(data, 4 + 8 * points if points >= 0 else -1, f"{points} points")
     pairs = np.frombuffer(data, ">i4", count=2 * points, offset=4).reshape(-1, 2)
@@ -126,7 +126,7 @@ def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
 
 
 def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
-    """Return the colours of an annotation, red, green, blue, transparency and their sum as a label; and the names."""
+    """Return the colours of an annotation (red, green, blue, transparency, and their sum as a label) and the names."""
     start = 8 + 8 * int.from_bytes(data[:4], "big", signed=True)
     entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
     if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # which nibabel makes room for
@@ -143,7 +143,7 @@ _MOST_COLOURS = 1 << 20  # FreeSurfer's own tables go to 14,175
 
 
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
-    """Return which of n points a label file names."""
+    """Return which of n points a label file lists."""
     vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
@@ -154,7 +154,7 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
 
 
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read the vertices that a label names, and their places on its surface, tkRAS, mm: some programs write 0."""
+    """Read the vertices of a label and their positions in tkRAS, mm; some programs write 0 for the positions."""
     path = checked_path(path)
     with naming(path, _REMEDY):
         data = contents(path)
@@ -168,7 +168,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
 def write_annot(
     path: Path, labels: NDArray[np.int64], keys: Sequence[int], names: Sequence[str], colours: NDArray[np.uint8]
 ) -> None:
-    """Write labels of all points, 0 for none, with names and colours, by which the format tells labels apart."""
+    """Write labels of all points, 0 for none, with names and colours; colours identify labels in this format."""
     table = np.zeros((len(keys) + 1, 5), dtype=np.int64)
     rows, taken = [(25, 5, 25), *map(tuple, colours.tolist())], set()
     for n, (red, green, blue) in enumerate(rows):
@@ -187,7 +187,7 @@ def write_annot(
 
 
 def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.float64], name: str) -> None:
-    """Write a label: numbers of points, and where they lie in tkRAS."""
+    """Write a label: point numbers and their positions in tkRAS."""
     shown = "".join(letter if letter.isprintable() else "_" for letter in name)
     rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]
     text = f"#!ascii label {shown}, from voxflat vox2ras=TkReg\n{len(vertices)}\n" + "".join(rows)

@@ -1,4 +1,4 @@
-"""OBJ files, parsed here: VTK numbers the points of files with texture coordinates anew."""
+"""Read and write OBJ files without VTK, which renumbers the points of files with texture coordinates."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from voxflat.io.triangles import check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OBJ file; a point with several texture coordinates, where a seam passes, keeps the first."""
+    """Read an OBJ file; a point on a seam, with several texture coordinates, keeps the first one."""
     rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None
@@ -25,7 +25,7 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
-    """Read faces, texture coordinates of their corners (F, 3, 2), NaN for none, and what follows mtllib and usemtl."""
+    """Read faces, texture coordinates of their corners (F, 3, 2; NaN for none), and mtllib's and usemtl's names."""
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
     places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
@@ -38,7 +38,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
 
 
 def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
-    """Return a file's lines, of each triangle's corners the numbers of point and texture coordinate, and remarks."""
+    """Return a file's lines, the point and texture coordinate numbers of each triangle's corners, and remarks."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
     for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
@@ -60,7 +60,7 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
 
 
 def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
-    """Return numbers of point and texture coordinate of each corner, 0 for none, shape (C, 2)."""
+    """Return the point and texture coordinate numbers of each corner, 0 for none, shape (C, 2)."""
     corners = [corner for face in faces for corner in face]
     if not corners:
         raise InputError("has no line that begins with 'f'. Check that it is an OBJ file of a surface")
@@ -72,12 +72,12 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
 
 
 def _numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Count from 0: OBJ counts from 1, and backwards from the last line before if negative; 0, for none, becomes −1."""
+    """Convert numbers to count from 0: OBJ counts from 1, or backwards if negative; 0, for none, becomes −1."""
     return np.where(numbers < 0, numbers + before, numbers - 1)
 
 
 def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the texture coordinates of a file, all of whose corners must use one that is there, or none (−1)."""
+    """Return the texture coordinates of a file; all corners must refer to an existing one or to none (−1)."""
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
@@ -108,8 +108,8 @@ def write_obj(
 ) -> None:
     """Write an OBJ file.
 
-    A library is the name of the file beside it that holds the material `texture`. Texture faces are the triangles'
-    corners as rows of the texture, where that has seams; without, they are `faces`.
+    `library` is the name of the file beside it that defines the material `texture`. Texture faces are the triangles'
+    corners as rows of the texture coordinates if these have seams; otherwise they equal `faces`.
     """
     with path.open("w", encoding="utf-8", newline="\n") as file:
         if library is not None:

@@ -1,4 +1,4 @@
-"""PLY files, parsed here: on damaged ones VTK 9.7 ends the process."""
+"""Read and write PLY files without VTK, because damaged files crash VTK 9.7."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ _TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 def read_ply(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a PLY file of polygons, or of strips of triangles."""
+    """Read a PLY file of polygons or triangle strips."""
     header = re.match(rb"(?s)ply(\r?\n|\r)(.*?)\1end_header\1", data)
     if header is None:
         raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
@@ -64,7 +64,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
 
 
 class _UnevenError(InputError):
-    """An element's lists have different lengths."""
+    """Report that the lists of an element have different lengths."""
 
 
 _Properties: TypeAlias = list[tuple[str, str, str]]
@@ -72,7 +72,7 @@ _Properties: TypeAlias = list[tuple[str, str, str]]
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
-    """Return the format, and of each element name, number and properties."""
+    """Return the format, and the name, number and properties of each element."""
     form = ""
     elements: list[tuple[str, int, _Properties]] = []
     for line in text.splitlines():
@@ -95,7 +95,7 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
 def _table(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
 ) -> NDArray[Any]:
-    """Return an element's rows; its lists must all be as long as in the first row."""
+    """Return an element's rows; all its lists must be as long as in the first row."""
     layout: list[Any] = []
     if count == 0 or not properties:
         return np.empty(0)
@@ -122,7 +122,7 @@ def _table(
 def _lists(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]] | None, int]:
-    """Return the corners of all faces one after the other, how many each has, and where the next element begins."""
+    """Return the concatenated corners of all faces, the number of each, and the offset of the next element."""
     key = next((key for key, _, is_list in properties if is_list and key in ("vertex_indices", "vertex_index")), None)
     if key is None:
         return None, at + _table(body, at, name, count, properties, order, is_ascii).nbytes
@@ -138,7 +138,7 @@ def _lists(
 def _uneven(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool, key: str
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], int]:
-    """Read an element row by row, as its lists have different lengths."""
+    """Read an element whose lists have different lengths, row by row."""
 
     def as_stored(kind: str) -> np.dtype[Any]:
         return np.dtype("f8" if is_ascii else order + kind)
@@ -162,7 +162,7 @@ def _uneven(
 
 
 def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of strips, which may stand in one list with −1 between them."""
+    """Return the triangles of strips, which may share one list with −1 between them."""
     strips = [
         strip[strip >= 0]
         for row in np.split(corners, np.cumsum(counts)[:-1])
@@ -174,7 +174,7 @@ def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDAr
 
 
 def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Take numbers of points that were read as floating-point ones."""
+    """Convert point numbers that were read as floating-point values."""
     bad = np.flatnonzero(numbers % 1 != 0)
     if len(bad):
         face = int(np.searchsorted(np.cumsum(counts), bad[0], side="right"))
@@ -191,7 +191,7 @@ def write_ply(
     texture: NDArray[np.float64] | None,
     colours: NDArray[np.uint8] | None = None,
 ) -> None:
-    """Write a PLY file, little-endian; colours of the points are red, green, blue and perhaps alpha."""
+    """Write a PLY file, little-endian; colours of points are red, green, blue and optionally alpha."""
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
     if texture is not None:
         columns |= dict(zip("st", texture.T, strict=True))

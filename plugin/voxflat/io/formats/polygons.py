@@ -1,4 +1,4 @@
-"""Surfaces as OFF, FreeSurfer's ASCII and STL, parsed here (VTK reads what is cut short), and GLB, by trimesh."""
+"""Read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files, and GLB with trimesh."""
 
 import io
 import re
@@ -14,7 +14,7 @@ from voxflat.io.triangles import triangulated
 
 
 def read_off(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OFF file; colours and normals are left out."""
+    """Read an OFF file; colours and normals are ignored."""
     lines = [line for line in (raw.split("#")[0].strip() for raw in data.decode("latin1").splitlines()) if line]
     if not lines or not lines[0].upper().endswith("OFF") or "BINARY" in lines[0].upper():
         raise InputError("does not begin with OFF. Check that it is an ASCII OFF file")
@@ -32,7 +32,7 @@ def read_off(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_asc(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a FreeSurfer surface in ASCII, as mris_convert writes it: tkRAS without a volume."""
+    """Read an ASCII surface written by FreeSurfer's mris_convert, in tkRAS without a volume."""
     header, _, rest = data.partition(b"\n")
     if not header.startswith(b"#!ascii"):
         raise InputError("does not begin with #!ascii. Check that it is a surface written by mris_convert")
@@ -50,7 +50,7 @@ def read_asc(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_glb(path: Path, data: bytes) -> dict[str, Any]:
-    """Read the surfaces of a GLB file, all of its scene in one, by trimesh."""
+    """Read the surfaces of a GLB file with trimesh and merge them into one."""
     scene = require("trimesh").load_scene(io.BytesIO(data), file_type="glb", skip_materials=True)
     mesh = scene.to_mesh()
     if not len(mesh.faces):
@@ -62,7 +62,7 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Tell whether a file is as long as its header would have it if it were binary STL."""
+    """Return whether a file has the length that its header would specify as binary STL."""
     return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 

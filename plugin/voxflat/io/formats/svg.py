@@ -1,7 +1,7 @@
-"""Outlines drawn into an SVG figure of a map: the closed paths of a named layer, in mm of the map.
+"""Read outlines drawn into an SVG figure of a map: the closed paths of a named layer, in mm of the map.
 
-The root says where the axes lie: ``data-voxflat-extent``, left, right, bottom and top in mm, and ``data-voxflat-axes``,
-x, y, width and height of the same area in the SVG's user units (those of its viewBox, y downwards).
+The root element defines the position of the axes: ``data-voxflat-extent`` (left, right, bottom and top in mm) and
+``data-voxflat-axes`` (x, y, width and height of the same area in user units of the viewBox, y downwards).
 """
 
 import os
@@ -26,7 +26,7 @@ _MOST = 1024  # chords of a curve
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What encloses a region."""
+    """Store the outline of a region."""
 
     name: str
     loops: tuple[NDArray[np.float64], ...]  # closed polygons (k, 2), (u, v) in mm
@@ -35,7 +35,7 @@ class Outline:
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
-    """Read a layer's paths, the lowest first, by ``inkscape:label``, else their group's within it, title or id."""
+    """Read the paths of a layer, lowest first; names come from ``inkscape:label``, else from the group, title or id."""
     path = checked_path(path)
     with naming(path, "check that it is an SVG figure written by voxflat.figures"):
         check_regular(path)
@@ -55,7 +55,7 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
 
 
 def _placement(root: Any, svg: Any) -> Any:
-    """Return what takes points of the parsed file to mm."""
+    """Return the function that maps points of the parsed file to mm."""
     area = []
     for key in (EXTENT, AXES):
         words = str(root.values.get(key, "")).replace(",", " ").split()
@@ -85,7 +85,7 @@ def _placement(root: Any, svg: Any) -> Any:
 
 
 def _own(element: Any, key: str) -> str | None:
-    """Return an attribute of an element itself, which the library mixes with those around it."""
+    """Return an attribute of an element itself; the library mixes it with those of its parents."""
     value = element.values.get("attributes", {}).get(key)
     return None if value is None else str(value)
 
@@ -95,7 +95,7 @@ def _name(group: Any) -> str:
 
 
 def _groups(group: Any, svg: Any) -> Iterator[Any]:
-    """Go through the groups that are layers, or have an id or a label."""
+    """Yield the groups that are layers, or have an id or a label."""
     for element in group:
         if isinstance(element, svg.Group):
             if element.id is not None or _own(element, _LABEL) or _own(element, _MODE):
@@ -119,7 +119,7 @@ def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[
 
 
 def _colour(element: Any) -> tuple[int, int, int] | None:
-    """Return the fill, else the stroke."""
+    """Return the fill colour, else the stroke colour."""
     for colour in (element.fill, element.stroke):
         if colour is not None and colour.value is not None:
             return (colour.red, colour.green, colour.blue)
@@ -127,7 +127,7 @@ def _colour(element: Any) -> tuple[int, int, int] | None:
 
 
 def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
-    """Go through the closed parts of a path; curves become chords."""
+    """Yield the closed parts of a path; curves become chords."""
     for part in path.as_subpaths():
         points: list[NDArray[np.float64]] = []
         for segment in svg.Path(part):
@@ -142,7 +142,7 @@ def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def _chords(segment: Any, svg: Any, to_mm: Any) -> NDArray[np.float64]:
-    """Return points along a segment, so many that chords keep within the tolerance."""
+    """Return points along a segment, close enough that chords stay within the tolerance."""
     if isinstance(segment, svg.Line | svg.Close):
         ends = [segment.start, segment.end]
         return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""TIFF stacks: plain ones, ImageJ's and OME-TIFF, read by tifffile."""
+"""Read TIFF stacks with tifffile: plain TIFF, ImageJ and OME-TIFF."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ _PAGES = "ZQI"  # how tifffile calls an axis of pages: of depth, or of what nobo
 
 
 def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
-    """Return a stack (x, y, z) of pages z, y downwards, or colours (x, y, z, 3), and its affine to mm, if known."""
+    """Return a stack (x, y, z), y downwards, or colours (x, y, z, 3), and its affine to mm if known."""
     with require("tifffile").TiffFile(path) as file:
         series = file.series[0]
         shape = dict(zip(series.axes, series.shape, strict=True))
@@ -40,7 +40,7 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
 
 
 def _ome_sizes(text: str | None) -> list[float] | None:
-    """Return voxel sizes along x, y, z in mm by OME-XML."""
+    """Return voxel sizes along x, y, z in mm from OME-XML."""
     if not text:
         return None
     sizes: list[float] = []
@@ -57,7 +57,7 @@ def _ome_sizes(text: str | None) -> list[float] | None:
 
 
 def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
-    """Return voxel sizes along x, y, z in mm by ImageJ's tags."""
+    """Return voxel sizes along x, y, z in mm from ImageJ's tags."""
     told = file.imagej_metadata
     if not told or not told.get("unit") or told["unit"] in ("pixel", "pixels"):
         return None

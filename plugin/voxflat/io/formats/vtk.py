@@ -1,4 +1,4 @@
-"""``.vtk`` and ``.vtp``, read by VTK in the child process; of files cut short it returns what it has: counted here."""
+"""Read ``.vtk`` and ``.vtp`` with VTK in the child process; it accepts incomplete files, so counts are checked here."""
 
 import importlib
 import re
@@ -16,7 +16,7 @@ from voxflat.io.triangles import of_strips, triangulated
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
-    """Read VTK's older format."""
+    """Read a file in VTK's legacy format."""
     head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*?\n.*\r?\n(?:ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
     if head is None:
         raise InputError("has a damaged header. Copy or download it again")
@@ -48,7 +48,7 @@ _COUNTS = re.compile(rb"""\b(NumberOf(?:Points|Polys|Strips))\s*=\s*["'](\d{1,18
 
 
 def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
-    """Read VTK's XML format."""
+    """Read a file in VTK's XML format."""
     named = _COUNTS.findall(data)
     points, faces, strips = (
         sum(int(count) for found, count in named if found == b"NumberOf" + name)
@@ -58,7 +58,7 @@ def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _by_vtk(path: Path, module: str, reader: str, counts: list[int | None]) -> dict[str, Any]:
-    """Read by a class of VTK; compare with how many points, faces, their corners, strips and theirs there should be."""
+    """Read a file with a VTK class, and compare the numbers of points, faces, strips and corners to the header."""
     *found, parts = read_in_subprocess(_read_polydata, "vtkmodules", path, module, reader)
     names = ("points", "faces", "corners of faces", "strips", "corners of strips")
     for there, told, name in zip(found, counts, names, strict=True):
@@ -68,7 +68,7 @@ def _by_vtk(path: Path, module: str, reader: str, counts: list[int | None]) -> d
 
 
 def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
-    """Read in the child process; return what `_by_vtk` compares, and parts of a `Mesh`."""
+    """Read a file in the child process; return the counts for `_by_vtk` and the parts of a `Mesh`."""
     core = importlib.import_module("vtkmodules.vtkCommonCore")
     window = core.vtkStringOutputWindow()
     core.vtkOutputWindow.SetInstance(window)
@@ -95,12 +95,12 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
 
 
 def _as_numpy(array: Any) -> NDArray[Any]:
-    """Return an array of VTK, of numbers."""
+    """Return a numeric VTK array as a NumPy array."""
     return np.asarray(importlib.import_module("vtkmodules.util.numpy_support").vtk_to_numpy(array))
 
 
 def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of a vtkPolyData, and what was cut to make them: its polygons first, then its strips."""
+    """Return the triangles of a vtkPolyData, polygons before strips, and remarks on what was split."""
     if mesh.GetNumberOfLines():
         raise InputError(f"has {mesh.GetNumberOfLines()} lines beside its faces. Remove them with mesh.SetLines(None)")
     if not mesh.GetNumberOfPoints():

@@ -63,7 +63,7 @@ class TestPial:
         refused("does not match", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
 
     def test_exchanged(self, brain):
-        with pytest.raises(InputError, match="lies inside the given surface: .*whether they are exchanged"):
+        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether they are exchanged"):
             voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
 
     def test_shifted(self, brain):
