@@ -1,4 +1,4 @@
-"""Whether a pial surface or regions belong to a surface: both sides of fsaverage have as many vertices."""
+"""Check whether a pial surface or regions belong to a surface; both sides of fsaverage have equally many vertices."""
 
 import os
 from pathlib import Path
@@ -21,11 +21,11 @@ _SIDE = 5.0  # mm from the middle that a side is sure
 
 
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the points of a pial surface in the space of the white one, shape (N, 3), and what the user should know.
+    """Return the points of a pial surface in the space of the white one, shape (N, 3), and remarks.
 
-    It must lie outside, vertex by vertex: of the way from vertex to vertex the share that leads outwards, the sum of
-    the parts along the normals over the sum of the lengths, needs no unit and no usual thickness. Another structure,
-    another number of vertices, or a surface that lies elsewhere is an `InputError`.
+    The pial surface must lie outside. The test is the outward share of the way from vertex to vertex: the sum of the
+    components along the normals over the sum of the lengths. It needs no unit and no usual thickness. A surface of
+    another structure, with another number of vertices, or at another position raises an `InputError`.
     """
     other = as_mesh(pial)
     if other is None and isinstance(pial, str | os.PathLike):
@@ -45,7 +45,7 @@ def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.f
 
 
 def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
-    """Return the points of another mesh in the space of one, as they are where a space is not known."""
+    """Return the points of another mesh in the space of a mesh; unchanged if one of the spaces is unknown."""
     is_same = mesh.space._described()["to_scanner"] == other.space._described()["to_scanner"]
     if is_same or not (mesh.space.is_known and other.space.is_known):
         return other.points
@@ -53,7 +53,7 @@ def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
 
 
 def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
-    """Check that a pial surface lies outside a white one, whose triangles face outside."""
+    """Check that a pial surface lies outside a white one, whose triangles face outwards."""
     if mesh.structure and pial.structure and mesh.structure != pial.structure:
         raise InputError(f"the surface is {mesh.structure}, the pial surface {pial.structure}. Pass both of one side")
     way = (places - mesh.points)[core.ids]
@@ -80,7 +80,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 
 
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
-    """Check that a region's file is of this side of the brain; remark if the points of a label lie elsewhere."""
+    """Check that the file of a region belongs to this hemisphere; return a remark if a label's points lie elsewhere."""
     if whole.is_voxels:
         return []
     refuse_other_side(region, whole.metadata.get("structure"))
@@ -88,7 +88,7 @@ def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
 
 
 def _check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare a label's points, unless all are 0, to its vertices: on the surface it was drawn on, often the white."""
+    """Compare the points of a label, unless all are 0, to its vertices; labels are often drawn on the white surface."""
     vertices, points = read_label_points(path)
     place = np.full((whole.count, 3), np.nan)
     place[whole.vertices] = whole.points

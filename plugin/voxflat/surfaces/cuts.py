@@ -1,4 +1,4 @@
-"""Cuts: those that are given, as paths or in a file, those that make a disk, and those that relieve the map."""
+"""Make cuts: given cuts (paths or a file), cuts that open a surface to a disk, and relaxation cuts."""
 
 import math
 import os
@@ -29,7 +29,7 @@ _BEARABLE = 0.15  # and up to which a disk is left as it was given
 
 
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
-    """Take what is given as cuts as paths of neighbours, and what a file of cuts leaves out, by ids of the input."""
+    """Return given cuts as paths of neighbours, and the vertices that a file of cuts excludes, by ids of the input."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):
@@ -48,7 +48,7 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
 
 
 def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]], NDArray[np.int64] | None]:
-    """Read a file of cuts: lists of vertices, and those that are left out."""
+    """Read a file of cuts: lists of vertices, and the excluded vertices."""
     try:
         content = from_json(contents(path))
     except OSError as error:
@@ -80,7 +80,7 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
 
 
 def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
-    """Fill in what lies between vertices that are no neighbours, the shortest way along edges."""
+    """Connect vertices that are not neighbours by shortest paths along edges."""
     vertices = _vertices_along(whole, path, f"cut {number}").tolist()
     passed = vertices[:1]
     if _are_linked(whole, np.asarray(vertices)):
@@ -96,7 +96,7 @@ def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np
 
 
 def _vertices_along(part: Manifold, path: Any, name: str) -> NDArray[np.uint32]:
-    """Find the vertices of a path; where a voxel has several, those that are neighbours one after another."""
+    """Find the vertices of a path; if a voxel has several, choose those that are consecutive neighbours."""
     found = part.find(path, name)
     if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
         return found
@@ -116,13 +116,13 @@ def _vertices_along(part: Manifold, path: Any, name: str) -> NDArray[np.uint32]:
 
 
 def _are_linked(part: Manifold, vertices: NDArray[Any]) -> bool:
-    """Tell whether vertices are neighbours, one after another."""
+    """Return whether consecutive vertices are neighbours."""
     links = _links(part, vertices)
     return all(pair in links for pair in pairwise(vertices.tolist()))
 
 
 def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
-    """Return the edges, either way, between any of the given vertices."""
+    """Return the edges between any of the given vertices, in both directions."""
     is_given = np.zeros(len(part), dtype=np.bool_)
     is_given[vertices] = True
     ends = np.concatenate([part.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
@@ -131,7 +131,7 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
 
 
 def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
-    """Cut along paths of neighbours, by ids of the input; return these as lists, and their length, mm, too."""
+    """Cut along paths of neighbours, by ids of the input; also return the paths as lists, and their length in mm."""
     found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
     if found:
@@ -143,7 +143,7 @@ def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[A
 
 
 def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
-    """Refuse what says not how far to relax."""
+    """Raise an error for invalid values of `relax` or `adapt`."""
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
             raise InputError(f"adapt is {shown(adapt)}. Pass the greatest distance from the template's cuts, in mm")
@@ -154,7 +154,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
 
 
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
-    """Close small holes, so that distances lead across them; the map's faces, which come first, stay the input's."""
+    """Close small holes, so that distances can cross them; the faces of the input stay the first ones of the result."""
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
@@ -183,11 +183,12 @@ def opened(
     is_given: bool = False,
     adapt: float | None = None,
 ) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
-    """Cut open what is no disk, and further where that relieves the map; tell ``ids``, ``length``, ``reason`` of cuts.
+    """Cut a surface open to a disk, and add relaxation cuts; return ``ids``, ``length`` and ``reason`` of each cut.
 
-    `given` is the length of the cuts that were given, mm, which count. What is fixed is left as it is if it is no disk.
-    What someone has cut is relaxed on demand only; a disk that was handed over, on demand or in need only. `adapt`: how
-    far from the cuts that it has further ones may lie, mm: then they are made.
+    `given` is the total length of the given cuts in mm, which count towards `relax`. If `is_fixed`, a surface that is
+    not a disk stays as it is. A surface that the user has cut gets relaxation cuts on request only; a disk that the
+    user passed gets them on request, or if its distance error is large. `adapt` requests them, up to this distance (mm)
+    from existing cuts.
     """
     topology = part.core.topology()["components"][0]
     cuts: list[dict[str, Any]] = []

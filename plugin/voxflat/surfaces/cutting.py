@@ -1,4 +1,4 @@
-"""From a surface, or a part of one, to the disk that is flattened: cuts, holes, and remarks on each of them."""
+"""Turn a surface, or a part of it, into the disk that is flattened: cuts, holes, and remarks on both."""
 
 import os
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ _NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
 
 @dataclass(frozen=True)
 class Cutout:
-    """What is flattened, what it was cut from, and what was done."""
+    """Store the part that is flattened, the surface that it was cut from, and the steps."""
 
     whole: Manifold
     part: Manifold
@@ -41,7 +41,7 @@ class Cutout:
     is_told: bool = False  # whether its remarks were logged
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
-        """Return curvature and sulcal depth of the part's vertices, as they are on the whole surface."""
+        """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""
         of_whole = {"curvature": self.whole.mean_curvature, "sulcal_depth": self.whole.sulcal_depth}
         found = {}
         for name, of in of_whole.items():
@@ -53,7 +53,7 @@ class Cutout:
 
 @dataclass(frozen=True)
 class Where:
-    """Where a surface is cut, as `voxflat.Surface.cut` takes it."""
+    """Store where to cut a surface, with the arguments of `voxflat.Surface.cut`."""
 
     cuts: object | None = None
     sphere: object | None = None
@@ -62,14 +62,14 @@ class Where:
 
     @property
     def is_given(self) -> bool:
-        """Whether anybody has said where to cut."""
+        """Whether the user defined where to cut."""
         return any(value is not None for value in (self.cuts, self.sphere, self.relax, self.adapt))
 
 
 def cut_open(
     part: Manifold, where: Where, threads: int | None = None, progress: Progress | None = None, *, to_disk: bool = True
 ) -> Cutout:
-    """Cut a surface, or a part of one, open; without `to_disk` only as was asked for, and small holes stay."""
+    """Cut a surface or a part open; without `to_disk`, make only the requested cuts and keep small holes."""
     cuts, relax, adapt = where.cuts, where.relax, where.adapt
     whole = part if part.whole is None else part.whole
     check_relax(relax, adapt)
@@ -116,7 +116,7 @@ def cut_open(
 
 
 def _chosen_part(part: Manifold) -> dict[str, Any]:
-    """Return what a map's metadata say of how the part was chosen."""
+    """Return how the part was selected, for the metadata of a map."""
     verbs = {step.verb: step for step in part.steps}
     disk, corners = verbs.get("disk"), verbs.get("polygon")
     return {
@@ -130,7 +130,7 @@ def _chosen_part(part: Manifold) -> dict[str, Any]:
 
 
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
-    """Take a part of a surface whose cuts, paths of its vertices, are known: as `cut_open` without `to_disk`."""
+    """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
     named = [part.ids[path] for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
@@ -155,7 +155,7 @@ def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]
 def opened_to_disk(
     cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None, adapt: float | None = None
 ) -> Cutout:
-    """Close small holes, and cut the rest open to a disk."""
+    """Close small holes, and cut the surface open to a disk."""
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
     automatic: list[dict[str, Any]] = []
@@ -175,13 +175,13 @@ def opened_to_disk(
 
 
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
-    """Return the mean relative error of distances in a sketch of a disk's map, at the best scale; NaN if too small."""
+    """Return the mean relative distance error of a coarse preview map at the best scale; NaN for tiny disks."""
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)
 
 
 def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Manifold, list[str]]:
-    """Return a part without what a template leaves out, unless the user has left out most of that already."""
+    """Return a part without the region that a template excludes, unless the user has excluded most of it already."""
     assert choice.template is not None
     assert choice.sphere is not None
     kept = kept_by(choice.template, whole, choice.sphere)
@@ -203,7 +203,7 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
 
 
 def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[Manifold, list[TracedCut], list[str]]:
-    """Cut along a template's lines."""
+    """Cut a part along the lines of a template."""
     assert choice.template is not None
     assert choice.sphere is not None
     topology = part.core.topology()
@@ -226,7 +226,7 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
 
 
 def _told_of_standard(cut: Cutout, error: float) -> str:
-    """Say which cuts were made, why, and what else there is."""
+    """Return a remark on the cuts of a template, their reason, and the alternative."""
     names = ", ".join(cut.metadata["cut_names"])
     if not names:
         return f"no cut of {cut.metadata['cuts_by']} lies in the flattened region"
@@ -242,7 +242,7 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
 
 
 def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
-    """Cut all handles open along short loops, and say so."""
+    """Cut all handles open along short loops, and add a remark."""
     core, handles = whole.core.cut_handles(threads, progress)
     if not handles:
         return whole

@@ -1,4 +1,4 @@
-"""Which voxels of a volume are foreground: a label, or what lies above a threshold."""
+"""Select the foreground voxels of a volume: a label, or the values above a threshold."""
 
 import hashlib
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _WIDEST = 2**16  # range of integers that are counted one by one
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """A volume and which of its voxels are foreground."""
+    """Store a volume and its foreground."""
 
     volume: Volume
     mask: NDArray[np.bool_]
@@ -28,7 +28,7 @@ class Foreground:
 
 @dataclass(frozen=True, eq=False)
 class PackedMask:
-    """The foreground of a volume, a bit a voxel (`numpy.packbits`): what a surface keeps of it."""
+    """Store the foreground of a volume with one bit per voxel (`numpy.packbits`), as surfaces keep it."""
 
     bits: NDArray[np.uint8]
     metadata: dict[str, Any]  # as in `Foreground`
@@ -40,7 +40,7 @@ class PackedMask:
 
 
 def foreground_of(volume: Volume, *, label: int | None = None, threshold: float | None = None) -> Foreground:
-    """Choose the foreground of a volume: where every way from one begins."""
+    """Select the foreground of a volume, the first step for every volume."""
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}. Pass a whole number, or a threshold for intensities")
@@ -61,7 +61,7 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
 
 
 def check_scalar(volume: Volume) -> None:
-    """Refuse what has not one value a voxel."""
+    """Raise an error unless there is one value per voxel."""
     if volume.data.ndim != 3:
         raise InputError(f"the volume has shape {volume.data.shape}: colours have no label. Pass one value per voxel")
     if volume.data.size == 0:
@@ -69,7 +69,7 @@ def check_scalar(volume: Volume) -> None:
 
 
 def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
-    """Return a mask of what to keep that lies on a volume's grid."""
+    """Return a mask of the voxels to keep, on the grid of a volume."""
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
         raise InputError(f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}. Resample it")
@@ -83,7 +83,7 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
-    """Select where a volume equals a label or is greater than a threshold, or what is not 0 in a mask of one label."""
+    """Select where a volume equals a label or exceeds a threshold, or is not 0 if it is a mask with one label."""
     if data.ndim != 3:
         raise InputError(f"the volume has shape {data.shape}. Pass one value per voxel, shape (I, J, K)")
     if data.size == 0:
@@ -100,7 +100,7 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
 
 
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
-    """Labels other than 0 and how many voxels each has; None where the values, many or not whole, are no labels."""
+    """Return the number of voxels of each label other than 0; None if the values are too many or fractional."""
     if data.dtype.kind == "f":
         sample = data.ravel()[:: max(1, data.size // 10_000)]
         if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):
@@ -114,7 +114,7 @@ def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
 
 
 def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the different values and how often each occurs; much faster than numpy.unique for few integers."""
+    """Return the distinct values and their counts; much faster than numpy.unique for few integers."""
     if data.dtype.kind == "b":
         data = data.view(np.uint8)
     low, high = data.min(), data.max()

@@ -125,7 +125,7 @@ def hemisphere(
 
 
 def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the largest component of a mask, whose cavities are filled."""
+    """Return the largest component of a mask, with its cavities filled."""
     filled = scipy.ndimage.binary_fill_holes(found)
     components, _ = scipy.ndimage.label(filled)
     sizes = np.bincount(components.ravel())
@@ -134,7 +134,7 @@ def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
-    """Return where white matter is: above a threshold, which is found by Otsu's method if it is not given."""
+    """Return the mask of white matter above a threshold, by default that of Otsu's method."""
     data = volume.data
     if data.dtype == np.bool_:
         return np.asarray(data)
@@ -151,7 +151,7 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
 
 
 def _otsu(data: NDArray[np.generic]) -> float:
-    """Return the threshold that parts values best in two, in the least sum of both variances (Otsu 1979)."""
+    """Return the threshold that minimises the sum of the variances of both classes (Otsu 1979)."""
     values = data[np.isfinite(data)] if data.dtype.kind == "f" else data
     counts, edges = np.histogram(values, _BINS)
     middles = (edges[:-1] + edges[1:]) / 2
@@ -164,7 +164,7 @@ def _otsu(data: NDArray[np.generic]) -> float:
 
 
 def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
-    """Return a hemisphere of a segmentation with FreeSurfer's labels; None if it is no such segmentation."""
+    """Return a hemisphere of a segmentation with FreeSurfer's labels; None for other volumes."""
     data = volume.data
     if data.dtype == np.bool_ or (data.dtype.kind == "f" and not np.all(data == np.round(data))):
         return None
@@ -184,10 +184,10 @@ def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Template:
-    """Parts of MNI152.
+    """Store the parts of MNI152.
 
-    `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: how much a place is of the left
-    hemisphere, the right one, and the rest, by the nearest white matter. `deep` (2, ...) float32: of the inner parts.
+    `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: membership of the left hemisphere, the
+    right one and the rest, from the nearest white matter. `deep` (2, ...) float32: membership of the inner parts.
     """
 
     affine: Affine
@@ -268,7 +268,7 @@ def _at(values: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.
 
 @dataclass(frozen=True)
 class _Steps:
-    """Tells of progress, of which nobody knows how much is left, and whether to go on."""
+    """Report progress with an unknown number of steps, and stop if the user cancels."""
 
     side: str
     progress: Progress | None
@@ -285,8 +285,8 @@ _last: dict[bytes, tuple[Affine, float]] = {}
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
     """Return the affine transform from the template to a brain in large voxels, RAS+ mm, and the overlap (Dice).
 
-    It makes the sum of squared differences of both masks least, from smooth to sharp, by Gauss-Newton steps. Where the
-    brain's volume ends, nothing is compared.
+    It minimises the sum of squared differences of both masks by Gauss-Newton steps, with decreasing smoothing. Places
+    outside the brain's volume are ignored.
     """
     key = hashlib.sha256(repr(coarse.shape).encode() + coarse.tobytes() + grid.tobytes()).digest()
     if (known := _last.get(key)) is not None:
@@ -310,7 +310,7 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
-    """Return a mask in larger voxels, as shares, and their affine."""
+    """Return a mask in larger voxels, as fractions, and their affine."""
     factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
     beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
     padded = np.pad(white, beyond)
@@ -322,7 +322,7 @@ def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float3
 
 
 def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Template) -> Affine:
-    """Return the move and scaling that brings the middle and the size of the template to those of a brain."""
+    """Return the translation and scaling that align centre and size of the template to a brain."""
     (middle, size), (own, own_size) = _moments(coarse, grid), _moments(template.white, template.affine)
     scale = float(np.clip(size / own_size, 0.5, 1.6))
     move = np.diag([scale, scale, scale, 1.0])
@@ -331,7 +331,7 @@ def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Templ
 
 
 def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], float]:
-    """Return the middle of a mask and its root mean square distance from there, mm."""
+    """Return the centre of a mask and the root mean square distance from it, mm."""
     places = np.argwhere(mask > 0.5)
     if len(places) == 0:
         said = "the volume contains hardly any white matter. Check the threshold"
@@ -342,7 +342,7 @@ def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], f
 
 
 def _turned(axis: int, angle: float, template: _Template) -> Affine:
-    """Return a rotation about an axis through the template's middle."""
+    """Return a rotation about an axis through the template's centre."""
     middle, _ = _moments(template.white, template.affine)
     vector = np.zeros(3)
     vector[axis] = np.radians(angle)
@@ -354,7 +354,7 @@ def _turned(axis: int, angle: float, template: _Template) -> Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A brain's values, with RAS+ mm to its voxels, and what the template, smoothed alike, wants at `points` (N, 3)."""
+    """Store a brain's values, the transform from RAS+ mm to voxels, and the smoothed template at `points` (N, 3)."""
 
     values: NDArray[np.float32]
     to_index: Affine
@@ -374,7 +374,7 @@ class _Pair:
         return cls(values, np.asarray(np.linalg.inv(grid)), points, wanted[tuple(indices.T)].astype(np.float64))
 
     def descend(self, moved: Affine, iterations: int, steps: _Steps) -> tuple[Affine, float]:
-        """Return a better transform than one, and the mean squared difference there."""
+        """Return an improved transform and its mean squared difference."""
         middle = self.points.mean(axis=0)
         design = np.column_stack([self.points - middle, np.ones(len(self.points))])
         damping, (error, residual, slope) = 1e-3, self._compared(moved)
@@ -398,7 +398,7 @@ class _Pair:
         return moved, error
 
     def _compared(self, moved: Affine) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """Return the mean squared difference, the differences, and the slope of the brain at the points, per mm."""
+        """Return the mean squared difference, the differences, and the gradient of the brain at the points, per mm."""
         to_index = self.to_index @ moved
         places = (self.points @ to_index[:3, :3].T + to_index[:3, 3]).T
         ends = np.array(self.values.shape)[:, None] - 1
@@ -417,7 +417,7 @@ _AXES = np.eye(3)[:, :, None]
 
 
 def _overlap(coarse: NDArray[np.float32], grid: Affine, template: _Template, moved: Affine) -> float:
-    """Return the overlap of both masks (Dice) where the brain's volume has voxels."""
+    """Return the overlap of both masks (Dice) within the brain's volume."""
     indices = np.argwhere(np.ones(coarse.shape, dtype=np.bool_))
     back = np.linalg.inv(template.affine) @ np.linalg.inv(moved) @ grid
     places = (indices @ back[:3, :3].T + back[:3, 3]).T

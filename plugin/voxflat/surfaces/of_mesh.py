@@ -1,4 +1,4 @@
-"""A surface of a mesh: checked, turned to face outside, and midway to the pial surface where that is given."""
+"""Create a surface from a mesh: validated, oriented outwards, and halfway to the pial surface if that is given."""
 
 import hashlib
 from typing import Any
@@ -8,19 +8,19 @@ import numpy as np
 from voxflat import _core
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import check_room
-from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.correspondence import pial_of
+from voxflat.surfaces.manifold import Manifold
 
 _A_TRIANGLE, _A_POINT = 200, 100
 """Bytes that they take until the surface is made: 160 to 190 a triangle, with half a point, were measured."""
 
 
 def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
-    """Make a surface of a mesh.
+    """Create a surface from a mesh.
 
-    What has one right answer is mended: triangles without area are dropped or flipped away, for which vertices that lie
-    at one place become one, of which each keeps its number; duplicates are dropped; where fans of triangles touch at a
-    vertex, each gets one of its own.
+    Defects with a unique remedy are repaired. Triangles without area are removed, directly or by flipping edges; for
+    this, vertices at the same position are merged, but keep their numbers. Duplicate triangles are removed. If several
+    fans of triangles touch at a vertex, each fan gets its own vertex.
     """
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()
@@ -62,7 +62,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
-    """Say what was done with a mesh."""
+    """Return remarks on the changes to a mesh."""
     remarks = []
     if told["turned"]:
         remarks.append(f"{told['turned']} of {faces} triangles were flipped so that all face outwards")

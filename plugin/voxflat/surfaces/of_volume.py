@@ -1,4 +1,4 @@
-"""A surface of a volume: repaired where that is asked for, placed finer than the grid."""
+"""Create a surface from a volume: repaired on request, with vertex positions finer than the grid."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def of_volume(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Manifold:
-    """Make a surface of a volume's foreground; see `voxflat.surface`."""
+    """Create a surface from the foreground of a volume; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
     check_room(_A_SURFEL * _surfels(mask))
@@ -62,7 +62,7 @@ def of_volume(
 
 
 def _check_width(mask: NDArray[np.bool_]) -> None:
-    """Refuse points and lines: sheets whose voxels span no triangle."""
+    """Raise an error for points and lines, whose voxels do not span a triangle."""
     count = np.count_nonzero(mask)
     if count > max(mask.shape):
         return
@@ -75,7 +75,7 @@ def _check_width(mask: NDArray[np.bool_]) -> None:
 
 
 def _touched_sides(mask: NDArray[np.bool_]) -> str:
-    """Name the sides of the volume that the foreground touches."""
+    """Return the sides of the volume that the foreground touches, as text."""
     sides = [
         f"{'first' if end == 0 else 'last'} layer of axis {axis}"
         for axis in range(3)
@@ -88,7 +88,7 @@ def _touched_sides(mask: NDArray[np.bool_]) -> str:
 def _level(
     volume: Volume, mask: NDArray[np.bool_], threshold: float | None, probability: object | None
 ) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
-    """Return the image and the value that it has on the surface, and how to call that."""
+    """Return the image, its value on the surface, and a description of both."""
     if probability is not None:
         image = as_volume(probability)
         if image.data.shape != mask.shape:
@@ -121,7 +121,7 @@ def _level(
 
 
 def _surfels(mask: NDArray[np.bool_]) -> int:
-    """Return how many faces lie between foreground and background."""
+    """Return the number of faces between foreground and background."""
     between = sum(int(np.count_nonzero(np.diff(mask, axis=axis))) for axis in range(3))
     return between + sum(int(np.count_nonzero(mask.take(end, axis))) for axis in range(3) for end in (0, -1))
 
@@ -129,7 +129,7 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 def _repaired(
     mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
-    """Make the foreground's surface a sphere; with what was done."""
+    """Change the foreground so that its surface is a sphere; return a report and remarks, too."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
@@ -150,7 +150,7 @@ def _repaired(
 def _without_handles(
     mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
-    """Close or open the handles of the largest component, and change nothing else, if that takes few voxels."""
+    """Close or open the handles of the largest component if that changes few voxels; leave the rest unchanged."""
     _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     if not report["handles"]:
         return mask, None, []
@@ -173,5 +173,5 @@ def _without_handles(
 
 
 def _likely(level: tuple[NDArray[np.float32], float] | None) -> NDArray[np.float32] | None:
-    """Return the image as probabilities, if it can be that."""
+    """Return the image as probabilities, if its values allow it."""
     return level[0] if level is not None and level[0].min() >= 0 and level[0].max() <= 1 else None

@@ -1,4 +1,4 @@
-"""Parts of a surface: regions, geodesic disks and polygons. A part is a surface again, and knows how it was chosen."""
+"""Select parts of a surface: regions, geodesic disks and polygons. A part is a surface that stores its selection."""
 
 import os
 from collections.abc import Sequence
@@ -18,9 +18,9 @@ from voxflat.io.overlays import read_region, region_of
 from voxflat.io.patches import Patch, is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
+from voxflat.surfaces.correspondence import check_region
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
-from voxflat.surfaces.correspondence import check_region
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
 _STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
@@ -32,7 +32,7 @@ _Part = TypeVar("_Part", bound=Manifold)
 
 
 def kept(of: _Part, region: object) -> _Part:
-    """Return the part of a surface that lies in a region; see `voxflat.Surface.keep`."""
+    """Return the part of a surface inside a region; see `voxflat.Surface.keep`."""
     faces = of.faces
     by_triangles = None if of.is_voxels else _triangles(of, region)
     mask = None
@@ -45,7 +45,7 @@ def kept(of: _Part, region: object) -> _Part:
 
 
 def dropped(of: _Part, region: object) -> _Part:
-    """Return the part of a surface that lies outside a region; see `voxflat.Surface.drop`."""
+    """Return the part of a surface outside a region; see `voxflat.Surface.drop`."""
     mask = None
     if is_medial_wall(region):
         vertices = medial_wall_of(of)
@@ -69,13 +69,13 @@ def disk(
 
 
 def polygon(of: _Part, corners: ArrayLike, progress: Progress | None) -> _Part:
-    """Return what a closed shortest path encloses; see `voxflat.Surface.polygon`."""
+    """Return the part enclosed by a closed shortest path; see `voxflat.Surface.polygon`."""
     core, _ = of.core.polygon(of.find(corners, "the polygon's corners"), progress)
     return _part(of, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
 
 
 def largest_piece(part: _Part) -> _Part:
-    """Return the piece with the largest area, if that is what the user can have meant; say so."""
+    """Return the piece with the largest area and add a remark; raise an error if the choice is not clear."""
     areas = [piece["area"] for piece in part.core.topology()["components"]]
     if len(areas) == 1:
         return part
@@ -92,7 +92,7 @@ def largest_piece(part: _Part) -> _Part:
 
 
 def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
-    """Return the piece on which vertices lie, all of them."""
+    """Return the one piece that contains all given vertices."""
     a, b = part.faces[:, :2].T, part.faces[:, 1:].T
     links = scipy.sparse.coo_array((np.ones(a.size), (a.ravel(), b.ravel())), shape=(len(part), len(part)))
     count, labels = scipy.sparse.csgraph.connected_components(links, directed=False)
@@ -121,7 +121,7 @@ def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArra
 
 
 def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
-    """Return which triangles another mesh of the same vertices has, if that is what was given."""
+    """Return which triangles another mesh of the same vertices has; None if the input is not such a mesh."""
     if isinstance(keep, str | os.PathLike):
         if not os.path.exists(keep):
             return None
@@ -147,7 +147,7 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
 
 
 def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_] | None]:
-    """Return which vertices lie in a region, and of volumes the region as a mask of voxels."""
+    """Return which vertices are in a region, and for volumes the region as a mask of voxels."""
     name = f"the region to {verb}"
     if isinstance(region, str | os.PathLike) and not os.path.exists(region):
         raise InputError(f"{name}: the file {os.fspath(region)} does not exist")
@@ -173,7 +173,7 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
 
 
 def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
-    """Take a mask of the vertices, or their numbers, as a mask."""
+    """Convert a mask of the vertices, or vertex numbers, to a mask."""
     if region.shape == (count,) and (region.dtype.kind == "b" or not region.any() or region.max() <= 1):
         return np.asarray(region != 0)
     if region.ndim != 1 or region.dtype.kind not in "ui":
@@ -190,7 +190,7 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
 
 
 def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
-    """Return the vertex that a seed point stands for, and a remark if it lies elsewhere."""
+    """Return the vertex nearest to a seed point, and a remark if it is far away."""
     if not part.is_voxels:
         place = array_of(seed_point, "indices of the seed point")
         if place.ndim != 0 or place.dtype.kind not in "ui":
@@ -204,13 +204,13 @@ def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[st
 
 
 def is_medial_wall(region: object) -> bool:
-    """Say whether a region is given by this name."""
+    """Return whether a region is given by the name of the medial wall."""
     name = os.fspath(region) if isinstance(region, str | os.PathLike) else ""
     return name in ("medial wall", "medial-wall")
 
 
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
-    """Find the medial wall, bool (N,): the one large place where cortex has no thickness."""
+    """Find the medial wall, bool (N,): the one large region where cortex has no thickness."""
     advice = "Pass its label as the region to drop, or omit it"
     if whole.thickness is None:
         raise InputError("finding the medial wall requires the pial surface. Pass pial, or the label of the wall")

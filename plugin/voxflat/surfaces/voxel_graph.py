@@ -1,4 +1,4 @@
-"""The surface voxels of a volume with their 26-neighbour graph: what `grossmann2002` and chain codes work on."""
+"""Link the surface voxels of a volume to a graph of 26-neighbours, for `grossmann2002` and chain codes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +20,7 @@ _FAR = 2.0  # voxels between a seed point and the surface that need no remark
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
-    """Surface voxels linked to those of their 26 neighbours that are surface voxels, too."""
+    """Store surface voxels, linked to those of their 26 neighbours that are surface voxels."""
 
     core: _core.VoxelSurface  # the part that is worked on
     whole: _core.VoxelSurface  # what it was cut out of
@@ -33,21 +33,21 @@ class VoxelGraph:
 
     @cached_property
     def ids(self) -> NDArray[np.int64]:
-        """Their voxel indices, shape (N, 3)."""
+        """Voxel indices, shape (N, 3)."""
         return self.core.voxels.astype(np.int64)
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Their centres, RAS+ mm, shape (N, 3)."""
+        """Centres of the voxels, RAS+ mm, shape (N, 3)."""
         return self.core.points
 
     @property
     def voxel_size(self) -> float:
-        """Geometric mean of the voxels' three spacings, mm."""
+        """Geometric mean of the three voxel spacings, mm."""
         return voxel_size(self.metadata["affine"])
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
-        """Find the numbers of voxels of the part."""
+        """Return the numbers of the given voxels in the part."""
         voxels = voxel_indices(ids, name)
         on_surface = self.whole.find(voxels)  # names a voxel that is not on the surface at all
         try:
@@ -62,7 +62,7 @@ class VoxelGraph:
 
 
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
-    """Link the surface voxels of the volume, repaired only if asked for, and take the part that the surface is."""
+    """Link the surface voxels of a volume, which is repaired only on request, and select the part of the surface."""
     if of.foreground is None:
         raise InputError("chain codes need the surface voxels of a volume, but this surface has none. Pass a volume")
     affine = np.asarray(of.foreground.metadata["affine"])
@@ -108,7 +108,7 @@ def seed_voxel(seed_point: object) -> list[int]:
 
 
 def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
-    """Return a remark if the surface voxel that stands for a seed point lies farther away, mm, than two voxels."""
+    """Return a remark if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
     return [

@@ -213,9 +213,9 @@ def _transform(points: Any) -> NDArray[np.float64]:
 def _space(points: Any) -> Space:
     """Determine the space of the coordinates.
 
-    Workbench and nilearn use coordinates as stored, in the world space of volumes; sMRIPrep and Workbench write them this
-    way. FreeSurfer's mris_convert writes tkRAS unless ``--to-scanner`` is given, and the volume geometry (VolGeom...)
-    in both cases. The space is determined as follows:
+    Workbench and nilearn use coordinates as stored, in the world space of volumes; sMRIPrep and Workbench write them
+    this way. FreeSurfer's mris_convert writes tkRAS unless ``--to-scanner`` is given, and the volume geometry
+    (VolGeom...) in both cases. The space is determined as follows:
 
     - FreeSurfer 7.4 and later store the coordinate system: SCANNER_ANAT is scanner RAS, and a matrix from UNKNOWN to
       SCANNER_ANAT maps tkRAS to scanner RAS.

@@ -1,4 +1,4 @@
-"""Which cuts a surface gets: standard ones, those of a template, or what `voxflat.flatten` finds by itself."""
+"""Choose the cuts of a surface: standard cuts, a template's cuts, or the automatic cuts of `voxflat.flatten`."""
 
 import os
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ AUTOMATIC = "automatic"  # the word for cuts that are found anew for each surfac
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The cuts that were chosen."""
+    """Store the chosen cuts."""
 
     template: Template | None  # whose cuts are made
     sphere: Sphere | None  # the surface's, if it is known
@@ -33,7 +33,7 @@ def chosen(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Choice:
-    """Choose the cuts: standard ones for a closed surface with a sphere, where nobody has said what to flatten."""
+    """Choose the cuts: by default standard cuts for a complete closed surface with a sphere."""
     asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)

@@ -137,7 +137,7 @@ class Registration(Recorded):
 
 
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
-    """Find where each vertex of a hemisphere lies on fsaverage's sphere; see `voxflat.Surface.register`."""
+    """Return the position of each vertex of a hemisphere on fsaverage's sphere; see `voxflat.Surface.register`."""
     if side is not None:
         checked_choice(side, "side", SIDES)
     whole, remarks = _one_piece(whole)
@@ -149,7 +149,7 @@ def register(whole: Manifold, side: str | None, threads: int | None, progress: P
 
 
 def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
-    """Return the largest component, and what is said of the others."""
+    """Return the largest component, and a remark on the others."""
     topology = whole.core.topology()
     if topology["handles"]:
         raise InputError(
@@ -172,7 +172,7 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
 
 
 def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
-    """Return a registration, if it is one."""
+    """Return the registration; raise an error if the surface is not a hemisphere."""
     side = SIDES[found["template"]]
     other = SIDES[1 - found["template"]]
     aligned = dict(zip(SIDES, found["alignments"], strict=True))

@@ -1,4 +1,4 @@
-"""The registered sphere of a surface: read, found beside it, and checked."""
+"""Read, find and check the registered sphere of a surface."""
 
 import os
 import re
@@ -28,7 +28,7 @@ _NEAREST = 12  # vertices whose triangles may hold a place
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """Where vertices lie on the sphere of fsaverage or fs_LR, and how far the brain is from its template."""
+    """Store vertex positions on the sphere of fsaverage or fs_LR, and the brain's distance from the template."""
 
     places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
     space: str  # fsaverage or fs_LR
@@ -41,30 +41,30 @@ class Sphere:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
 
     def _described(self) -> dict[str, Any]:
-        """Return what a map's metadata say of it."""
+        """Return the sphere as metadata of a map."""
         told = {"input": self.name, "space": self.space, "side": self.side}
         return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
 
 
 def sphere_beside(whole: Manifold) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface: ``lh.sphere.reg`` of ``lh.white``."""
+    """Find the registered sphere that FreeSurfer writes beside a surface: ``lh.sphere.reg`` for ``lh.white``."""
     given = whole.metadata.get("input")
     return sphere_at(given) if given and not whole.is_voxels else None
 
 
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface's file."""
+    """Find the registered sphere that FreeSurfer writes beside the file of a surface."""
     match = re.match(r"[lr]h(?=\.)", Path(path).name)
     beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
     return beside if beside is not None and beside.is_file() else None
 
 
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
-    """Take what is given as the registered sphere of a surface, with remarks: a place for each vertex of the mesh.
+    """Return the given registered sphere of a surface, with one position per vertex of the mesh, and remarks.
 
-    It lies around the origin, with any radius, in fsaverage space, or in that of fs_LR where the file's name says so
-    (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that
-    where the surface says clearly that it is the other one, that counts.
+    The sphere may have any radius around the origin. Its space is fsaverage, or fs_LR if the file name contains
+    ``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll`` or ``MSMSulc``. The two spaces are rotated by 40° against each other, so
+    the surface itself overrides the name if it clearly fits the other space.
     """
     mesh = _as_points(sphere)
     name, points = (
@@ -99,7 +99,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
 
 
 def registered_sphere(found: Registration) -> Sphere:
-    """Take a surface's registration as its sphere; what belongs to no triangle of it lies in the centre."""
+    """Return a surface's registration as its sphere; vertices without a triangle lie in the centre."""
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
     return Sphere(places, "fsaverage", found.side, "its own registration", 0, distance)
@@ -123,7 +123,7 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
 
 
 def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
-    """Return how many triangles are turned over, if they are few."""
+    """Return the number of flipped triangles; raise an error if there are many."""
     a, b, c = (places[whole.vertices[whole.faces[:, corner]]] for corner in range(3))
     folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
     share = folded / len(whole.faces)
@@ -138,7 +138,7 @@ def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
 
 
 def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
-    """Return the side that the surface and its sphere say they are of, if they do."""
+    """Return the hemisphere that the surface and its sphere specify, if they do."""
     named = {structure: side for side, structure in SIDES.items()}
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
@@ -152,7 +152,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
 def in_triangles(
     places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find corners of the spherical triangles that hold unit vectors, or come nearest, weights, and if they hold."""
+    """Return corners and weights of the spherical triangles nearest to unit vectors, and whether they contain them."""
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(
         len(wanted), -1
@@ -185,7 +185,7 @@ def in_triangles(
 def _placed(
     whole: Manifold, places: NDArray[np.float64], named: str | None, name: str
 ) -> tuple[str, str, float, list[str]]:
-    """Return the space, the side, the distance from the template's brain at corresponding places, and doubts."""
+    """Return the space, the hemisphere, the distance from the template's brain at corresponding points, and remarks."""
     told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
     distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
@@ -219,7 +219,7 @@ def _placed(
 
 
 def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
-    """Return by space and side how far the surface lies from the template's brain; NaN of a patch."""
+    """Return the distance from the template's brain by space and hemisphere; NaN for a patch."""
     templates = [standard_template(space, side) for space in SPACES for side in SIDES]
     anchors = [template.anchors for template in templates if template.anchors is not None]
     wanted = np.concatenate([of.sphere for of in anchors])
@@ -236,7 +236,7 @@ def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, 
 
 
 def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:
-    """Return the median distance of points from others, after the best turn, move and scale (Umeyama 1991)."""
+    """Return the median distance between two sets of points after the best similarity transform (Umeyama 1991)."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     u, s, vt = np.linalg.svd(b.T @ a)
     sign = np.sign(np.linalg.det(u @ vt))

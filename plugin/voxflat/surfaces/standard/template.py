@@ -1,4 +1,4 @@
-"""Templates of cuts: named lines on the unit sphere, which any brain with a registered sphere can be cut along."""
+"""Define templates of cuts: named lines on the unit sphere, for any brain with a registered sphere."""
 
 import os
 from dataclasses import dataclass, field
@@ -24,10 +24,10 @@ _UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line on the unit sphere, its points joined by arcs of great circles.
+    """Store a line on the unit sphere, with arcs of great circles between its points.
 
-    An outline is closed: its last point is joined to its first, and what belongs to the patch lies on its left as seen
-    from outside. A cut begins at its root: an outline, or a cut before it; at none within a surface without a boundary.
+    An outline is closed: its last point is joined to its first, and the patch lies on its left as seen from outside. A
+    cut begins at its root, which is an outline or an earlier cut; on a surface without a boundary it has no root.
     """
 
     name: str  # such as "calcarine"
@@ -37,7 +37,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Corresponding points, by which maps are turned alike and spheres are checked."""
+    """Store corresponding points, used to align the orientation of maps and to check spheres."""
 
     sphere: NDArray[np.float64]  # (a, 3), on the unit sphere
     flat: NDArray[np.float64]  # (a, 2), on the flat map of fsaverage5, mm
@@ -46,7 +46,7 @@ class Anchors:
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Where a hemisphere is cut."""
+    """Store where a hemisphere is cut."""
 
     name: str  # what it is called; of a file its path
     space: str  # fsaverage or fs_LR: whose sphere its lines lie on
@@ -61,7 +61,7 @@ class Template:
         return f"<Template {self.name}: {self.side}, {self.space}; {names or 'no cuts'}>"
 
     def as_json(self) -> str:
-        """Return what its file holds."""
+        """Return the content of the template's file."""
         content: dict[str, Any] = {
             "voxflat": "template",
             "format": _FORMAT,
@@ -82,13 +82,13 @@ def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
 
 @cache
 def standard_template(space: str, side: str) -> Template:
-    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one."""
+    """Return the built-in template: medial wall, calcarine cut, three medial cuts and a temporal cut."""
     path = Path(__file__).parent / f"{space}.{side}.json"
     return _parsed(path, from_json(path.read_text(encoding="utf-8")), STANDARD)
 
 
 def is_template(path: Path) -> bool:
-    """Say whether a file of cuts is a template, and not a list of one surface's vertices."""
+    """Return whether a file of cuts is a template, and not a list of one surface's vertices."""
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):
@@ -97,7 +97,7 @@ def is_template(path: Path) -> bool:
 
 
 def read_template(path: str | os.PathLike[str]) -> Template:
-    """Read a template from a file, as `CutSurface.save_template` writes it."""
+    """Read a template from a file written by `CutSurface.save_template`."""
     path = checked_path(path)
     try:
         content = from_json(contents(path))
