@@ -407,7 +407,7 @@ class TestPoints:
         np.savetxt("bare.txt", m.points[:4])
         succeed("points", "m.npz", "bare.txt", "-o", "uv.csv")
         np.testing.assert_allclose(np.loadtxt("uv.csv", delimiter=",", skiprows=1)[:, 3:5], m.uv[:4], atol=2e-6)
-        bad = {"": "is empty", "x,y,z\n": "no point", "x,y,z\n1,2\n": "cells", "1,2,q\n3,4,5\n": "row 1: 'q' is no num"}
+        bad = {"": "is empty", "x,y,z\n": "no point", "x,y,z\n1,2\n": "cells", "1,2,q\n3,4,5\n": "row 1: 'q' is not a"}
         for text, message in bad.items():
             Path("bad.csv").write_text(text)
             fail(1, message, "points", "m.npz", "bad.csv", "-o", "uv.csv")

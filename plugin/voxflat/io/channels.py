@@ -21,7 +21,7 @@ from voxflat.io.readers import check_length
 from voxflat.io.reading import check_room, note
 
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
-_BLOCK = 64  # of frames that are read at once where a file holds them point by point
+_BLOCK = 64  # frames read at once if a file stores them point by point
 _LARGEST_LABEL = 2**31 - 1
 _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
@@ -30,8 +30,8 @@ _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 class Timing:
     """Store the times of the frames of a series, s."""
 
-    step: float  # from each frame to the next
-    start: float = 0.0  # when the first one was
+    step: float  # interval between frames
+    start: float = 0.0  # time of the first frame
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
@@ -39,7 +39,7 @@ class Timing:
         values = np.array([step, start], dtype=np.float64)
         if not (np.isfinite(values).all() and values[0] > 0):
             return None
-        step, start = (float(f"{value:.7g}") for value in values)  # of single precision: 0.72, not 0.7200000286
+        step, start = (float(f"{value:.7g}") for value in values)  # round single precision: 0.72, not 0.7200000286
         return cls(step, start)
 
 
@@ -47,9 +47,9 @@ class Timing:
 class Channels:
     """Store one or more arrays of the same shape, which are read on demand."""
 
-    names: tuple[str, ...]  # of each channel; empty where the file has none
-    read: Callable[[int], NDArray[Any]]  # takes the number of a channel, from 0
-    timing: Timing | None = None  # where they are the frames of a series and that is known
+    names: tuple[str, ...]  # one per channel; empty if the file has none
+    read: Callable[[int], NDArray[Any]]  # argument: number of a channel, from 0
+    timing: Timing | None = None  # if they are frames of a series with known times
 
     def __len__(self) -> int:
         """Return the number of channels."""
@@ -170,7 +170,7 @@ def opened(obj: object) -> tuple[Any, Path | None]:
     except OSError as error:
         if error.errno not in OF_DAMAGE:
             raise
-    except Exception:  # what is wrong with it, or that nibabel is missing, is said by those who read volumes
+    except Exception:  # the reader of volumes reports errors, such as a missing nibabel
         pass
     return None, None
 
@@ -192,7 +192,7 @@ def _shape(image: Any) -> tuple[int, ...]:
 
 def _timing(header: Any) -> Timing | None:
     """Return the times of the frames along the fourth axis; None if the header has no unit of time."""
-    if not hasattr(header, "get_xyzt_units"):  # of .mgh, ms
+    if not hasattr(header, "get_xyzt_units"):  # MGH stores ms
         return Timing.told(float(header["tr"]) / 1000) if "tr" in header else None
     second = _SECONDS.get(header.get_xyzt_units()[1])
     if second is None or len(header.get_zooms()) < 4:
@@ -240,7 +240,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
             labels[model.vertex] = _whole(values)
             return labels
         found = np.full(points, np.nan)
-        with np.errstate(invalid="ignore"):  # signalling NaN, which is NaN
+        with np.errstate(invalid="ignore"):  # signalling NaN counts as NaN
             found[model.vertex] = values
         return found
 
@@ -249,7 +249,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
 
 def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
     """Return labels as whole numbers, even if a file stores them as scaled fractions."""
-    with np.errstate(invalid="ignore"):  # infinity less itself
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
         is_label = (np.abs(values) <= _LARGEST_LABEL) & (np.abs(values - np.round(values)) <= 1e-3)
     if not is_label.all():
         raise InputError(f"label {values[~is_label][0]} is not a whole number. Pass values as .dscalar.nii")

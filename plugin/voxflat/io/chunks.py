@@ -19,14 +19,14 @@ from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
 
 PLACE_BYTES = 360
-"""How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
+"""Bytes of memory per sampled position (a pixel at one depth), in addition to one chunk at a time."""
 
-_CHANNEL_BYTES = 1000  # how much memory a channel takes before any of its voxels is read, bytes
+_CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
 _TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
-_ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
+_ORIENTED = {  # RFC-4: RAS axis and its direction
     "left-to-right": (0, 1),
     "right-to-left": (0, -1),
     "posterior-to-anterior": (1, 1),
@@ -62,11 +62,11 @@ class _Grid:
 class Chunked:
     """Represent three axes of a chunked array as a volume, indexed as (i, j, k)."""
 
-    array: Any  # with shape, dtype, chunks and slices
-    axes: tuple[int, int, int] = (0, 1, 2)  # the array's axes that are i, j and k
-    fixed: tuple[tuple[int, int], ...] = ()  # the other axes, and the index taken of each
-    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # makes the values of those that are read
-    path: Path | None = None  # the file, which errors name, as they come where it is read
+    array: Any  # has shape, dtype, chunks and slices
+    axes: tuple[int, int, int] = (0, 1, 2)  # axes of the array for i, j and k
+    fixed: tuple[tuple[int, int], ...] = ()  # other axes, and the index used for each
+    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # converts the values that are read
+    path: Path | None = None  # file for error messages, because it is read later
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -97,7 +97,7 @@ class Chunked:
         for axis, index in self.fixed:
             at[axis] = index
         with naming(self.path or type(self.array).__name__, REMEDY):
-            read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
+            read = np.asarray(self.array[tuple(at)])  # the remaining axes keep their order
         if self.made_of is not None:
             read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
@@ -238,7 +238,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}. Pass axes x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
-    with np.errstate(invalid="ignore", over="ignore"):  # looked at below
+    with np.errstate(invalid="ignore", over="ignore"):  # checked below
         for step in [*found.get("coordinateTransformations", []), *told.get("coordinateTransformations", [])]:
             if step.get("type") == "scale":
                 scale, shift = scale * step["scale"], shift * step["scale"]
@@ -279,7 +279,7 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
         if not file.is_file():
             continue
         try:
-            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which others write
+            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which some programs write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
         except (ValueError, AttributeError, RecursionError):

@@ -32,16 +32,16 @@ from voxflat.io.reading import allowed_memory, note
 REMEDY = "Check that the file is complete and that its ending matches its format"
 
 SAVED_ENDINGS = (".npz", ".voxflat")
-"""Of files that hold all of a map or an atlas: one format, NumPy's archive; the second is no other program's."""
+"""Endings of complete maps and atlases, which are NumPy archives; only voxflat uses the second ending."""
 
 AGAIN = "Copy or download the file again"  # what to do with a file that was cut short
 
 _BLOCK = 1 << 20
-_LONGEST_NAME = 255  # bytes, of all usual file systems
+_LONGEST_NAME = 255  # bytes, on all common file systems
 
 _LONGEST_ERROR = 2000  # characters
 
-OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
+OF_DAMAGE = (None, errno.EINVAL)  # errors of readers, and of seeking to invalid offsets
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
@@ -98,7 +98,7 @@ def one_line(error: Exception) -> str:
     """Shorten an error message to one line, in particular ITK's, which contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
-    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all that they read, and patterns try each letter of it
+    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows patterns down
     text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", told)
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
 
@@ -130,7 +130,7 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
     except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
-    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
+    except Exception as error:  # damage can cause any error: zlib.error, BadZipFile, KeyError, ...
         raise InputError(f"{path} is not {what} of voxflat, or is damaged ({type(error).__name__})") from error
 
 

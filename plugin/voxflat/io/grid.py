@@ -14,19 +14,19 @@ from voxflat.errors import InputError
 Affine: TypeAlias = NDArray[np.float64]
 
 _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
-_LONGEST = 2**31 - 1  # voxels along an axis: their indices are kept in 32 bits
+_LONGEST = 2**31 - 1  # voxels along an axis: indices have 32 bits
 
 FARTHEST = _core.FARTHEST
-"""mm from the origin: brains in nm have room, and the Earth in m; squares and volumes stay finite."""
+"""Largest distance from the origin, mm: enough for brains in nm and the Earth in m; squares and volumes stay finite."""
 
-SMALLEST = _core.SMALLEST  # mm that a voxel has at least, and the longest side of a surface's box
+SMALLEST = _core.SMALLEST  # mm, least voxel size, and least extent of a surface
 
 
 def voxel_size(affine: ArrayLike) -> float:
     """Return the geometric mean of the three voxel spacings, mm; for cubes exactly the spacing, on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
-    # the cube root of 1 is 1 everywhere, that of 0.125 is not 0.5 everywhere
+    # the cube root of 1 is exactly 1 on every machine, that of 0.125 is not exactly 0.5
     return float(largest * np.cbrt(np.prod(spacing / largest)))
 
 

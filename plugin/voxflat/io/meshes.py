@@ -261,7 +261,7 @@ def named_structure(path: str | os.PathLike[str]) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-_Parts: TypeAlias = dict[str, Any]  # what a reader found: the keyword arguments of `Mesh`
+_Parts: TypeAlias = dict[str, Any]  # result of a reader: keyword arguments of `Mesh`
 
 
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {

@@ -5,7 +5,7 @@ import html
 import io
 from typing import Any
 
-_DPI = 150  # of pictures, of 85 mm of paper
+_DPI = 150  # dpi of pictures, 85 mm wide on paper
 
 
 def page(value: object, text: str = "", figure: Any = None, about: str = "") -> str:

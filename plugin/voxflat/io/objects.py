@@ -19,7 +19,7 @@ SUPPORTED = (
     "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or ITK; a "
     "mesh of nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
 )
-"""What `voxflat.surface` takes, for messages."""
+"""Input that `voxflat.surface` accepts, for messages."""
 
 _STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
 _REMEDY = "convert it to a file or to arrays"
@@ -74,7 +74,7 @@ def _has_parts(given: object) -> bool:
 
 
 def _of_nilearn(mesh: Any) -> Mesh:
-    path = getattr(mesh, "file_path", None)  # a FileMesh: its file says more
+    path = getattr(mesh, "file_path", None)  # a FileMesh: its file contains more
     return Mesh(np.asarray(mesh.coordinates), np.asarray(mesh.faces)) if path is None else read_mesh(path)
 
 

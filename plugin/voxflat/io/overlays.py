@@ -82,7 +82,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
     if not path.name.lower().endswith((".nii", ".nii.gz")):
         return Channels.of_array(*_values(path, contents(path), points))
     check_regular(path)
-    path.open("rb").close()  # the system's own error for one that cannot be read says more
+    path.open("rb").close()  # the system's own error is more helpful
     found = points_of_nibabel(path, points, structure)
     if found is None:
         raise InputError("has values in voxels, not at points")
@@ -107,7 +107,7 @@ def _dimensions(path: Path) -> int | None:
         return readers.dimensions(path)
     except OSError:
         raise
-    except Exception:  # what is wrong with it is said by those who read it
+    except Exception:  # its reader reports errors
         return None
 
 
@@ -209,7 +209,7 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
         return _fitting(readers.read_array(path), points), None
     if name.endswith(".txt"):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of no line: told below
+            warnings.simplefilter("ignore")  # empty file: reported below
             values = np.loadtxt(io.StringIO(data.decode()))
         return _fitting(values, points), None
     if name.endswith((".mgh", ".mgz")):
@@ -219,7 +219,7 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
     if kind == formats.GIFTI:
         image = gifti.load(data)
         return _fitting(gifti.values(image), points), gifti.map_names(image)
-    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
+    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values, not labels
     if kind not in (None, formats.MORPH) and not is_cut_short:
         raise InputError(f"does not contain values at points: its content is {kind}")
     return _fitting(freesurfer.read_morph(path, data), points), None

@@ -23,8 +23,8 @@ from voxflat.unique_rows import distinct
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
 _REMEDY = "check that the file is complete and in this format"
 
-FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # how the names of patches end that are flat
-PATCH_ENDING = ".patch.3d"  # how the names of patches end that lie in space; so do those of some flat ones
+FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # endings of flat patches
+PATCH_ENDING = ".patch.3d"  # ending of 3-D patches and of some flat ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +129,14 @@ def parse_patch(path: Path, data: bytes) -> Patch:
     signed = entries["vertex"].astype(np.int64)
     if not signed.all():
         raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} refers to vertex 0, but patch files count from 1")
-    with np.errstate(invalid="ignore"):  # signalling NaN, refused as others
+    with np.errstate(invalid="ignore"):  # signalling NaN is rejected like NaN
         return Patch(np.abs(signed) - 1, entries["point"].astype(np.float64), signed < 0, path)
 
 
 def is_patch(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is a FreeSurfer patch."""
     path = checked_path(path)
-    if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
+    if path.exists() and not path.is_file():  # reading a pipe would block
         return False
     with path.open("rb") as file:
         return file.read(4) == b"\xff\xff\xff\xff"
@@ -268,7 +268,7 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
     is_inside = (corners >= 0).all(axis=1)
     border = np.ones(len(array_of(vertices, "vertices")), dtype=bool)
     kept = corners[is_inside]
-    border[kept] = False  # a point without a face stays
+    border[kept] = False  # points without a face remain True
     cut = corners[~is_inside]
     border[cut[cut >= 0]] = True
     edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)

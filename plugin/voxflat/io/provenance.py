@@ -29,12 +29,12 @@ from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
 
 Record = dict[str, Any]
-"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; of maps ``figures``."""
+"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; for maps also ``figures``."""
 
-_UNTOLD = ("progress", "threads", "memory_limit", "dask")  # what changes no bit of a result
-_MARKED = 4096  # bytes at the beginning of a file of ours, in which it says so
+_UNTOLD = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
+_MARKED = 4096  # voxflat's files contain its name in these first bytes
 _LONGEST_PATH = 4096  # characters
-_SHOWN = 32  # numbers of an array that are told one by one
+_SHOWN = 32  # longest array that is recorded value by value
 
 _Given = ParamSpec("_Given")
 
@@ -59,7 +59,7 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
             given = bound.arguments
             with reading(given.get("memory_limit")) as files:
                 made = function(*args, **kwargs)
-            if any(made is value for value in given.values()):  # nothing was made of it
+            if any(made is value for value in given.values()):  # the result is an argument
                 return made
             told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
@@ -95,7 +95,7 @@ class Recorded:
     """Provide a provenance record in a field ``provenance``."""
 
     _used: ClassVar[tuple[str, ...]] = ()
-    """Fields that say what was used for parameters that were not given."""
+    """Fields with the values used for parameters that were not given."""
 
     def _with_provenance(self: _Own, record: Record) -> _Own:
         """Return the same object with a provenance record."""
@@ -126,7 +126,7 @@ def described(value: object) -> Any:
         return {"length": len(value), "sha256": hashlib.sha256(text.encode()).hexdigest()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         return _digest(value)
-    if isinstance(path := getattr(value, "path", None), os.PathLike):  # of a Mesh or Volume that was read
+    if isinstance(path := getattr(value, "path", None), os.PathLike):  # a Mesh or Volume from a file
         return os.fspath(path)
     return type(value).__name__
 
@@ -139,7 +139,7 @@ def _digest(array: np.ndarray[Any, Any]) -> Any:
     return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
-KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # the variable of the environment that, set to 1, keeps paths in files
+KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # environment variable: 1 keeps paths in files
 
 
 def portable(content: Any) -> Any:

@@ -24,12 +24,12 @@ from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, v
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
 
-Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine if there is one
+Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine or None
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 _BLOCK = 1 << 20
-_MOST_BEYOND = 1 << 26  # bytes behind the voxels, of a file that is what its header says
+_MOST_BEYOND = 1 << 26  # largest number of additional bytes after the voxels
 
 ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
@@ -43,7 +43,7 @@ def read(path: Path) -> Read:
     """Read the voxels of a file and its affine, if it has one."""
     if path.is_dir():
         raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
-    check_regular(path)  # the system's own error for a missing file says more than a reader's
+    check_regular(path)  # the system's own error for a missing file is more helpful
     path.open("rb").close()
     read: Callable[[Path], Read] = by_ending(path, READERS, "read")
     found = read(path)
@@ -63,7 +63,7 @@ def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = No
     """Read all or some arrays of a .npz archive in native byte order; raise KeyError for missing ones."""
     with np.load(path, allow_pickle=False) as archive:
         taken, need = archive.files if names is None else list(names), 0
-        for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # others are none
+        for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # other members are not arrays
             with archive.zip.open(member) as file:
                 need += _need_of(file, archive.zip.getinfo(member).file_size)
         check_room(need)
@@ -80,7 +80,7 @@ def dimensions(path: Path) -> int:
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in headers:  # with names of fields beyond Latin-1: no numbers
+    if version not in headers:  # for field names beyond Latin-1, so not numeric
         raise InputError(f"has NumPy's array format {version}. Write it again with numpy.save")
     shape, _, dtype = headers[version](file)
     return shape, dtype
@@ -130,17 +130,17 @@ def _read_pair(path: Path) -> Read:
 def _read_nifti(path: Path) -> Read:
     with _opened(path) as file:
         head: bytes = file.read(_NIFTI1.itemsize)
-    if head[4:8] == b"n+2\0":  # ITK knows no NIfTI-2
+    if head[4:8] == b"n+2\0":  # ITK does not support NIfTI-2
         return _read_by_nibabel(path)
     header = _nifti_header(head)
     shape = tuple(header["dim"][1 : header["dim"][0] + 1].tolist())
-    volume_shape(shape, np.dtype(np.uint8))  # before a time series is read for nothing
+    volume_shape(shape, np.dtype(np.uint8))  # before a time series is read in vain
     voxels = int(np.prod(shape, dtype=object))
     needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
     check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
-    # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
+    # ITK returns incomplete files as complete, filled with uninitialised memory
     check_length(path, needed)
-    affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
+    affine = check_affine(_nifti_affine(header, shape))  # before ITK prints a long error
     affine = check_affine(in_millimetres(affine, _NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm")))
     return _nifti_voxels(path, header, shape), affine
 
@@ -205,7 +205,7 @@ _NIFTI1_FIELDS = {
 }
 _FORMATS, _OFFSETS = zip(*_NIFTI1_FIELDS.values(), strict=True)
 _NIFTI1 = np.dtype({"names": [*_NIFTI1_FIELDS], "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": 348})
-_NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
+_NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0 (unknown) is assumed to be mm
 
 
 def has_place(path: Path) -> bool:
@@ -257,7 +257,7 @@ def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
         affine[:3, :3] = _rotation(header["quatern"].astype(np.float64)) * sizes
         affine[:3, 3] = header["qoffset"]
         return affine
-    sizes[0] *= -1  # nibabel's choice for a file without a place: radiological order, the centre as origin
+    sizes[0] *= -1  # nibabel's default without a position: radiological order, origin at the centre
     affine[:3, :3] = np.diag(sizes)
     affine[:3, 3] = -sizes * (np.array(shape[:3]) - 1) / 2
     return affine
@@ -269,7 +269,7 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
     square = 1 - imaginary @ imaginary
     if not square > -3 * np.finfo(np.float32).eps:
         raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1. Repair the header")
-    # within the rounding of the header's float32 a half turn is meant
+    # a half turn, within the rounding of float32
     a = np.sqrt(square) if square >= 3 * np.finfo(np.float32).eps else 0.0
     return np.array(
         [
@@ -288,7 +288,7 @@ def _read_nrrd(path: Path) -> Read:
     units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
     if len({millimetres(unit) for unit in units}) > 1:
         raise InputError(f"its axes have different units, {', '.join(sorted(units))}. Pass array and spacing instead")
-    if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
+    if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # ITK would assume 1 mm
         raise InputError(f"its spacings are{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
     return _converted(_by_itk(path, *separate), units.pop() if units else "mm")
 
@@ -317,7 +317,7 @@ def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
     while (end := start.find(b"\n", at)) >= 0:
         key, separator, value = start[at:end].partition(b"=")
         key, value, at = key.strip(), value.strip(), end + 1
-        if not separator or key in fields or b":" in key:  # at which ITK ends a key, too
+        if not separator or key in fields or b":" in key:  # ITK ends a key there, too
             break
         fields[key] = value
         if key == b"ElementDataFile":
@@ -329,7 +329,7 @@ def _beside(path: Path, named: bytes) -> Path:
     """Return the file of voxels that a header names, which must be in the header's directory or below."""
     name = named.strip().decode("utf-8", "surrogateescape")
     file = path.parent / name
-    if not name or "%" in name or name.split()[0] == "LIST":  # which are lists of files, and formats of printf
+    if not name or "%" in name or name.split()[0] == "LIST":  # lists of files and printf formats are not supported
         raise InputError(f"stores its voxels in {name!r:.80}, not in one file. Write it as .mha, .nrrd or .nii.gz")
     if not file.resolve().is_relative_to(path.parent.resolve()):
         raise InputError(f"stores its voxels in {name!r:.80}, outside its directory. Copy them beside it")
@@ -397,7 +397,7 @@ def _check_proxy(image: Any) -> None:
     if require("nibabel").is_proxy(stored):
         voxels = int(np.prod(image.shape, dtype=object))
         is_scaled = (getattr(stored, "slope", 1), getattr(stored, "inter", 0)) != (1, 0)  # to float64
-        is_colour = stored.dtype.names is not None  # copied, channel by channel
+        is_colour = stored.dtype.names is not None  # copy channel by channel
         check_room(voxels * (stored.dtype.itemsize * (2 if is_colour else 1) + (8 if is_scaled else 0)))
 
 
@@ -408,10 +408,10 @@ def from_itk(image: Any) -> Read:
     dimension = image.GetImageDimension()
     voxels = view.transpose(*reversed(range(dimension)), *range(dimension, view.ndim))
     if dimension != 3:
-        return voxels, None  # no volume, unless NIfTI with an affine of its own
+        return voxels, None  # not a volume, unless it is a NIfTI image with its own affine
     affine = np.eye(4)
     affine[:3, :3] = itk.array_from_matrix(image.GetDirection()) * np.array(image.GetSpacing())
-    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 in a region cut from an image
+    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 for a region of an image
     affine[:3, 3] = np.array(image.GetOrigin()) + affine[:3, :3] @ start
     return voxels, LPS_TO_RAS @ affine
 
@@ -434,7 +434,7 @@ def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> R
         _check_deflated(Path(packed), packed_from, size)
     try:
         return from_itk(require("itk").imread(str(path)))
-    except TypeError as error:  # 30 lines on templates, of which the first names the type
+    except TypeError as error:  # 30 lines on templates; the first names the type
         known = ", ".join(ITK_TYPES)
         raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
 
@@ -444,7 +444,7 @@ def _size_by_itk(path: Path) -> int:
     itk = require("itk")
     header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
     if header is None:
-        return 0  # ITK says why, when it reads
+        return 0  # ITK reports the reason when it reads
     header.SetFileName(str(path))
     header.ReadImageInformation()
     return int(header.GetImageSizeInBytes())

@@ -17,7 +17,7 @@ from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
-_BYTES_PER_VOXEL = 12  # of a surface in the making: mask, its copy, and the grids of vertices and of cavities
+_BYTES_PER_VOXEL = 12  # bytes per voxel for a surface: mask, its copy, grids of vertices and cavities
 
 
 def taken(
@@ -36,7 +36,7 @@ def taken(
             raise InputError(f"unit is {unit!r}, but this volume defines its size in mm. Omit unit")
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
-    if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
+    if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
         return mesh
     return replace(mesh, remarks=(*mesh.remarks, f"the surface {mesh.unit_remark}"))
 

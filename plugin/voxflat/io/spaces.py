@@ -23,7 +23,7 @@ from voxflat.arguments import array_of, checked_text, numbers_of, shown
 from voxflat.errors import InputError
 
 _CONFORMED = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # the columns are left, inferior, anterior
-_ROUNDING = 1e-3  # of direction cosines
+_ROUNDING = 1e-3  # tolerance of direction cosines
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ class VolumeGeometry:
         whole = np.eye(4)
         whole[:3, :3] = self.cosines @ _CONFORMED.T
         whole[:3, 3] = self.c_ras
-        return whole + 0.0  # no -0
+        return whole + 0.0  # avoid -0
 
     def __repr__(self) -> str:
         return f"<VolumeGeometry: c_ras {_numbers(self.c_ras)} mm>"
@@ -357,7 +357,7 @@ class Space:
         return f"<Space: {self}>"
 
 
-UNKNOWN = Space()  # nothing says where the points lie: they are taken as scanner RAS
+UNKNOWN = Space()  # unknown space: assumed to be scanner RAS
 
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:

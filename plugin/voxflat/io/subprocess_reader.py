@@ -32,13 +32,13 @@ from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, one_line, require
 from voxflat.io.reading import allowed_memory, check_room, reading
 
-_SECONDS, _RATE = 5, 1 << 20  # of computing that a file may take, and the bytes of it for which it may take one more
-_WAITING = 10  # times as many may pass: others compute, too, and disks are far away
-_INFLATED = 1032  # bytes that one may stand for, in zlib's format
-_DYING = 1.0  # seconds that a child has to end which no longer answers, for its status
-_OWN = 1 << 28  # bytes of addresses for what a package needs itself
+_SECONDS, _RATE = 5, 1 << 20  # CPU seconds per file, and bytes for one more second
+_WAITING = 10  # wall seconds per CPU second, for busy machines and slow disks
+_INFLATED = 1032  # largest compression ratio of zlib
+_DYING = 1.0  # seconds to wait for the exit status of a child that does not answer
+_OWN = 1 << 28  # bytes of address space for the package itself
 
-# signals that end a process, also in the middle of C++: which clock sends them, after times how many seconds
+# signals that stop a process even within C++: their clock, and a factor for the seconds
 _TIMES = {}
 if hasattr(signal, "setitimer"):  # not Windows
     _TIMES = {signal.SIGPROF: (signal.ITIMER_PROF, 1), signal.SIGALRM: (signal.ITIMER_REAL, _WAITING)}
@@ -47,11 +47,11 @@ _ENVIRONMENT = {
     # threads reserve far more addresses than they use
     "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS": "1",
     "MALLOC_ARENA_MAX": "1",
-    # pages of 2 MiB, as NumPy asks for: ITK reads 100 MB in half the time
+    # pages of 2 MiB, as in NumPy: ITK reads 100 MB in half the time
     "GLIBC_TUNABLES": ":".join(filter(None, (os.environ.get("GLIBC_TUNABLES"), "glibc.malloc.hugetlb=1"))),
 }
 
-# not -m, which would look for modules in the working directory, where others may have put them
+# not -m, which would import modules from the working directory
 _START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.subprocess_reader import serve; serve()"
 
 
@@ -81,7 +81,7 @@ def read_in_subprocess(
             _child = _started()
         try:
             told, arrays = _answer(_child, asked)
-        except BaseException:  # what it still has to say is not for the next caller
+        except BaseException:  # do not pass its late answer to the next caller
             _stop()
             raise
     if "error" in told:
@@ -90,7 +90,7 @@ def read_in_subprocess(
     return _put(told["value"], arrays)
 
 
-# what it is called, which extra brings it, if one does, and what in it is to be loaded: ITK does that when first asked
+# display name, extra that installs it, and an attribute to load (ITK loads lazily)
 _PACKAGES = {
     "itk": ("ITK", "itk", "ImageIOFactory"),
     "vtkmodules": ("VTK", "pyvista", "__name__"),
@@ -182,7 +182,7 @@ def _forget() -> None:
     global _child, _lock
     if _child is not None:
         _close(_child)
-        _child.returncode = 0  # it is waited for by its parent
+        _child.returncode = 0  # its parent waits for it
     _child, _lock = None, threading.Lock()
 
 
@@ -214,7 +214,7 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
     """Prevent Python from opening a pipe, such as one in place of a Zarr chunk, because reading it would block."""
     mode = 0
     if event == "open" and isinstance(values[0], str | bytes | os.PathLike):
-        with contextlib.suppress(OSError, ValueError):  # of no such file
+        with contextlib.suppress(OSError, ValueError):  # the file does not exist
             mode = os.stat(values[0]).st_mode
     if stat.S_ISFIFO(mode):
         raise InputError(f"{Path(os.fsdecode(values[0])).name} is not a regular file. Copy its content into a file")
@@ -222,7 +222,9 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
 
 def _told(error: Exception, path: str) -> list[Any]:
     """Return the kind of an error and its values; the caller adds the file."""
-    if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
+    if (
+        isinstance(error, OSError) and error.errno is not None
+    ):  # errors without errno come from readers of damaged files
         return ["OSError", error.errno, error.strerror, error.filename]
     if isinstance(error, MemoryError):
         return ["InputError", "reading it needs more memory than is available. Crop it, or allow more memory"]
@@ -233,11 +235,11 @@ def _told(error: Exception, path: str) -> list[Any]:
 def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
     """Call a function within limits, which do not include the import of its package."""
     _, extra, loaded = _PACKAGES[package]
-    _limit_addresses(None)  # that of the file before
+    _limit_addresses(None)  # remove the limit of the previous file
     getattr(require(package, extra), loaded)
     module, _, name = function.partition(":")
     called = getattr(importlib.import_module(module), name)
-    _limit_addresses(2 * (_OWN + min(memory, contents)))  # which are held twice while they are converted
+    _limit_addresses(2 * (_OWN + min(memory, contents)))  # factor 2: conversion holds the data twice
     _limit_seconds(seconds)
     try:
         with reading(memory):

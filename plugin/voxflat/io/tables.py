@@ -12,7 +12,7 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
-TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of files of points: between commas, tabs, or blanks
+TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of point files: comma, tab or blank separated
 
 _MISSING = ("", "n/a", "na", "nan")
 
@@ -23,7 +23,7 @@ class PointTable:
 
     points: NDArray[np.float64]  # (P, 3), mm; NaN where one is missing
     header: list[str]  # empty if the file has none
-    rows: list[list[str]]  # all cells, as they were read
+    rows: list[list[str]]  # all cells, as read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
         """Write the table with additional columns, completely or not at all; a missing number is ``n/a``."""

@@ -10,7 +10,7 @@ from voxflat.errors import InputError
 
 TRIANGULATE = "Triangulate it first, for example with mesh.triangulate() of PyVista"
 
-_MOST_CORNERS = 1000  # of a polygon, that is cut into triangles here
+_MOST_CORNERS = 1000  # most corners of a polygon to split
 
 
 def triangulated(
@@ -63,7 +63,7 @@ def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64],
 def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
     """Split one polygon (n, 3) into n − 2 triangles, in its best-fitting plane."""
     ahead = np.roll(polygon, -1, axis=0)
-    normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's: of twice the area's length
+    normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's normal, twice the area long
     if not normal.any():
         normal = np.array([0.0, 0.0, 1.0])
     drop = int(np.abs(normal).argmax())
@@ -79,7 +79,7 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
         length = ((polygon[after] - polygon[before]) ** 2).sum(axis=1)
         order = np.lexsort((length, -np.sign(turns)))
         ears = (k for k in order if turns[k] > 0 and not _holds(plane[at], a[k], b[k], c[k], k))
-        best = int(next(ears, order[0]))  # where it crosses itself there may be none
+        best = int(next(ears, order[0]))  # a self-crossing polygon may have none
         triangles.append([before[best], at[best], after[best]])
         del left[best]
     return np.array([*triangles, left], dtype=np.int64)

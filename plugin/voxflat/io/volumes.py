@@ -22,7 +22,7 @@ from voxflat.io.provenance import Record, Recorded, as_text
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 
 VOLUME_ENDINGS = tuple(READERS)
-"""How the names of files end that hold volumes."""
+"""Endings of the names of volume files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class Volume(Recorded):
         """
         cosines = self.affine[:3, :3] / self.spacing
         codes = [""] * 3
-        # the best aligned index chooses first, so that no two share a direction
+        # best-aligned index first, so that directions are unique
         for index in np.argsort(-np.abs(cosines).max(axis=0), kind="stable"):
             world = int(np.abs(cosines[:, index]).argmax())
             codes[index] = ("LR", "PA", "IS")[world][int(cosines[world, index] > 0)]
@@ -259,7 +259,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
     if data.ndim == 4:
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
         data = np.ascontiguousarray(data).view(colour)[..., 0]
-    if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write what only FreeSurfer reads
+    if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write a file that only FreeSurfer can read
         raise InputError(f"shape {data.shape} is too long for NIfTI-1. Use .nrrd or .npz")
     image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
     image.set_sform(volume.affine, "scanner")

@@ -15,9 +15,9 @@ from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
 from voxflat.surfaces.manifold import Manifold
 
-_OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
-_BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
-_SIDE = 5.0  # mm from the middle that a side is sure
+_OUTWARD = (0.4, 0.7)  # outward share of the way to the pial surface: 0.94 on fsaverage; -0.3 to 0.3 for wrong surfaces
+_BESIDE = 10.0  # mm from a label's points to the vertices; white to pial is 3
+_SIDE = 5.0  # mm from the midline for a reliable side
 
 
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
@@ -101,7 +101,7 @@ def _check_label(whole: Manifold, path: Path) -> list[str]:
     if space.name == "scanner" and space.volume is not None:
         points = Space("tkRAS", space.volume).to_scanner(points)
     elif space.name != "tkRAS":
-        points = points + (there.mean(axis=0) - points.mean(axis=0))  # c_ras is not known
+        points = points + (there.mean(axis=0) - points.mean(axis=0))  # c_ras is unknown
     far = float(np.median(np.linalg.norm(points - there, axis=1)))
     if far <= _BESIDE:
         return []

@@ -75,7 +75,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
         is_apart[is_apart] = ~_of_largest_piece(own[is_apart])
         if not is_apart.any():
             return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).taken_back(points)
-        # a reader would find what has all corners in the piece, and no edge: it is left out as bridges are
+        # programs would read triangles whose corners are in the piece, but not its edges: exclude them like bridges
         others, suspects = np.concatenate([others, ids[own[is_apart]]]), np.union1d(suspects, ids[own[is_apart]])
         own = own[~is_apart]
     return _one_piece(points, ids, faces)
@@ -125,7 +125,7 @@ class _Corners:
                 heapq.heappop(heap)
                 if wrong:
                     del listed[vertex]
-            else:  # others have gone since
+            else:  # others were excluded since
                 heapq.heapreplace(heap, (wrong, right, vertex))
         return self._points(listed)
 

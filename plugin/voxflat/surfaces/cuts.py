@@ -17,12 +17,12 @@ from voxflat.io.grid import in_unit
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-_SMALL_HOLE = 15.0  # mm around, that is closed for measuring
-_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
-_SMALL_HOLE_SHARE = 0.3  # at most, of the longest side of a surface in unknown units: a hole a tenth as wide
-_LEAST_RELIEF = 0.1  # share of the error of distances that cuts take off which nobody asked for
-_FINE = 0.04  # error of distances up to which no more is asked for
-_BEARABLE = 0.15  # and up to which a disk is left as it was given
+_SMALL_HOLE = 15.0  # mm, largest circumference of a hole that is closed to measure distances
+_SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unknown
+_SMALL_HOLE_SHARE = 0.3  # upper limit for unknown units, relative to the surface's extent
+_LEAST_RELIEF = 0.1  # least relative gain of automatic relaxation cuts
+_FINE = 0.04  # distance error below which no more cuts are added
+_BEARABLE = 0.15  # distance error below which a given disk stays as it is
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given

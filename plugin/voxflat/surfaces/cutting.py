@@ -19,8 +19,8 @@ from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
 
-_COVERED = 0.5  # share of what a template leaves out that must be left out for a region to stand in its place
-_NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
+_COVERED = 0.5  # share of a template's excluded region that a user's excluded region must cover to replace it
+_NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is tried
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Cutout:
     faces: NDArray[np.uint32]
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
-    given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
-    is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
-    is_whole: bool  # whether nothing was left out of what was handed over
-    sphere: Sphere | None = None  # that of the whole surface, if it is known
-    traced: tuple[TracedCut, ...] = ()  # cuts of a template, which are those in the metadata
+    given_length: float | None  # of the given cuts, mm; None if no cuts were given
+    is_cut: bool  # whether the user defined cuts, directly or by a patch's triangles
+    is_whole: bool  # whether nothing of the input was excluded
+    sphere: Sphere | None = None  # sphere of the complete surface, if known
+    traced: tuple[TracedCut, ...] = ()  # cuts of a template, as in the metadata
     is_standard: bool = False  # whether a template's cuts were chosen
     is_told: bool = False  # whether its remarks were logged
 

@@ -14,7 +14,7 @@ from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.choice import AUTOMATIC
 
-_SHOWN = 5  # handles, holes and loops that a table names one by one
+_SHOWN = 5  # most handles, holes and loops that a table lists
 
 
 @dataclass(frozen=True)
@@ -289,7 +289,7 @@ def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress
         other = cut_open(part, Where(AUTOMATIC), threads, progress)
         found[AUTOMATIC] = sketch_error(other.part, threads, progress)
     except InputError:
-        pass  # they are advice
+        pass  # they appear in the advice
     return {by: error for by, error in found.items() if np.isfinite(error)}
 
 

@@ -13,8 +13,8 @@ from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
 
-_SHOWN = 20  # labels named in a message
-_WIDEST = 2**16  # range of integers that are counted one by one
+_SHOWN = 20  # most labels in a message
+_WIDEST = 2**16  # largest range of integers for bincount
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Foreground:
 
     volume: Volume
     mask: NDArray[np.bool_]
-    metadata: dict[str, Any]  # what was given, and how the foreground was chosen
+    metadata: dict[str, Any]  # input and choice of the foreground
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
 def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
     if not np.isfinite(threshold):
         raise InputError(f"the threshold is {threshold}. Pass a finite number")
-    with np.errstate(over="ignore"):  # beyond what half precision holds nothing is
+    with np.errstate(over="ignore"):  # no value exceeds the range of half precision
         mask = np.asarray(data > threshold)
     if not mask.any():
         raise InputError(f"no voxel is above the threshold {threshold}; the largest value is {data.max()}")
@@ -144,7 +144,7 @@ def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
     try:
         with np.errstate(over="ignore"):
             mask = np.asarray(data == label)
-    except OverflowError:  # no number of the values' type
+    except OverflowError:  # not representable in the type of the values
         mask = np.zeros(data.shape, dtype=np.bool_)
     if not mask.any():
         raise InputError(f"no voxel has label {label}; {_present(data)}")

@@ -24,24 +24,24 @@ from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 
 _SIDES = ("left", "right")
-_STEP = 2.0  # mm, the voxels at which brains are compared
+_STEP = 2.0  # mm, voxel size for the alignment
 _SMOOTH = (10.0, 5.0, 3.0)  # mm, from coarse to fine
-_SURE_OVERLAP = 0.75  # no further start is tried
-_STARTS = (-25.0, 25.0)  # degrees about each axis, beside no rotation
+_SURE_OVERLAP = 0.75  # overlap at which no further start is tried
+_STARTS = (-25.0, 25.0)  # degrees about each axis, in addition to no rotation
 _ITERATIONS = 40
-_LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # Dice, and the greatest stretch by the least: a ball has 0.57 and 2.3
-_NEAR = 0.1  # of what is filled: gaps around it are closed
-_CLOSED = 2.0  # mm, gaps between white matter and what is filled
-_SOFT = 1.5  # mm, of the borders between parts
+_LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # least Dice, and largest ratio of stretches: a ball has 0.57 and 2.3
+_NEAR = 0.1  # least membership of the inner parts where gaps are closed
+_CLOSED = 2.0  # mm, gaps between white matter and the filled parts
+_SOFT = 1.5  # mm, smoothing of the borders between parts
 _ROOM = 24.0  # mm around the template, within which a brain has to lie
 _SLAB = 1 << 22  # voxels at a time
 _BINS = 256
 
-_WHITE_SHARE = 0.05  # of the labelled voxels that are white matter of each side in a segmentation: 0.16 is usual
+_WHITE_SHARE = 0.05  # least share of white matter of each side among labelled voxels: 0.16 is usual
 
 # FreeSurfer's aseg and SynthSeg: white matter, lateral ventricle, deep nuclei and what lies between them
 _ASEG = {"left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78), "right": (41, 43, 49, 50, 51, 52, 58, 60, 62, 63, 79)}
-_ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum: of the side where they lie
+_ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum belong to the side where they lie
 
 
 @telling()
@@ -245,7 +245,7 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
         is_near[first : first + step] = (inner > _NEAR).reshape(white[first : first + step].shape)
     radius = max(1, round(_CLOSED / voxel_size(volume.affine)))
     box = scipy.ndimage.find_objects(is_near.astype(np.uint8))
-    for part in box:  # elsewhere banks of sulci would be joined
+    for part in box:  # elsewhere it would join banks of sulci
         found[part] |= is_near[part] & scipy.ndimage.binary_closing(found[part], iterations=radius)
     return found
 
@@ -279,7 +279,7 @@ class _Steps:
 
 
 _last: dict[bytes, tuple[Affine, float]] = {}
-"""The last alignment by what was aligned: both sides of a brain need the same."""
+"""Cache of the last alignment, by its input, because both hemispheres of a brain need the same one."""
 
 
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:

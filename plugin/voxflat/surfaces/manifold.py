@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 class Step:
     """Store one step that selected a part of a surface, such as `Surface.keep` or `Surface.disk`."""
 
-    verb: str  # what was called; "outlines" is what a template leaves out
-    mask: NDArray[np.bool_] | None = None  # the voxels that may stay, of a region of a volume
-    by_triangles: bool = False  # whether the region was given by triangles
-    seed_point: Any = None  # the middle of a disk: voxel indices or number of a vertex
-    seed_found: Any = None  # what stands for it on the surface
+    verb: str  # name of the method; "outlines" for a template's excluded region
+    mask: NDArray[np.bool_] | None = None  # voxels to keep, for a region of a volume
+    by_triangles: bool = False  # whether triangles defined the region
+    seed_point: Any = None  # centre of a disk: voxel indices or vertex number
+    seed_found: Any = None  # nearest voxel or vertex on the surface
     radius: float | None = None  # of the disk, mm
     corners: Any = None  # of a polygon
 
@@ -337,7 +337,7 @@ class Manifold:
             of, one = self.merged.astype(np.int64).T
             own, aliases = np.concatenate([own, of[np.isin(one, own)]]), one[np.isin(one, own)]
         keys = _keys(own, own)
-        order = np.argsort(keys, kind="stable")  # so that of several the first is found
+        order = np.argsort(keys, kind="stable")  # stable, so that the first of several is found
         sought = _keys(wanted, own)
         place = np.minimum(np.searchsorted(keys, sought, sorter=order), len(order) - 1)
         found = order[place]

@@ -14,12 +14,12 @@ from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask
 from voxflat.surfaces.manifold import Manifold
 
-_MOST_REPAIRED = 0.01  # of the foreground's voxels, that are changed without being asked
-_SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
+_MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
+_SHARE_BETWEEN = 0.5  # least share of border voxels with intermediate values
 
 
 _A_SURFEL = 600
-"""Bytes that a face between foreground and background takes until the surface is made: 250 to 520 were measured."""
+"""Bytes of memory per face between foreground and background to create the surface; measured: 250 to 520."""
 
 
 def of_volume(
@@ -105,7 +105,7 @@ def _level(
         return (values, level), f"the level {level:g} of {image.path.name if image.path else 'an image'}"
     if threshold is None or volume.data.dtype.kind != "f":
         return None, "a fit to the voxels"
-    # a mask stored as numbers has its level halfway between any two voxels, which says nothing
+    # in a mask stored as numbers, the level gives no positions finer than the grid
     values = volume.data.astype(np.float32)
     border = np.zeros_like(mask)
     for axis in range(3):

@@ -23,10 +23,10 @@ from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
-_STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
+_STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
-_SHARES = (0.01, 0.2)  # of a hemisphere's area that the wall may have; 7 % are usual
-_CLEAR = 10  # times as large as the next such place
+_SHARES = (0.01, 0.2)  # limits of the wall's share of a hemisphere; 7 % is usual
+_CLEAR = 10  # least size relative to the next such region
 
 _Part = TypeVar("_Part", bound=Manifold)
 

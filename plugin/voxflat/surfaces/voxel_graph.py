@@ -13,17 +13,17 @@ from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
 from voxflat.surfaces.manifold import Manifold
 
-LINK_LENGTHS = "chain-code"  # how links are measured where nothing else is asked for: the paper's unbiased estimator
+LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
 
-_FAR = 2.0  # voxels between a seed point and the surface that need no remark
+_FAR = 2.0  # voxels from a seed point to the surface without a remark
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
     """Store surface voxels, linked to those of their 26 neighbours that are surface voxels."""
 
-    core: _core.VoxelSurface  # the part that is worked on
-    whole: _core.VoxelSurface  # what it was cut out of
+    core: _core.VoxelSurface  # part in use
+    whole: _core.VoxelSurface  # complete surface
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -49,7 +49,7 @@ class VoxelGraph:
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
         """Return the numbers of the given voxels in the part."""
         voxels = voxel_indices(ids, name)
-        on_surface = self.whole.find(voxels)  # names a voxel that is not on the surface at all
+        on_surface = self.whole.find(voxels)  # reports voxels that are not on the surface at all
         try:
             return self.core.find(voxels)
         except InputError:

@@ -11,7 +11,7 @@ PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
 HINTS = {PATCH: "read_patch reads it", MORPH: "read_overlay reads it", "FreeSurfer label": "read_region reads it"}
-"""What to do with a file that is no surface."""
+"""How to read a file that is not a surface."""
 
 
 def by_name(path: Path) -> str | None:

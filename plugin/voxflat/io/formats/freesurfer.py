@@ -17,7 +17,7 @@ from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import as_float32
 
-_SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, which nibabel does not know
+_SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, not supported by nibabel
 _REMEDY = "Check that the file is complete and in this format"
 
 
@@ -30,13 +30,13 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
         check_size(data, need, f"{points} points and {quads} quadrangles")
         remarks: tuple[str, ...] = (f"{quads} quadrangles were split into triangles",)
     else:
-        start = data.index(b"\n", data.index(b"\n") + 1) + 1  # after a line on who made it, and an empty one
+        start = data.index(b"\n", data.index(b"\n") + 1) + 1  # after the line with the creator, and an empty line
         points, triangles = (int(count) for count in np.frombuffer(data[start : start + 8].ljust(8, b"\xff"), ">i4"))
         need = start + 8 + 12 * points + 12 * triangles
         check_size(data, need if min(points, triangles) >= 0 else -1, f"{points} points and {triangles} faces")
         remarks = ()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that there is no volume, or what else stands in its place
+        warnings.simplefilter("ignore")  # warnings about a missing volume geometry
         coordinates, faces, footer = nibabel.freesurfer.read_geometry(path, read_metadata=True)
     is_scanner = not is_quad and data[need : need + 8] == _SCANNER_TAG
     space = Space("scanner") if is_scanner else _space(footer)
@@ -68,7 +68,7 @@ def write_geometry(
 
 def _footer(volume: VolumeGeometry) -> bytes:
     """Return the footer of a surface file, which defines the position of its tkRAS."""
-    # nibabel splits lines at =
+    # nibabel splits lines at "="
     named = "".join(letter if letter.isprintable() and letter != "=" else "_" for letter in volume.filename)
     lines = ["valid = 1  # volume info valid", f"filename = {named or 'unknown'}"]
     lines.append("volume = " + " ".join(map(str, volume.shape)))
@@ -91,7 +91,7 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
         if each != 1:
             raise InputError(f"has {each} values per point. Pass a file with one value per point")
         check_size(data, 15 + 4 * points if points >= 0 else -1, f"{points} values", is_exact=True)
-    elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has nothing to know it by
+    elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has no magic number
         raise InputError("is not a known format of values, or is incomplete. " + _REMEDY)
     return np.asarray(require("nibabel").freesurfer.read_morph_data(path))
 
@@ -104,7 +104,7 @@ def read_mgh(data: bytes) -> NDArray[Any]:
     check_size(data, 284 + math.prod(shape) * {0: 1, 4: 2}.get(kind, 4), f"the shape {shape}")
     if sorted(shape[:3])[:2] != [1, 1]:
         raise InputError(f"has shape {shape}. Values at N points must have shape (N, 1, 1)")
-    with np.errstate(all="ignore"):  # of where it lies, which is not asked
+    with np.errstate(all="ignore"):  # warnings about the position, which is not needed
         values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
     return values[:, 0] if values.shape[1] == 1 else values
 
@@ -120,7 +120,7 @@ def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
     if len(names) != len(table):
         raise InputError(f"has {len(names)} names for {len(table)} colours. Write it again with FreeSurfer")
     labels = np.full(points, -1, dtype=np.int64)
-    for index, colour in enumerate(table[:, 4]):  # nibabel's own search gives a colour not in the table its neighbour
+    for index, colour in enumerate(table[:, 4]):  # nibabel would assign a neighbour to unknown colours
         labels[pairs[:, 1] == colour] = index
     return labels, names
 
@@ -129,7 +129,7 @@ def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
     """Return the colours of an annotation (red, green, blue, transparency, and their sum as a label) and the names."""
     start = 8 + 8 * int.from_bytes(data[:4], "big", signed=True)
     entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
-    if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # which nibabel makes room for
+    if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # nibabel would allocate this number
         raise InputError(f"its header is damaged: it specifies {max(entries, greatest)} colours. {_REMEDY}")
     with np.errstate(all="ignore"):
         try:
@@ -139,7 +139,7 @@ def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
     return table, [name.decode("utf-8", "replace") for name in names]
 
 
-_MOST_COLOURS = 1 << 20  # FreeSurfer's own tables go to 14,175
+_MOST_COLOURS = 1 << 20  # FreeSurfer's own tables have up to 14,175
 
 
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
@@ -161,7 +161,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
         vertices = _label_columns(data, 1)[:, 0].astype(np.int64)
         try:
             return vertices, _label_columns(data, 4)[:, 1:]
-        except ValueError:  # it has numbers only
+        except ValueError:  # the file has only vertex numbers
             return vertices, np.zeros((len(vertices), 3))
 
 
@@ -173,7 +173,7 @@ def write_annot(
     rows, taken = [(25, 5, 25), *map(tuple, colours.tolist())], set()
     for n, (red, green, blue) in enumerate(rows):
         code = red | green << 8 | blue << 16
-        while code in taken or code == 0:  # the next one that nobody has
+        while code in taken or code == 0:  # next unused code
             code = (code + 1) % (1 << 24)
         taken.add(code)
         table[n, :3] = code & 255, code >> 8 & 255, code >> 16

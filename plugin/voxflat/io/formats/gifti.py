@@ -58,7 +58,7 @@ def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
     except _RootFound as root:
         name, attributes = root.args
         return name, attributes
-    return "", {}  # not reached: XML without an element is an error of the parser
+    return "", {}  # not reached: the parser rejects XML without an element
 
 
 class _DataFound(Exception):  # noqa: N818  (as above)
@@ -146,7 +146,7 @@ class _Walk:
         stored = base64.b64decode(text.encode("ascii"))
         if encoding == "B64GZ":
             stream = zlib.decompressobj()
-            stored = stream.decompress(stored, need + 1)  # one byte too many is enough to know
+            stored = stream.decompress(stored, need + 1)  # one additional byte suffices
         if len(stored) != need:
             relation = "ends after" if len(stored) < need else "is longer than its header specifies:"
             have = f"{len(stored)} of {need}" if len(stored) < need else f"{need}"
@@ -207,7 +207,7 @@ def _transform(points: Any) -> NDArray[np.float64]:
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
         raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. Copy or download it again")
-    return matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
+    return matrix.reshape(4, 4)  # nibabel returns a flat matrix if it was on one line
 
 
 def _space(points: Any) -> Space:

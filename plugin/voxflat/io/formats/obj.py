@@ -28,7 +28,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     """Read faces, texture coordinates of their corners (F, 3, 2; NaN for none), and mtllib's and usemtl's names."""
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
-    places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
+    places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # index −1 refers to this row
     names: dict[str, set[str]] = {"mtllib": set(), "usemtl": set()}
     for line in data.decode("utf-8", "replace").splitlines():
         key, *rest = line.split(None, 1)[:2] or [""]
@@ -66,7 +66,7 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
         raise InputError("has no line that begins with 'f'. Check that it is an OBJ file of a surface")
     if len({corner.count("/") for corner in corners}) > 1:
         corners = ["/".join([*corner.split("/"), ""][:2]) for corner in corners]
-    parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than one by one
+    parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than line by line
     numbers = np.fromiter((int(part or 0) for part in parts), np.int64, len(parts)).reshape(len(corners), -1)
     return numbers[:, :2] if numbers.shape[1] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=1)
 
@@ -92,7 +92,7 @@ def _texture(
     check_faces(faces, n)
     corners, used = faces[used >= 0], used[used >= 0]
     texture = np.full((n, 2), np.nan)
-    texture[corners[::-1]] = places[used[::-1]]  # the last that is written is the first of the file
+    texture[corners[::-1]] = places[used[::-1]]  # the last assignment is the first in the file
     seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
     text = f"{len(seam)} points lie on a texture seam: each keeps the first of its texture coordinates"
     return texture, (text,) if len(seam) else ()

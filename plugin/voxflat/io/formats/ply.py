@@ -26,7 +26,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
         raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
     form, elements = _header(header[2].decode("latin1"))
     body, order = data[header.end() :], _ORDERS[form]
-    if form == "ascii":  # as if it were binary, of doubles alone
+    if form == "ascii":  # treat it as binary doubles
         body = np.fromiter(map(float, body.split()), np.float64).tobytes()
     vertices: NDArray[Any] = np.empty(0)
     lists, at = None, 0
@@ -38,7 +38,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
             at += table.nbytes
             vertices = table if name == "vertex" else vertices
         if len(vertices) and lists is not None:
-            break  # what follows does not matter
+            break  # other elements are ignored
     names = vertices.dtype.names or ()
     if not {"x", "y", "z"} <= set(names) or lists is None:
         raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices. {REMEDY}")
@@ -68,7 +68,7 @@ class _UnevenError(InputError):
 
 
 _Properties: TypeAlias = list[tuple[str, str, str]]
-"""Of each property: name, type, and the type of a list's length, or ''."""
+"""Name, type, and type of a list's length (or '') of each property."""
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:

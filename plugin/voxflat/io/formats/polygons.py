@@ -80,7 +80,7 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
         if len(data) < 84 + _FACET.itemsize * number:
             raise InputError(f"its header specifies {number} faces, but the file ends after {len(data)} bytes. {AGAIN}")
         corners = np.frombuffer(data, _FACET, number, 84)["corners"].reshape(-1, 3).astype(np.float64)
-    rows = np.ascontiguousarray(corners + 0.0).view("V24").ravel()  # + 0.0, so that −0 is 0
+    rows = np.ascontiguousarray(corners + 0.0).view("V24").ravel()  # + 0.0 turns −0 into 0
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     points, faces = corners[np.sort(first)], rank[place].reshape(-1, 3)

@@ -20,8 +20,8 @@ from voxflat.io.reading import note
 EXTENT, AXES = "data-voxflat-extent", "data-voxflat-axes"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
-_TOLERANCE = 0.005  # mm, by which a chord may leave its curve
-_MOST = 1024  # chords of a curve
+_TOLERANCE = 0.005  # mm, largest distance of a chord from its curve
+_MOST = 1024  # largest number of chords per curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Outline:
 
     name: str
     loops: tuple[NDArray[np.float64], ...]  # closed polygons (k, 2), (u, v) in mm
-    is_even_odd: bool = False  # whether what two loops enclose is outside; else inside, unless they run opposite ways
+    is_even_odd: bool = False  # even-odd fill rule, else non-zero
     colour: tuple[int, int, int] | None = None  # red, green, blue
 
 

@@ -12,7 +12,7 @@ from voxflat.io.files import require
 from voxflat.io.grid import Affine, millimetres
 from voxflat.io.reading import check_room
 
-_PAGES = "ZQI"  # how tifffile calls an axis of pages: of depth, or of what nobody says
+_PAGES = "ZQI"  # tifffile's axes of pages: depth, or unspecified
 
 
 def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:

@@ -23,9 +23,9 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     if head[2].upper() != b"POLYDATA":
         raise InputError(f"contains {head[2].decode('latin1')}. Extract its surface and write it as POLYDATA")
     points = _POINTS.search(data, head.end())
-    has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # from 5.1 on: offsets, one more than faces
+    has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # from 5.1 on: offsets, one more than the faces
     for name, number, size, offsets, array in _CELLS.findall(data, head.end()):
-        if array:  # of such a name
+        if array:  # an array with this name
             continue
         if bool(offsets) != has_offsets:
             raise InputError("has cells of another version than its header specifies. Copy or download it again")
@@ -36,7 +36,7 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     return _by_vtk(path, "vtkIOLegacy", "vtkPolyDataReader", [int(points[1]) if points else 0, *faces, *strips])
 
 
-# VTK takes words wherever they stand; what follows counts is told apart: offsets, or the type of an array of that name
+# VTK accepts keywords anywhere; counts are followed by offsets, or by the type of an array with that name
 _TYPES = rb"(?:unsigned_|vtk)?(?:bit|char|short|int|long|idtype|typeint64|float|double)\b"
 _CELLS = re.compile(
     rb"(?i)(?<!\S)(TRIANGLE_STRIPS|POLYGONS)\s+([-+]?\d{1,18})\s+([-+]?\d{1,18})(?!\S)"
@@ -83,7 +83,7 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
     cells = [(of.GetNumberOfCells(), of.GetNumberOfConnectivityIds()) for of in (mesh.GetPolys(), mesh.GetStrips())]
     triangles, remarks = polydata_triangles(mesh)
     data, texture = mesh.GetPointData(), mesh.GetPointData().GetTCoords()
-    arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for one of text
+    arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for text arrays
     parts = {
         "points": _as_numpy(mesh.GetPoints().GetData()),
         "faces": triangles,
@@ -146,6 +146,6 @@ def write_vtp(
         writer.SetInputData(polydata)
         writer.SetDataModeToBinary()
         writer.SetCompressorTypeToZLib()
-        writer.WriteToOutputStringOn()  # VTK 9.7 ends the process where a file cannot be written to its end
+        writer.WriteToOutputStringOn()  # VTK 9.7 crashes if a file cannot be written completely
         writer.Write()
     path.write_bytes(writer.GetOutputString().encode())

@@ -11,17 +11,17 @@ from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
 
-AUTOMATIC = "automatic"  # the word for cuts that are found anew for each surface
+AUTOMATIC = "automatic"  # value of `cuts` for cuts computed for each surface
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
     """Store the chosen cuts."""
 
-    template: Template | None  # whose cuts are made
-    sphere: Sphere | None  # the surface's, if it is known
-    is_usual: bool  # whether nobody asked for it
-    remarks: tuple[str, ...]  # what the user should know
+    template: Template | None  # template whose cuts are used
+    sphere: Sphere | None  # sphere of the surface, if known
+    is_usual: bool  # whether it is the default
+    remarks: tuple[str, ...]  # remarks for the user
 
 
 def chosen(

@@ -12,7 +12,7 @@ from voxflat.unique_rows import distinct
 SIDES = ("left", "right")
 
 DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255
-"""What whole numbers in the file count in: of standard deviations, of `_core`'s unit of length, of 1."""
+"""Units of the integers in the file: standard deviations, `_core`'s unit of length, and 1."""
 
 SUBDIVISIONS = 5
 

@@ -15,7 +15,7 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
 
 _RADIUS = 100.0  # as FreeSurfer's spheres have
-_MIDWAY, _WIDTH = 2.3, 0.08  # of the evidence, between no hemispheres and hemispheres: docs/decisions/0023
+_MIDWAY, _WIDTH = 2.3, 0.08  # logistic function of the evidence: docs/decisions/0023
 _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 
@@ -130,7 +130,7 @@ class Registration(Recorded):
         """
         of = self.surface
         faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
-        places = np.nan_to_num(self.sphere) * _RADIUS  # what no triangle uses lies in the centre
+        places = np.nan_to_num(self.sphere) * _RADIUS  # vertices without a triangle lie in the centre
         structure = "CortexLeft" if self.side == "left" else "CortexRight"
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)

@@ -19,11 +19,11 @@ from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
-_ROUND = 0.02  # of the radius that points may lie off the sphere
-_FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
-_SHARED = 0.9  # of the surface's triangles that the sphere must have
-_FAR = (12.0, 20.0)  # mm, median, from the template's brain: told, refused; 4 to 9 are usual
-_NEAREST = 12  # vertices whose triangles may hold a place
+_ROUND = 0.02  # largest relative deviation from the radius
+_FOLDED = 0.01  # largest share of flipped triangles; FreeSurfer has 0 to some hundred of 300,000
+_SHARED = 0.9  # least share of common triangles
+_FAR = (12.0, 20.0)  # mm, median distance from the template's brain: remark, error; 4 to 9 are usual
+_NEAREST = 12  # nearest vertices whose triangles are tested
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class Sphere:
     places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
     space: str  # fsaverage or fs_LR
     side: str  # left or right
-    name: str  # the file's, or what else it is
-    folded: int  # triangles of the surface that are turned over on it
+    name: str  # file name or description
+    folded: int  # number of flipped triangles
     distance: float  # median, mm, at corresponding places
 
     def __repr__(self) -> str:

@@ -14,12 +14,12 @@ from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.io.provenance import Record, as_text
 
-STANDARD = "standard"  # the name of the template that the package carries
+STANDARD = "standard"  # name of the built-in template
 SPACES = ("fsaverage", "fs_LR")  # the spaces in which a sphere may be registered
 SIDES = {"left": "CortexLeft", "right": "CortexRight"}  # the sides, and GIFTI's names for them
 
 _FORMAT = 1
-_UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
+_UNIT = 1e-3  # tolerance of the radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +48,13 @@ class Anchors:
 class Template:
     """Store where a hemisphere is cut."""
 
-    name: str  # what it is called; of a file its path
-    space: str  # fsaverage or fs_LR: whose sphere its lines lie on
+    name: str  # name, or path of its file
+    space: str  # fsaverage or fs_LR: sphere of its lines
     side: str  # left or right
     outlines: tuple[Line, ...]  # closed: around the medial wall, or around a region
     cuts: tuple[Line, ...]  # in the order in which they are made
-    anchors: Anchors | None = None  # of the template that the package carries
-    provenance: Record = field(default_factory=dict)  # what it was derived from
+    anchors: Anchors | None = None  # of the built-in template
+    provenance: Record = field(default_factory=dict)  # its origin
 
     def __repr__(self) -> str:
         names = ", ".join(line.name for line in self.cuts)
@@ -151,7 +151,7 @@ def _line(path: Path, entry: Any, fewest: int) -> Line:
         raise InputError(f"{path}: point {far.argmax()} of {entry['name']!r} does not lie on the unit sphere")
     points = points / np.linalg.norm(points, axis=1)[:, None]
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    keep = np.concatenate([[True], apart > 1e-6])  # arcs need two ends
+    keep = np.concatenate([[True], apart > 1e-6])  # arcs need two end points
     if keep.sum() < fewest or apart.max() > 1:
         raise InputError(f"{path}: the points of {entry['name']!r} coincide, or are too far apart to be joined")
     return Line(entry["name"], points[keep], root)

@@ -19,14 +19,14 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import Line, Template
 
-_STEP = 0.0025  # between points of a line to which distances are measured, radians: 0.25 mm on a sphere of 100 mm
-_BEYOND = 0.3  # by how much a cut's line is drawn on beyond its root, radians: the subject's own wall may lie there
-_DIRECTION = 0.1  # of a line at its root: over so much of it
-_ASTRAY = 0.1  # radians that a path may run beside its line, or its tip lie from the line's, or four edges
-_ASIDE = 0.3  # of the way to the middle of the triangles beyond that a saved outline lies
-_SMALL_LOOP = 15.0  # mm around; smaller holes are no boundary to begin at
-_FAR = 0.4  # beyond it all places are equally far
-_STEEP = 1e6  # most that an edge costs for its length
+_STEP = 0.0025  # radians between points of a line for distances: 0.25 mm at a radius of 100 mm
+_BEYOND = 0.3  # radians, extension of a cut's line beyond its root, because the subject's wall may lie there
+_DIRECTION = 0.1  # radians at a line's root that define its direction
+_ASTRAY = 0.1  # radians, largest distance of a path or tip from its line (at least four edges)
+_ASIDE = 0.3  # position of a saved outline, as a fraction of the way to the centres of outer triangles
+_SMALL_LOOP = 15.0  # mm circumference; cuts do not begin at smaller holes
+_FAR = 0.4  # radians; larger distances are equal
+_STEEP = 1e6  # largest cost per length of an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ def _beyond(whole: Manifold, faces: NDArray[np.bool_], sphere: Sphere) -> NDArra
     corners = whole.vertices[whole.faces]
     towards = np.zeros_like(sphere.places)
     counts = np.zeros(len(towards))
-    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from what is kept, where nothing was left out
+    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from the kept part, if nothing was excluded
         middles = sphere.places[corners[chosen]].mean(axis=1)
         is_new = counts == 0
         for corner in corners[chosen].T:
