@@ -89,10 +89,7 @@ HOSTILE = {
     "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values; read_overlay"),
     "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "its header is damaged: it specifies .* -1 faces"),
     "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but the file ends after"),
-    "grid.vtk": (
-        b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n",
-        "contains STRUCTURED_GRID. Extract",
-    ),
+    "grid.vtk": (b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
     "huge.vtk": (
         b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n",
         "Unable to allocate|ended while it read",

@@ -97,10 +97,7 @@ BOTH = PolyMesh(left=nilearn_mesh(), right=nilearn_mesh())
         ({"a": 1}, "dict: this object is not supported"),
         (None, "NoneType: this object is not supported"),
         (BOTH, r"PolyMesh: has the parts left, right. Pass one of them, such as .parts\['left'\]"),
-        (
-            SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)),
-            r"two hemispheres. Pass one of them, such as .mesh.parts",
-        ),
+        (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres. Pass .*, such as .mesh.parts"),
         (PolyData(left=VALUES), "PolyData: contains values, not a surface"),
         (gifti_values(), "GiftiImage: contains values, not a surface"),
         (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "has line, but no triangles"),

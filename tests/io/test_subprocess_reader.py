@@ -72,10 +72,7 @@ def found_by_the_child(monkeypatch):
 @pytest.mark.slow
 def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
-        with pytest.raises(
-            InputError,
-            match=rf"^VTK ended while it read the file \({name}, memory limit .*\). Copy or download .*, or allow",
-        ):
+        with pytest.raises(InputError, match=rf"^VTK ended while .* \({name}, memory limit .*\). Copy or .*, or allow"):
             read_in_subprocess(ends, "vtkmodules", path, int(number))
     monkeypatch.setattr(module, "_SECONDS", 1)
     refused("VTK did not finish reading the file within 1 s", read_in_subprocess, computes, "vtkmodules", path)
@@ -86,14 +83,7 @@ def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
 def test_it_takes_no_more_than_the_limit(path):
     limit = 1 << 28
     with reading(limit):
-        refused(
-            "needs more memory|are needed, 256 MiB is the limit",
-            read_in_subprocess,
-            takes,
-            "vtkmodules",
-            path,
-            3 * limit,
-        )
+        refused("needs more memory|are needed, 256 MiB", read_in_subprocess, takes, "vtkmodules", path, 3 * limit)
     with reading(limit):
         assert len(read_in_subprocess(takes, "vtkmodules", path, limit // 2, size=limit)) == limit // 2
     with pytest.raises(InputError, match="needs more memory"):  # than a file of 1 KB may stand for

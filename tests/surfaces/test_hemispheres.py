@@ -134,10 +134,7 @@ def test_labels_of_freesurfer_and_synthseg_say_it(brain):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (
-            np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25,
-            "does not match the white matter of a whole brain",
-        ),
+        (np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25, "does not match the white matter of a whole"),
         (np.zeros((9, 9, 9), np.uint8), "no voxel is above the threshold"),
         (np.zeros((9, 9, 9, 3), np.uint8), "a 3-D volume"),
     ],

@@ -71,11 +71,7 @@ def test_older_freesurfer_values(tmp_path):
         ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
         ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not list the points in order"),
         ("s.txt", b"1\n2\nthree\n", "three"),
-        (
-            "lh.curv",
-            b"\xff\xff\xff" + struct.pack(">3i", 5, 0, 1),
-            "its header specifies 5 values, but the file ends after 15 of 35",
-        ),
+        ("lh.curv", b"\xff\xff\xff" + struct.pack(">3i", 5, 0, 1), "5 values, but the file ends after 15 of 35"),
     ],
 )
 def test_bad_overlays(tmp_path, name, content, message, capfd):
@@ -177,12 +173,7 @@ def test_surfaces_as_regions(tmp_path):
         write_mesh(tmp_path / name, part)
         assert set(np.flatnonzero(read_region(tmp_path / name, 16))) == set(part.faces.ravel())
         refuses(tmp_path / name, "has 16 values, but the surface has 17 points", read_region, 17)
-        refuses(
-            tmp_path / name,
-            "contains a surface|not contain values at points|not a NumPy array|values",
-            read_overlay,
-            16,
-        )
+        refuses(tmp_path / name, "contains a surface|not contain values at|not a NumPy array|values", read_overlay, 16)
         assert holds_mesh(tmp_path / name)
 
 

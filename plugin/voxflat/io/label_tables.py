@@ -28,56 +28,13 @@ _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 @dataclass(frozen=True, eq=False)
 class LabelTable:
-    """Store the names and colours of labels.
-
-    Labels may lack a name or a colour.
-
-    Parameters
-    ----------
-    names : dict of int to str
-        Names, by label.
-    colours : dict of int to tuple of 3 ints
-        Red, green and blue from 0 to 255, by label.
-
-    See Also
-    --------
-    read_table : Read a lookup table.
-
-    Examples
-    --------
-    >>> from voxflat.io.label_tables import LabelTable
-    >>> LabelTable({1: "V1"}, {1: (255, 0, 0)}).names[1]
-    'V1'
-    """
+    """Store the names of labels and their colours (red, green, blue from 0 to 255), both optional."""
 
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, Colour] = field(default_factory=dict)
 
     def is_region(self, label: int) -> bool:
-        """Return whether a label belongs to a region.
-
-        Negative labels, labels with a name such as "unknown", and 0 without a name are not regions.
-
-        Parameters
-        ----------
-        label : int
-            The label.
-
-        Returns
-        -------
-        bool
-            True for a region.
-
-        See Also
-        --------
-        read_table : Read a lookup table.
-
-        Examples
-        --------
-        >>> from voxflat.io.label_tables import LabelTable
-        >>> LabelTable({1: "V1"}).is_region(1)
-        True
-        """
+        """Return whether a label is a region: neither negative, nor named "unknown", nor 0 without a name."""
         return label >= 0 and self.names.get(label, str(label) if label else "").strip().lower() not in _NO_NAMES
 
 

@@ -79,7 +79,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     radius = float(np.median(radii))
     if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
         raise InputError(
-            f"{name} is not a sphere around the origin: its radius is {radii.min():.4g} to {radii.max():.4g}"
+            f"{name} is not a sphere around the origin: its radius ranges from {radii.min():.4g} to {radii.max():.4g}"
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
