@@ -186,7 +186,7 @@ class Check:
     def _surface(self) -> list[tuple[str, str]]:
         rows = []
         if self.foreground is not None:
-            rows.append(("foreground", f"{self.foreground} voxels" + (", a sheet" if self.sheet else "")))
+            rows.append(("foreground", f"{self.foreground} voxels" + (", one voxel thick" if self.sheet else "")))
         split = f", {self.split_vertices} of them split" if self.split_vertices else ""
         rows += [
             ("surface", f"{self.surface_points} vertices{split}"),
@@ -197,7 +197,7 @@ class Check:
             ("handles", f"{len(self.handles)}: {_shortened([_place(handle) for handle in self.handles])}"),
         ]
         if self.thin is not None and self.thin["points"]:
-            rows.append(("thin places", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
+            rows.append(("thin regions", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
         if self.named_cuts:
             cuts = ", ".join(f"{cut['name']} {cut['length']:.0f} mm" for cut in self.named_cuts)
             rows.append(("cuts", f"{self.cuts_by}: {cuts}"))

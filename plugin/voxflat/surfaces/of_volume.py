@@ -52,7 +52,7 @@ def of_volume(
     metadata["kind"] = "voxels"
     if metadata["conflicts"]:
         remarks.append(
-            f"the two sides of the sheet conflict at {metadata['conflicts']} pairs of voxels: it touches itself "
+            f"the sides of the voxel sheet conflict at {metadata['conflicts']} pairs of voxels: it touches itself "
             "there, or has only one side, like a Möbius strip"
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
