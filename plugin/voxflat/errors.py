@@ -1,7 +1,6 @@
 """The exceptions that voxflat raises on purpose."""
 
 import importlib
-import re
 from typing import Any
 
 
@@ -19,10 +18,10 @@ class VoxflatError(Exception):
 
     @property
     def remedy(self) -> str:
-        """How to fix it: the last sentence of the message, else its last part; empty if it has one part only."""
-        parts = re.split(r"\. (?=[A-Z])", str(self))
-        parts = parts if len(parts) > 1 else re.split("[;:] ", parts[0])
-        return parts[-1] if len(parts) > 1 else ""
+        """What to do: the message from its last semicolon or colon on; empty if it says nothing of it."""
+        text = str(self)
+        at = max(text.rfind(mark) for mark in ("; ", ": "))
+        return text[at + 2 :] if at >= 0 else ""
 
 
 class InputError(VoxflatError, ValueError):
