@@ -105,7 +105,7 @@ class Chunked:
 
 
 @dataclass(frozen=True, eq=False)
-class _Apart:
+class _ZarrArray:
     """Represent an array of a zarr directory, whose chunks are decompressed by C code in a child process."""
 
     path: Path
@@ -230,7 +230,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         if (file / name).exists():
             check_regular(file / name)
     opened = zarr.open_array(str(file), mode="r")
-    array = _Apart(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
+    array = _ZarrArray(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
     axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]

@@ -80,7 +80,7 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
 @contextmanager
 def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
     """Redirect another package's log messages to voxflat's log, with the name of the file."""
-    logging.getLogger(logger).addFilter(_told_by_us)
+    logging.getLogger(logger).addFilter(_to_own_log)
     token = _loading.set(path)
     try:
         yield
@@ -88,7 +88,7 @@ def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
         _loading.reset(token)
 
 
-def _told_by_us(record: logging.LogRecord) -> bool:
+def _to_own_log(record: logging.LogRecord) -> bool:
     if (path := _loading.get()) is not None:
         log.warning("%s: %s", path, record.getMessage())
     return path is None

@@ -31,7 +31,7 @@ from voxflat.io.reading import hash_of, reading
 Record = dict[str, Any]
 """``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; for maps also ``figures``."""
 
-_UNTOLD = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
+_UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
 _MARKED = 4096  # voxflat's files contain its name in these first bytes
 _LONGEST_PATH = 4096  # characters
 _SHOWN = 32  # longest array that is recorded value by value
@@ -39,11 +39,11 @@ _SHOWN = 32  # longest array that is recorded value by value
 _Given = ParamSpec("_Given")
 
 
-class _Told(Protocol):
+class _Recordable(Protocol):
     def _with_provenance(self, record: Record) -> Any: ...
 
 
-_Made = TypeVar("_Made", bound=_Told)
+_Made = TypeVar("_Made", bound=_Recordable)
 
 
 def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
@@ -61,7 +61,7 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
                 made = function(*args, **kwargs)
             if any(made is value for value in given.values()):  # the result is an argument
                 return made
-            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
+            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNRECORDED}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
             record = record_of(function.__name__, described(told), dict(sorted(files.items())))
             found: _Made = made._with_provenance(record)

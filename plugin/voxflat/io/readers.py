@@ -302,7 +302,7 @@ def _read_metaimage(path: Path) -> Read:
     with path.open("rb") as file:
         fields, start = _metaimage_header(file.read(_BLOCK))
     unit = fields.get(b"DistanceUnits", b"").decode("latin1")
-    millimetres(unit)  # an unknown one is told before voxels are read
+    millimetres(unit)  # report an unknown unit before reading voxels
     named = fields[b"ElementDataFile"]
     separate = [] if named == b"LOCAL" else [_beside(path, named)]
     is_packed = fields.get(b"CompressedData", b"").lower() in (b"true", b"1")
@@ -383,7 +383,7 @@ def from_nibabel(image: Any) -> Read:
     """Return voxels and affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
     unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
-    millimetres(unit)  # an unknown one is told before voxels are read
+    millimetres(unit)  # report an unknown unit before reading voxels
     _check_proxy(image)
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32

@@ -206,7 +206,7 @@ def serve() -> None:
         try:
             answer: dict[str, Any] = {"value": _taken(_called(**asked), arrays)}
         except Exception as error:
-            answer = {"error": _told(error, asked["arguments"][0])}
+            answer = {"error": _as_answer(error, asked["arguments"][0])}
         _send(answers, answer, arrays)
 
 
@@ -220,7 +220,7 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
         raise InputError(f"{Path(os.fsdecode(values[0])).name} is not a regular file. Copy its content into a file")
 
 
-def _told(error: Exception, path: str) -> list[Any]:
+def _as_answer(error: Exception, path: str) -> list[Any]:
     """Return the kind of an error and its values; the caller adds the file."""
     if (
         isinstance(error, OSError) and error.errno is not None

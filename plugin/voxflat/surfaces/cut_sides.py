@@ -74,7 +74,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
         is_apart = triangles_of(points, own)
         is_apart[is_apart] = ~_of_largest_piece(own[is_apart])
         if not is_apart.any():
-            return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).taken_back(points)
+            return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).with_restored(points)
         # programs would read triangles whose corners are in the piece, but not its edges: exclude them like bridges
         others, suspects = np.concatenate([others, ids[own[is_apart]]]), np.union1d(suspects, ids[own[is_apart]])
         own = own[~is_apart]
@@ -129,7 +129,7 @@ class _Corners:
                 heapq.heapreplace(heap, (wrong, right, vertex))
         return self._points(listed)
 
-    def taken_back(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+    def with_restored(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Restore vertices, on either side of a cut, that add only right triangles, connected to others along edges."""
         listed = self._by_vertex(points)
         kept = self.faces[triangles_of(points, self.faces)]
@@ -148,7 +148,7 @@ class _Corners:
                     if (
                         found
                         and all(right for _, right in found)
-                        and _hang_on([list(triangle) for triangle, _ in found], edges)
+                        and _are_connected([list(triangle) for triangle, _ in found], edges)
                     ):
                         edges.update(edge for triangle, _ in found for edge in _edges(list(triangle)))
                         is_settled = False
@@ -169,7 +169,7 @@ def _edges(triangle: list[int]) -> list[frozenset[int]]:
     return [frozenset((a, b)), frozenset((b, c)), frozenset((c, a))]
 
 
-def _hang_on(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
+def _are_connected(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
     """Return whether triangles are connected to edges, directly or through each other."""
     rest, own = triangles, set[frozenset[int]]()
     while rest:

@@ -170,7 +170,7 @@ def opened_to_disk(
     if cut.is_standard:
         error = sketch_error(part, threads, progress)
         metadata["sketch_error"] = error
-        remarks.append(_told_of_standard(cut, error))
+        remarks.append(_standard_remark(cut, error))
     return replace(cut, part=part, faces=faces, metadata=metadata, remarks=tuple(remarks))
 
 
@@ -225,7 +225,7 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     return opened_part, cuts, remarks
 
 
-def _told_of_standard(cut: Cutout, error: float) -> str:
+def _standard_remark(cut: Cutout, error: float) -> str:
     """Return a remark on the cuts of a template, their reason, and the alternative."""
     names = ", ".join(cut.metadata["cut_names"])
     if not names:

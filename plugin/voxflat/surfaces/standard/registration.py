@@ -145,7 +145,7 @@ def register(whole: Manifold, side: str | None, threads: int | None, progress: P
     found = whole.core.register(
         *icosphere(), templates, None if side is None else SIDES.index(side), checked_threads(threads), progress
     )
-    return _judged(whole, found, side, remarks)
+    return _validated(whole, found, side, remarks)
 
 
 def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
@@ -171,7 +171,7 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     )
 
 
-def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
+def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
     """Return the registration; raise an error if the surface is not a hemisphere."""
     side = SIDES[found["template"]]
     other = SIDES[1 - found["template"]]
