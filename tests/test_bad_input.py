@@ -62,31 +62,31 @@ DIAGONAL = few(*[(i, i, i) for i in range(8)])
 
 # name: volume, options, what the message must match
 API = {
-    "2D": (np.ones((5, 5)), {}, r"shape \(5, 5\) is no volume: pick one of shape \(I, J, K\)"),
-    "4D": (np.ones((5, 5, 5, 2)), {}, r"shape \(5, 5, 5, 2\) is no volume: pick"),
-    "no voxels": (np.ones((0, 5, 5)), {}, r"shape \(0, 5, 5\) is no volume"),
-    "colours": (np.ones((5, 5, 5, 3), np.uint8), {}, r"\(5, 5, 5, 3\).*give one value a voxel"),
-    "complex": (sheet() * 1j, {}, r"complex128.*convert"),
-    "text": (np.array([[["a"]]]), {}, r"<U1.*convert"),
+    "2D": (np.ones((5, 5)), {}, r"got shape \(5, 5\). Select one volume \(I, J, K\)"),
+    "4D": (np.ones((5, 5, 5, 2)), {}, r"got shape \(5, 5, 5, 2\). Select"),
+    "no voxels": (np.ones((0, 5, 5)), {}, r"got shape \(0, 5, 5\)"),
+    "colours": (np.ones((5, 5, 5, 3), np.uint8), {}, r"\(5, 5, 5, 3\).*Pass one value per voxel"),
+    "complex": (sheet() * 1j, {}, r"complex128.*Convert"),
+    "text": (np.array([[["a"]]]), {}, r"<U1.*Convert"),
     "nothing": (None, {}, r"NoneType"),
     "empty": (np.zeros((5, 5, 5), np.uint8), {}, r"empty: every voxel is 0"),
     "label absent": (sheet() * 3, {"label": 7}, r"no voxel has label 7; the volume has labels 3$"),
-    "label ambiguous": (sheet() + sheet(cut=3), {}, r"give a label or a threshold; the volume has labels 1, 2$"),
-    "label and threshold": (sheet(), {"label": 1, "threshold": 0.5}, r"label=1 and threshold=0.5 .* give one"),
-    "intensities": (sheet() * 0.3, {}, r"intensities \(float64, 0 to 0.3\); give a threshold"),
+    "label ambiguous": (sheet() + sheet(cut=3), {}, r"pass a label or a threshold; the volume has labels 1, 2$"),
+    "label and threshold": (sheet(), {"label": 1, "threshold": 0.5}, r"label=1 and threshold=0.5 .* only one"),
+    "intensities": (sheet() * 0.3, {}, r"intensities \(float64, 0 to 0.3\). Use a threshold"),
     "threshold too high": (sheet(), {"threshold": 5}, r"above the threshold 5(\.0)?; the largest value is 1"),
-    "threshold NaN": (sheet(), {"threshold": NAN}, r"threshold is nan; give a finite"),
+    "threshold NaN": (sheet(), {"threshold": NAN}, r"threshold is nan. Pass a finite"),
     "threshold text": (sheet(), {"threshold": "high"}, r"threshold is 'high'; give a number"),
-    "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxel is NaN or infinite; replace"),
-    "inf in the data": (with_value(INF), {"label": 1}, r"1 voxel is NaN or infinite; replace"),
+    "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxel is NaN or infinite. Replace"),
+    "inf in the data": (with_value(INF), {"label": 1}, r"1 voxel is NaN or infinite. Replace"),
     "spacing NaN": (sheet(), {"spacing": (NAN, 1, 1)}, r"spacing \[nan, 1.0, 1.0\] must be 3 positive, finite"),
     "spacing zero": (sheet(), {"spacing": (0, 1, 1)}, r"spacing \[0.0, 1.0, 1.0\] must be 3 positive"),
     "spacing of two": (sheet(), {"spacing": (1, 1)}, r"spacing \[1.0, 1.0\] must be 3"),
-    "affine NaN": (sheet(), {"affine": affine(a03=NAN)}, r"nan.*is not finite: repair"),
-    "affine zero": (sheet(), {"affine": affine(a00=0)}, r"voxel size is \[0.0, 1.0, 1.0\] mm"),
-    "affine sheared": (sheet(), {"affine": affine(a01=0.5)}, r"sheared: the cosine .* is 0.447.*resample"),
-    "affine of shape (3, 3)": (sheet(), {"affine": np.eye(3)}, r"shape \(3, 3\): give a \(4, 4\)"),
-    "affine and spacing": (sheet(), {"affine": np.eye(4), "spacing": (1, 1, 1)}, r"both .* give one"),
+    "affine NaN": (sheet(), {"affine": affine(a03=NAN)}, r"nan.*is not finite. Repair"),
+    "affine zero": (sheet(), {"affine": affine(a00=0)}, r"voxel sizes \[0.0, 1.0, 1.0\] mm"),
+    "affine sheared": (sheet(), {"affine": affine(a01=0.5)}, r"sheared: the cosine .* is 0.447.*Resample"),
+    "affine of shape (3, 3)": (sheet(), {"affine": np.eye(3)}, r"shape \(3, 3\). Pass a \(4, 4\)"),
+    "affine and spacing": (sheet(), {"affine": np.eye(4), "spacing": (1, 1, 1)}, r"both .* only one"),
     "one voxel": (few((2, 2, 2)), {}, r"a point of 1 voxel\(s\).*wider label"),
     "a line": (LINE, {}, r"a line of 8 voxel\(s\).*wider label"),
     "a diagonal": (DIAGONAL, {}, r"a line of 8 voxel\(s\).*wider label"),
@@ -101,7 +101,7 @@ API = {
     "sources elsewhere": (
         sheet(cut=10),
         {"sources": [[20, 0, 2], [30, 9, 2], [3, 7, 2]]},
-        r"source \[3, 7, 2\] .* outside the patch or component that is used \(1160 of 1560 .*; choose",
+        r"source \[3, 7, 2\] .* outside the patch or component in use \(1160 of 1560 .*. Choose",
     ),
     "sources twice": (sheet(), {"sources": [[9, 9, 2], [0, 0, 2], [9, 9, 2]]}, r"\[9, 9, 2\] is given 2 times"),
     "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
@@ -113,8 +113,8 @@ API = {
     ),
     "mask of wrong shape": (sheet(), {"keep": np.ones((3, 4, 5))}, r"shape \(3, 4, 5\), the volume \(40, 40, 5\)"),
     "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
-    "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"holds no triangle of the surface \(1600 vertices"),
-    "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep has NaN; write 0"),
+    "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"contains no triangle of the surface \(1600 vertices"),
+    "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep contains NaN. Set"),
     "radius zero": (sheet(), {"seed_point": (1, 1, 2), "radius": 0}, r"radius is 0 mm: give a positive"),
     "radius NaN": (sheet(), {"seed_point": (1, 1, 2), "radius": NAN}, r"radius is NaN mm: give a positive"),
     "radius infinite": (sheet(), {"seed_point": (1, 1, 2), "radius": INF}, r"radius is inf mm: give a .* finite"),
@@ -251,16 +251,16 @@ BAD_FILES = {
     "truncated.nii.gz": (cut_short, r"truncated\.nii\.gz: .*(ended|end|complete)"),
     "text.nii": (lambda path: path.write_text("no image\n" * 100), r"text\.nii: "),
     "empty.nii": (lambda path: path.write_bytes(b""), r"empty\.nii: "),
-    "directory.nii": (lambda path: path.mkdir(), r"directory\.nii: is a directory: name a volume file"),
+    "directory.nii": (lambda path: path.mkdir(), r"directory\.nii: is a directory. Pass a volume file"),
     "missing.nii": (lambda path: None, r"missing\.nii.*: No such file|No such file.*missing\.nii"),
-    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz' is unknown; \.nii,.* can be read"),
-    "series.nii": (series, r"pick one"),
-    "sheared.nii": (sheared, r"sheared\.nii: .*sheared: the cosine .* resample"),
-    "nan_affine.nii": (lambda path: raw_header(path, srow=(280, NAN), qoffset=(268, NAN)), r"is not finite: repair"),
+    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz'; \.nii,.* can be read"),
+    "series.nii": (series, r"Select one"),
+    "sheared.nii": (sheared, r"sheared\.nii: .*sheared: the cosine .* Resample"),
+    "nan_affine.nii": (lambda path: raw_header(path, srow=(280, NAN), qoffset=(268, NAN)), r"is not finite. Repair"),
     "pickle.npy": (lambda path: path.write_bytes(pickle.dumps(sheet())), r"pickle\.npy: "),
     "objects.npy": (lambda path: np.save(path, np.array([{}]), allow_pickle=True), r"objects\.npy: .*"),
     "truncated.npy": (lambda path: (np.save(path, sheet()), cut_file(path)), r"truncated\.npy: "),
-    "truncated.npz": (lambda path: (np.savez(path, sheet()), cut_file(path)), r"truncated\.npz: .*write it again"),
+    "truncated.npz": (lambda path: (np.savez(path, sheet()), cut_file(path)), r"truncated\.npz: .*Write it again"),
 }
 
 
@@ -295,15 +295,15 @@ def test_a_damaged_affine_is_one_line(tmp_path, capfd):
 def test_a_mask_that_lies_elsewhere(tmp_path):
     surface = nifti(tmp_path / "in.nii.gz")
     keep = nifti(tmp_path / "keep.nii.gz", kept(np.s_[:20]), affine(a03=2.0))
-    message = r"mask to keep lies elsewhere than the volume \(their affines differ\); resample it first"
+    message = r"the affines of the mask to keep and the volume differ. Resample"
     refused(message, voxflat.surface(surface).keep, keep)
-    assert "lies elsewhere" in fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
+    assert "affines of the mask" in fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
 
 
 def test_a_spacing_for_a_file_that_has_one(tmp_path):
     surface = nifti(tmp_path / "in.nii.gz")
     line = fails(tmp_path, "flatten", surface, "--spacing", "2,2,2", "-o", tmp_path / "map.npz")
-    assert "has its own affine: leave out" in line
+    assert "has its own affine. Omit" in line
 
 
 # --------------------------------------------------------------------------------------------- outputs
@@ -412,9 +412,9 @@ def test_damaged_maps(name, flat_map, tmp_path):
     path = tmp_path / "map.npz"
     flat_map.save(path)
     BAD_MAPS[name](path)
-    refused(r"map\.npz is not a flat map of voxflat or is damaged", voxflat.load, path)
+    refused(r"map\.npz is not a flat map of voxflat, or is damaged", voxflat.load, path)
     line = fails(tmp_path, "image", path, "--heat-map", "-o", tmp_path / "heat.png")
-    assert "is not a flat map of voxflat or is damaged" in line
+    assert "is not a flat map of voxflat, or is damaged" in line
 
 
 def test_a_map_that_is_missing(tmp_path):

@@ -28,7 +28,7 @@ def test_units_have_their_usual_names(given):
 
 @pytest.mark.parametrize("given", ["", "furlong", 3, None])
 def test_another_unit_is_refused(given):
-    refused("give one of mm, cm, m, µm, nm, inch", named_unit, given)
+    refused("Pass one of mm, cm, m, µm, nm, inch", named_unit, given)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_the_command_line_takes_a_unit(tmp_path):
 
 def test_a_volume_that_tells_its_size_has_its_unit(tmp_path):
     nib.save(nib.Nifti1Image(shapes.ball(8).astype(np.uint8), np.eye(4)), tmp_path / "ball.nii")
-    refused("this volume says how large it is, in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
+    refused("this volume defines its size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
     assert run("flatten", tmp_path / "ball.nii", "--unit", "µm", "-o", tmp_path / "m.npz").exit_code == 1
 
 

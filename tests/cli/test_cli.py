@@ -149,7 +149,7 @@ def test_check_says_no(tmp_path):
     box = np.pad(np.ones((6, 6, 6), np.uint8), 2)
     box[0, 0, 0] = 2
     np.save(tmp_path / "box.npy", box)
-    assert "give a label or a threshold" in run("check", tmp_path / "box.npy").stdout
+    assert "pass a label or a threshold" in run("check", tmp_path / "box.npy").stdout
     result = run("check", tmp_path / "box.npy", "--json")  # which label?
     assert result.exit_code == 1
     content = json.loads(result.stdout)

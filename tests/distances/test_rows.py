@@ -197,7 +197,7 @@ DAMAGES = {
     "damaged points": ("points.npy", lambda path: spoil(path, -3)),
     "truncated ids": ("ids.npy", truncate),
     "no sources": ("sources.npy", Path.unlink),
-    "sources that are no array": ("sources.npy", lambda path: path.write_text("no array")),
+    "sources that are no array": ("sources.npy", lambda path: path.write_text("not an array")),
 }
 
 

@@ -58,18 +58,18 @@ HOSTILE = {
     "empty.ply": (b"", "is empty"),
     "text.ply": (HELLO, "has no header from 'ply'"),
     "text.obj": (HELLO, "no line that begins with 'v'"),
-    "text.stl": (HELLO, "faces by its header, but ends"),
+    "text.stl": (HELLO, "its header specifies .* faces, but the file ends"),
     "text.vtk": (HELLO, "damaged header"),
     "text.vtp": (HELLO, "syntax error"),
     "text.surf.gii": (HELLO, "syntax error"),
-    "text": (HELLO, "is no surface, but of unknown content: .gii, "),
-    "html.surf.gii": (b"<html><body>404</body></html>", "ending of GIFTI, but the content of XML <html>"),
+    "text": (HELLO, "is not a surface: its content is unknown; supported formats are .gii, "),
+    "html.surf.gii": (b"<html><body>404</body></html>", "ends as GIFTI, but its content is XML <html>"),
     "cut.surf.gii": (b"<?xml version='1.0'?>", "no element found"),
     "cut.gii.gz": (gzip.compress(b"<GIFTI/>" * 99)[:-9], "[Cc]ompressed file ended"),
     "bad.gii.gz": (b"\x1f\x8bgarbage" * 9, "method|gzip"),
-    "pairs.ply": (PLY + b"2 0 1\n2 1 2\n", "face 0 has 2 corners; triangulate first"),
-    "mixed.ply": (PLY + b"3 0 1 2\n4 0 1 2\n", "ends in face 1 of 2"),
-    "range.ply": (PLY + b"3 0 1 2\n4 0 1 2 4\n", "face 1 has the corner 4; the surface has the points 0 to 3"),
+    "pairs.ply": (PLY + b"2 0 1\n2 1 2\n", "face 0 has 2 corners. Triangulate it first"),
+    "mixed.ply": (PLY + b"3 0 1 2\n4 0 1 2\n", "ends at face 1 of 2"),
+    "range.ply": (PLY + b"3 0 1 2\n4 0 1 2 4\n", "face 1 has the corner 4, but the surface has the points 0 to 3"),
     "half.ply": (PLY + b"3 0 1 1.5\n3 0 1 2\n", "face 0 is .*whole numbers"),
     "points.ply": (
         PLY[: PLY.index(b"element face")] + b"end_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n",
@@ -77,30 +77,30 @@ HOSTILE = {
     ),
     "format.ply": (b"ply\nformat morse 1.0\nend_header\n", "format is 'morse'"),
     "line.ply": (b"ply\nelemnt vertex 3\nend_header\n", "line 'elemnt vertex 3'"),
-    "pairs.obj": (OBJ + b"v 0 9 0\nf 1 2 3\nf 1 2\n", "face 1 has 2 corners; triangulate"),
+    "pairs.obj": (OBJ + b"v 0 9 0\nf 1 2 3\nf 1 2\n", "face 1 has 2 corners. Triangulate"),
     "points.obj": (b"v 0 0 0\nv 9 0 0\n", "no line that begins with 'f'"),
-    "lines.obj": (OBJ + b"l 1 2\nf 1 2 3\n", "has 1 lines beside its faces"),
+    "lines.obj": (OBJ + b"l 1 2\nf 1 2 3\n", "has 1 lines in addition to its faces"),
     "zero.obj": (OBJ + b"f 0 1 2\n", r"face 0 is \[-1, 0, 1\]"),
     "range.obj": (OBJ + b"f 1 2 3\nf 1 2 4\n", r"face 1 is \[0, 1, 3\]"),
-    "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 names texture coordinate 2 of 1"),
+    "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2 of 1"),
     "word.obj": (b"v 0 0 zero\nf 1 1 1\n", "could not convert string to float: 'zero'"),
-    "nan.obj": (b"v 0 0 nan\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0 lies at"),
-    "lh.patch": (struct.pack(">2i", -1, 0), "is no surface, but FreeSurfer patch: read_patch reads it"),
-    "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values: read_overlay"),
-    "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "-1 faces by its header, which is damaged"),
-    "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but ends after"),
-    "grid.vtk": (b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "holds STRUCTURED_GRID: extract"),
+    "nan.obj": (b"v 0 0 nan\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0 has the coordinates"),
+    "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch; read_patch reads it"),
+    "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values; read_overlay"),
+    "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "its header is damaged: it specifies .* -1 faces"),
+    "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but the file ends after"),
+    "grid.vtk": (b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
     "huge.vtk": (
         b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n",
-        "Unable to allocate|ended at it",
+        "Unable to allocate|ended while it read",
     ),
     "strip.vtk": (
         VTK + b"POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n",
-        "has 1 lines beside its faces: remove them",
+        "has 1 lines (beside|in addition to) its faces. Remove them",
     ),
-    "quads.vtk": (VTK + b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 9\n", "face 1 has the corner 9|VTK says"),
+    "quads.vtk": (VTK + b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 9\n", "face 1 has the corner 9|VTK reports"),
     "bomb.vtp": (b'<!DOCTYPE a [<!ENTITY a "a">]><VTKFile type="PolyData"/>', "defines the XML entity 'a'"),
-    "grid.vtp": (b'<VTKFile type="UnstructuredGrid"><UnstructuredGrid/></VTKFile>', "VTK says|no points"),
+    "grid.vtp": (b'<VTKFile type="UnstructuredGrid"><UnstructuredGrid/></VTKFile>', "VTK reports|no points"),
 }
 
 
@@ -115,11 +115,11 @@ def test_hostile_files(tmp_path, name, capfd):
 def test_wrong_endings(tmp_path):
     nib.save(nib.Nifti1Image(np.zeros((9, 9, 9), np.uint8), np.eye(4)), tmp_path / "v.nii.gz")
     (tmp_path / "v.nii.gz").rename(tmp_path / "v.surf.gii")
-    refuses(tmp_path / "v.surf.gii", "has the ending of GIFTI, but the content of a NIfTI volume: rename it")
+    refuses(tmp_path / "v.surf.gii", "ends as GIFTI, but its content is a NIfTI volume. Rename")
     wrong = [("s.stl", "s.obj", "STL"), ("text.stl", "t.obj", "STL"), ("s.ply", "s.stl", "PLY")]
     for name, ending, content in [*wrong, ("s.vtp", "s.gii", "VTP"), ("s.surf.gii", "s.vtp", "GIFTI")]:
         written(tmp_path, name).rename(tmp_path / ending)
-        refuses(tmp_path / ending, f"but the content of {content}")
+        refuses(tmp_path / ending, f"but its content is {content}")
         shutil.copy(tmp_path / ending, tmp_path / "no ending")
         assert len(read_mesh(tmp_path / "no ending").faces) == 80
 
@@ -130,7 +130,7 @@ def test_what_is_no_file(tmp_path):
         read_mesh(tmp_path / "missing.ply")
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.ply")
-        refuses(tmp_path / "pipe.ply", "is no regular file")
+        refuses(tmp_path / "pipe.ply", "is not a regular file")
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="this user may read everything")

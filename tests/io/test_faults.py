@@ -191,12 +191,12 @@ def test_a_reader_is_not_waited_for_after_ctrl_c(folder):
     """It may be busy for long; here it sleeps, out of reach of Ctrl-C."""
     code = (
         "import os, signal, sys, threading, time\n"
-        "from voxflat.io import apart\n"
-        "apart._PACKAGES['time'] = ('sleep', 'time', 'sleep')\n"
-        "apart._START = 'import sys, time; print(end=\"\"); time.sleep(60)'\n"
+        "from voxflat.io import subprocess_reader\n"
+        "subprocess_reader._PACKAGES['time'] = ('sleep', 'time', 'sleep')\n"
+        "subprocess_reader._START = 'import sys, time; print(end=\"\"); time.sleep(60)'\n"
         "threading.Timer(1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
-        "try: apart.apart(time.sleep, 'time', __import__('pathlib').Path('v.nii.gz'))\n"
-        "except KeyboardInterrupt: print(apart._child)\n"
+        "try: subprocess_reader.read_in_subprocess(time.sleep, 'time', __import__('pathlib').Path('v.nii.gz'))\n"
+        "except KeyboardInterrupt: print(subprocess_reader._child)\n"
     )
     start = time.monotonic()
     done = python(code, timeout=50)

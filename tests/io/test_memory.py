@@ -103,7 +103,7 @@ def test_inflating_stops(tmp_path):
     image = nib.Nifti1Image(np.ones((4, 4, 4), np.uint8), np.eye(4))
     with gzip.open(tmp_path / "a.nii.gz", "wb", compresslevel=1) as file:
         file.write(image.to_bytes() + bytes(100 << 20))
-    refused("goes on after the 416 bytes that its header tells of", read_volume, tmp_path / "a.nii.gz")
+    refused("is longer than the 416 bytes that its header specifies", read_volume, tmp_path / "a.nii.gz")
     mesh = tmp_path / "lh.surf.gii.gz"
     mesh.write_bytes(gzip.compress(b"<GIFTI>" + bytes(8 << 20), compresslevel=1))
     refused("to more than 1 MiB, a quarter of the memory", voxflat.surface, mesh, memory_limit=4 << 20)

@@ -22,7 +22,9 @@ def test_files_of_vtk(tmp_path, ending, binary):
     ball.save(path, binary=binary)
     read = read_mesh(path)
     if ending == ".stl":
-        assert read.remarks == ("STL knows no points: 240 corners with 42 different places became as many points",)
+        assert read.remarks == (
+            "STL has no shared points: 240 corners at 42 different positions became as many points",
+        )
         np.testing.assert_allclose(read.points[read.faces], ball.points[ball.regular_faces], rtol=1e-5)
         return
     same(read, sphere(), 1e-5)
@@ -133,9 +135,11 @@ f -5/4/1 -2/2/-1 -3/3
     same(read, Mesh(np.array(points), [(2, 1, 3), (1, 4, 3)]))
     nan = [np.nan, np.nan]
     np.testing.assert_array_equal(read.texture_coordinates, [nan, (1, 0), (0, 0), (0, 1), (1, 0), nan])
-    assert read.remarks == ("1 points lie on a seam of the texture: each keeps the first of its texture coordinates",)
+    assert read.remarks == ("1 points lie on a texture seam: each keeps the first of its texture coordinates",)
     (tmp_path / "s.obj").write_text("v 0 0 0\nv 0 90 0\nv 90 0 0\nf 1// 2//1 3")
-    assert read_mesh(tmp_path / "s.obj").remarks == ("does not end with a whole line: is it complete?",)
+    assert read_mesh(tmp_path / "s.obj").remarks == (
+        "does not end with a complete line. Check that the file is complete",
+    )
 
 
 def quads(new):
@@ -153,7 +157,7 @@ def test_freesurfer_quadrangles(tmp_path, new):
     assert len(read.faces) == 4
     assert read.remarks == ("2 quadrangles were split into triangles",)
     (tmp_path / "lh.orig").write_bytes(quads(new)[:-1])
-    refuses(tmp_path / "lh.orig", "has 16 points and 2 quadrangles by its header, but ends after")
+    refuses(tmp_path / "lh.orig", "its header specifies 16 points and 2 quadrangles, but the file ends after")
 
 
 def test_a_footer_cut_short_is_refused(tmp_path):
@@ -184,8 +188,8 @@ def test_gifti_transforms_to_a_template_are_not_applied(tmp_path):
     read = read_mesh(gifti(tmp_path / "s.gii", change=change))
     same(read, sphere(), 1e-6)
     assert read.remarks == (
-        "has a transform to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), which is not applied: coordinates are as "
-        "stored",
+        "has a transformation to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), which is not applied: the coordinates "
+        "are used as stored",
     )
     assert read.space.name == "unknown"
 
@@ -203,8 +207,8 @@ POINT, TRIANGLE = (np.zeros((4, 3), "f4"), "pointset"), (np.zeros((1, 3), "i4"),
         ([(np.zeros((0, 3), "f4"), "pointset"), TRIANGLE], "no points"),
         ([POINT, (np.zeros((0, 3), "i4"), "triangle")], "no faces"),
         ([POINT, (np.array([[0, 1, 4]], "i4"), "triangle")], r"face 0 is \[0, 1, 4\]"),
-        ([(np.full((4, 3), np.nan, "f4"), "pointset"), TRIANGLE], "point 0 lies at"),
-        ([POINT, (np.zeros((1, 4), "i4"), "triangle")], r"faces are int32 of shape \(1, 4\)"),
+        ([(np.full((4, 3), np.nan, "f4"), "pointset"), TRIANGLE], "point 0 has the coordinates"),
+        ([POINT, (np.zeros((1, 4), "i4"), "triangle")], r"faces have type int32 and shape \(1, 4\)"),
     ],
 )
 def test_gifti_that_is_no_surface(tmp_path, arrays, message):
@@ -226,10 +230,13 @@ def test_gifti_with_attacks(tmp_path):
             refuses(path, "defines the XML entity")
     outside = text.replace('Encoding="GZipBase64Binary"', 'Encoding="ExternalFileBinary"')
     path.write_text(outside.replace('ExternalFileName=""', 'ExternalFileName="/etc/passwd"'))
-    refuses(path, "keeps data in another file, '/etc/passwd'")
+    refuses(path, "refers to another file, '/etc/passwd'")
     gifti(path, [(np.zeros((2_000_000, 3), "f4"), "pointset"), TRIANGLE])
-    too_large = "array 1 has the dimensions .* more than memory may hold"
-    for old, new, told in (("2000000", "4", "array 1 goes on after 48 bytes"), ("4", "400000000000", too_large)):
+    too_large = "array 1, of dimensions .*, exceeds the memory"
+    for old, new, told in (
+        ("2000000", "4", "array 1 is longer than its header specifies: 48 bytes"),
+        ("4", "400000000000", too_large),
+    ):
         path.write_text(path.read_text().replace(f'Dim0="{old}"', f'Dim0="{new}"'))
         refuses(path, told)
 
@@ -246,7 +253,7 @@ def test_what_memory_may_not_hold(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('NumberOfDataArrays="2"', 'NumberOfDataArrays="3"', "has 2 arrays, by its header 3"),
+        ('NumberOfDataArrays="2"', 'NumberOfDataArrays="3"', "has 2 arrays, but its header specifies 3"),
         ('Dim0="42"', 'Dim0="43"', "array 1 ends after 504 of 516 bytes"),
         ('Encoding="GZipBase64Binary"', 'Encoding="Rot13"', "Rot13"),
     ],

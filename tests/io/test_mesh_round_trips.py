@@ -92,11 +92,11 @@ def test_gifti_says_what_it_holds(tmp_path, mesh, geometry, topology):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("s.stl", "ending '.stl' is unknown; .surf.gii, .vtp, .ply, .obj can be written"),
+        ("s.stl", "ending '.stl'; .surf.gii, .vtp, .ply, .obj can be written"),
         ("s.vtk", "unknown"),
         ("s.gii", "unknown"),
         ("lh.white.stl", "unknown"),
-        ("lh.cortex.patch.flat", "use write_patch"),
+        ("lh.cortex.patch.flat", "Use write_patch"),
     ],
 )
 def test_what_cannot_be_written(tmp_path, name, message):
@@ -117,15 +117,15 @@ def test_values_that_a_format_cannot_hold(tmp_path):
     [
         (np.zeros((0, 3)), np.zeros((0, 3), int), "no points"),
         (np.zeros((3, 3)), np.zeros((0, 3), int), "no faces"),
-        (np.zeros((3, 2)), [[0, 1, 2]], r"points are float64 of shape \(3, 2\)"),
-        (np.zeros((3, 3), complex), [[0, 1, 2]], "points are complex128"),
+        (np.zeros((3, 2)), [[0, 1, 2]], r"points have type float64 and shape \(3, 2\)"),
+        (np.zeros((3, 3), complex), [[0, 1, 2]], "points have type complex128"),
         (np.zeros((3, 3)), [[0, 1, 2, 0]], r"shape \(1, 4\)"),
-        (np.zeros((3, 3)), [[0.0, 1, 2]], "faces are float64"),
-        (np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], r"face 1 is \[0, 1, 3\]; the surface has the points 0 to 2"),
+        (np.zeros((3, 3)), [[0.0, 1, 2]], "faces have type float64"),
+        (np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], r"face 1 is \[0, 1, 3\], but the surface has the points 0 to 2"),
         (np.zeros((3, 3)), [[0, 1, -1]], r"face 0 is \[0, 1, -1\]"),
         (np.zeros((3, 3)), np.array([[0, 1, 2**64 - 1]], np.uint64), "face 0 is"),
-        ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], r"point 1 lies at \[0.0, nan, 0.0\]"),
-        ([[0, 0, 0], [0, 0, 0], [0, 0, -np.inf]], [[0, 1, 2]], "point 2 lies at"),
+        ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], r"point 1 has the coordinates \[0.0, nan, 0.0\]"),
+        ([[0, 0, 0], [0, 0, 0], [0, 0, -np.inf]], [[0, 1, 2]], "point 2 has the coordinates"),
     ],
 )
 def test_bad_arrays(points, faces, message):
@@ -133,15 +133,15 @@ def test_bad_arrays(points, faces, message):
 
 
 def test_bad_data():
-    with pytest.raises(InputError, match=r"texture coordinates have shape \(3, 2\): give \(16, 2\)"):
+    with pytest.raises(InputError, match=r"texture coordinates have shape \(3, 2\). Pass shape \(16, 2\)"):
         Mesh(grid().points, grid().faces, texture_coordinates=np.zeros((3, 2)))
-    with pytest.raises(InputError, match="point data 'curv' has 3 values; the surface has 16 points"):
+    with pytest.raises(InputError, match="point data 'curv' has 3 values, but the surface has 16 points"):
         Mesh(grid().points, grid().faces, point_data={"curv": np.zeros(3)})
 
 
 def test_suspicious_units(tmp_path):
     assert Mesh(sphere().points, sphere().faces).unit_remark is None
-    remark = "is 0.17 units across; coordinates are taken as mm: are they metres? multiply by 1000"
+    remark = "is 0.17 units across; coordinates are assumed to be in mm. If they are in metres, multiply them by 1000"
     assert Mesh(sphere().points * 0.0017, sphere().faces).unit_remark == remark
     write_mesh(tmp_path / "s.ply", Mesh(sphere().points * 0.0017, sphere().faces))
     assert read_mesh(tmp_path / "s.ply").remarks == (remark,)

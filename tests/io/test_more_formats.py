@@ -106,7 +106,7 @@ def test_tiff_stacks_are_volumes_in_mm(tmp_path):
 )
 def test_a_stack_of_several_volumes_is_refused(tmp_path, axes, shape):
     tifffile.imwrite(tmp_path / "s.ome.tif", np.zeros(shape, np.uint8), metadata={"axes": axes})
-    refused(r"s.ome.tif: holds more than one volume \([23] along", read_volume, tmp_path / "s.ome.tif")
+    refused(r"s.ome.tif: contains more than one volume \([23] along", read_volume, tmp_path / "s.ome.tif")
 
 
 @pytest.mark.parametrize("kind", [nib.Nifti1Pair, nib.AnalyzeImage])
@@ -120,7 +120,7 @@ def test_images_of_two_files(tmp_path, kind):
     (tmp_path / "pair.img").write_bytes((tmp_path / "pair.img").read_bytes()[:-9])
     refused("ends after 411 of 420 bytes", read_volume, tmp_path / "pair.hdr")
     (tmp_path / "pair.img").unlink()
-    refused(r"pair.img is not beside it", read_volume, tmp_path / "pair.hdr")
+    refused(r"pair.img is missing beside it", read_volume, tmp_path / "pair.hdr")
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("micron", 1e-3), ("meter", 1e3), ("mm", 1), ("unknown", 1)])

@@ -93,14 +93,14 @@ BOTH = PolyMesh(left=nilearn_mesh(), right=nilearn_mesh())
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (object(), r"object: this object is not supported. Give a path; a NumPy array; .*nilearn.*"),
+        (object(), r"object: this object is not supported. Pass a path; a NumPy array; .*nilearn.*"),
         ({"a": 1}, "dict: this object is not supported"),
         (None, "NoneType: this object is not supported"),
-        (BOTH, r"PolyMesh: has the parts left, right: choose one, such as .parts\['left'\]"),
-        (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres: choose one, such as .mesh.parts"),
-        (PolyData(left=VALUES), "PolyData: holds values and not a surface"),
-        (gifti_values(), "GiftiImage: holds values and not a surface"),
-        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "has line, and no triangles"),
+        (BOTH, r"PolyMesh: has the parts left, right. Pass one of them, such as .parts\['left'\]"),
+        (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres. Pass .*, such as .mesh.parts"),
+        (PolyData(left=VALUES), "PolyData: contains values, not a surface"),
+        (gifti_values(), "GiftiImage: contains values, not a surface"),
+        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "has line, but no triangles"),
     ],
 )
 def test_what_is_no_surface_is_told(given, said):
@@ -133,10 +133,10 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (gifti_values("CortexRight"), "GiftiImage: is of CortexRight, and the surface of CortexLeft"),
-        (gifti_values(values=VALUES[:9]), "has 9 values; the surface has 441"),
-        (PolyData(right=VALUES), "has values of right, and the surface is CortexLeft"),
-        (PolyData(left=VALUES[:9]), "has values at left: 9 vertices; the surface has 441"),
+        (gifti_values("CortexRight"), "GiftiImage: belongs to CortexRight, but the surface is CortexLeft"),
+        (gifti_values(values=VALUES[:9]), "has 9 values, but the surface has 441"),
+        (PolyData(right=VALUES), "has values for right, but the surface is CortexLeft"),
+        (PolyData(left=VALUES[:9]), "has values at left: 9 vertices, but the surface has 441"),
     ],
 )
 def test_values_of_another_surface_are_refused(left, given, said):
@@ -145,7 +145,7 @@ def test_values_of_another_surface_are_refused(left, given, said):
 
 def test_where_the_side_is_unknown_one_has_to_be_chosen():
     flat_map = voxflat.flatten(nilearn_mesh(), relax=False)
-    refused("the surface does not say which it is", flat_map.image, PolyData(left=VALUES, right=-VALUES))
+    refused("the hemisphere of the surface is unknown", flat_map.image, PolyData(left=VALUES, right=-VALUES))
 
 
 def test_labels_of_another_package_bring_their_table():

@@ -37,7 +37,7 @@ def test_no_triangle_lies_outside_its_polygon(name):
             points = np.column_stack([flat, np.zeros(len(flat))]) @ tilt.T
             triangles, remarks = triangulated(points, np.arange(len(points)), np.array([len(points)]))
             assert len(triangles) == len(points) - 2
-            assert remarks == (f"1 face of {len(points)} corners were cut into triangles",)
+            assert remarks == (f"1 face of {len(points)} corners were split into triangles",)
             a, b, c = np.moveaxis(points[triangles], 1, 0)
             signed = 0.5 * np.cross(b - a, c - a) @ tilt[:, 2] * way
             assert (signed > -1e-12).all()
@@ -51,7 +51,7 @@ def test_the_shorter_diagonal_is_taken_and_the_same_whichever_corner_is_first():
         triangles, _ = triangulated(points, np.arange(4), np.array([4]))
         shared = set(triangles[0]) & set(triangles[1])
         assert np.ptp(points[sorted(shared), 0]) == 0
-    with pytest.raises(InputError, match="face 1 has 1001 corners; triangulate first"):
+    with pytest.raises(InputError, match=r"face 1 has 1001 corners\. Triangulate it first"):
         triangulated(kite, np.zeros(1004, dtype=int), np.array([3, 1001]))
 
 
@@ -72,7 +72,7 @@ def test_files_of_polygons(ending, tmp_path):
     read = read_mesh(path)
     np.testing.assert_allclose(read.points, solid.points, atol=1e-6)
     assert len(read.faces) == sum(len(face) - 2 for face in faces)
-    assert read.remarks == ("6 faces of 4 corners, 2 faces of 6 corners were cut into triangles",)
+    assert read.remarks == ("6 faces of 4 corners, 2 faces of 6 corners were split into triangles",)
     # VTK's own triangles have the same area and volume
     ours, theirs = pv.PolyData.from_regular_faces(read.points, read.faces), solid.triangulate()
     assert (ours.area, ours.volume) == pytest.approx((theirs.area, theirs.volume))
@@ -97,7 +97,7 @@ def test_files_of_strips(ending, tmp_path):
     triangles = strips.triangulate()
     ours = pv.PolyData.from_regular_faces(read.points, read.faces)
     assert len(read.faces) == triangles.n_cells
-    assert f"were cut into {len(read.faces)} triangles" in read.remarks[-1]
+    assert f"were split into {len(read.faces)} triangles" in read.remarks[-1]
     assert ours.volume == pytest.approx(triangles.volume)
     assert ours.n_open_edges == triangles.n_open_edges == 0
 

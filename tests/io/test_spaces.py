@@ -147,11 +147,11 @@ def test_a_footer_that_says_nothing(tmp_path, caplog):
     nib.freesurfer.write_geometry(path, points, faces, "me", footer(of, "0  # volume info invalid"))
     space = read_mesh(path).space
     assert (space.name, space.is_known) == ("tkRAS", False)
-    assert "does not say where their volume lies (c_ras)" in space.doubt
+    assert "does not define where their volume lies (c_ras)" in space.doubt
     voxflat.surface(path).save(tmp_path / "s.surf.gii")
-    assert re.search(r"s\.surf\.gii may lie elsewhere than volumes: .*c_ras", caplog.text)
+    assert re.search(r"s\.surf\.gii may be misaligned with volumes: .*c_ras", caplog.text)
     assert read_mesh(tmp_path / "s.surf.gii").space.name == "unknown"
-    bad = {"xras": (np.nan, "they must be orthonormal"), "cras": (np.inf, "c_ras is [inf, 0.0, 0.0]")}
+    bad = {"xras": (np.nan, "are not orthonormal"), "cras": (np.inf, "c_ras, [inf, 0.0, 0.0], is")}
     for key, (value, told) in bad.items():
         nib.freesurfer.write_geometry(path, points, faces, "me", footer(of) | {key: np.array([value, 0, 0])})
         assert told in read_mesh(path).space.doubt

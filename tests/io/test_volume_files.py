@@ -162,7 +162,7 @@ def test_sheared_nifti_is_refused_and_nearly_orthogonal_read(tmp_path, shear, go
     affine = oblique()
     affine[:3, 1] += shear * affine[:3, 0] * np.linalg.norm(affine[:3, 1]) / np.linalg.norm(affine[:3, 0])
     path = save(tmp_path / "v.nii", values(), affine)
-    same_as_nibabel(path) if good else refuses(path, r"sheared.*resample", read_volume)
+    same_as_nibabel(path) if good else refuses(path, r"sheared.*Resample", read_volume)
 
 
 rotations = st.builds(rotation, st.integers(0, 2**31))
@@ -230,7 +230,7 @@ def test_a_known_lps_header(tmp_path):
 def test_itk_formats_refuse_shear_and_convert_units(tmp_path, name, old, new):
     path = tmp_path / name
     itk.imwrite(itk_image(values(), np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])), str(path))
-    refuses(path, r"sheared.*0\.447.*resample", read_volume)
+    refuses(path, r"sheared.*0\.447.*Resample", read_volume)
     itk.imwrite(itk_image(values()), str(path))
     affine = read_volume(path).affine
     path.write_bytes(path.read_bytes().replace(old, new))
@@ -295,5 +295,5 @@ def test_no_file_directory_or_ending(tmp_path):
         read_volume(tmp_path / "none.nii")
     refuses(tmp_path, "is a directory", as_volume)
     (tmp_path / "v.jpg").touch()
-    refuses(tmp_path / "v.jpg", r"'.jpg' is unknown; .nii, ", read_volume)
+    refuses(tmp_path / "v.jpg", r" '.jpg'; .nii, ", read_volume)
     assert issubclass(InputError, ValueError)

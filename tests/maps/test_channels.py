@@ -99,8 +99,8 @@ class TestOverlays:
                 assert image.name == ", ".join(part for part in (name, names[k]) if part)
             assert_shows(flat.image(tmp_path / name, channel=2), 2)
             assert_shows(flat.image(tmp_path / name, channel=-3), 0)
-            refused(rf"{name}: has 3 maps \(.*\): choose one by its name or number", flat.image, tmp_path / name)
-            refused(r"has no map 3: they are numbered 0 to 2", flat.image, tmp_path / name, channel=3)
+            refused(rf"{name}: has 3 maps \(.*\). Choose one by its name or number", flat.image, tmp_path / name)
+            refused(r"has no map 3. Pass a number from 0 to 2", flat.image, tmp_path / name, channel=3)
 
     def test_one_map_needs_no_choice(self, flat, tmp_path):
         for name in overlays(tmp_path, 1):
@@ -110,7 +110,7 @@ class TestOverlays:
         overlays(tmp_path)
         for channel, number in (("2BK-0BK", 1), ("3", 2), ("1", 1)):
             assert_shows(flat.image(tmp_path / "z.func.gii", channel=channel), number)
-        for channel, told in (("none", "has no map 'none', but rest, 2BK-0BK, 3"), (True, "channel is True")):
+        for channel, told in (("none", "has no map 'none'. Choose one of rest, 2BK-0BK, 3"), (True, "channel is True")):
             refused(told, flat.image, tmp_path / "z.func.gii", channel=channel)
 
     def test_another_count(self, flat, tmp_path):
@@ -118,7 +118,7 @@ class TestOverlays:
         nib.save(nib.MGHImage(values, np.eye(4)), tmp_path / "a.mgz")
         nib.save(nib.Nifti1Image(values, np.eye(4)), tmp_path / "b.nii.gz")
         for name in ("a.mgz", "b.nii.gz"):
-            refused(f"{name}: has 7 values; the surface has 169 points", flat.image, tmp_path / name)
+            refused(f"{name}: has 7 values, but the surface has 169 points", flat.image, tmp_path / name)
 
     def test_regions(self, tmp_path):
         mesh = plane(None)
@@ -145,8 +145,8 @@ class TestCifti:
 
     def test_which_side_has_to_be_known(self, tmp_path):
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
-        both = "holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"
-        for structure, told in ((None, both), ("Cerebellum", "CORTEX_RIGHT, and not CEREBELLUM, which the surface is")):
+        both = "contains CORTEX_LEFT, CORTEX_RIGHT, each with 169 vertices, and the hemi"
+        for structure, told in ((None, both), ("Cerebellum", "CORTEX_RIGHT, but the surface is CEREBELLUM")):
             refused(told, flattened(structure).image, tmp_path / "z.dscalar.nii")
         cifti(tmp_path / "l.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None], structures=BOTH[:1])
         assert_shows(flattened(None).image(tmp_path / "l.dscalar.nii"), 0)
@@ -177,7 +177,7 @@ class TestCifti:
         labels = np.ones(100, np.float32)
         labels[7] = wrong
         cifti(tmp_path / "a.dlabel.nii", axis, labels[None], np.arange(100), BOTH[:1])
-        refused(r"a\.dlabel\.nii: has the label .*: give whole numbers", flat.image, tmp_path / "a.dlabel.nii")
+        refused(r"a\.dlabel\.nii: label .* is not a whole number", flat.image, tmp_path / "a.dlabel.nii")
 
     @pytest.mark.slow
     @needs_workbench
@@ -214,7 +214,7 @@ class TestSeries:
         for k in (2, 0, 3, 1):
             assert_shows(stack[k], k)
         assert_shows(flat.image(nib.load(path), channel=3), 3)
-        refused(rf"{name}: has 4 maps \(0 to 3\): choose one", flat.image, path)
+        refused(rf"{name}: has 4 maps \(0 to 3\). Choose one", flat.image, path)
 
     def test_one_volume_of_a_series_is_a_volume(self, flat, tmp_path):
         assert_shows(flat.image(series(tmp_path, 1)), 0)

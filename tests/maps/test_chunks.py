@@ -193,8 +193,8 @@ class TestOmeZarr:
         ("changes", "message"),
         [
             ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
-            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is in parsec"),
-            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "transformed by 'affine'"),
+            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is parsec"),
+            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "'affine' is not supported"),
             ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
             ({"datasets": []}, "has no image"),
         ],
@@ -226,7 +226,7 @@ class TestOmeZarr:
     def test_a_scale_that_is_no_number(self, m, values, tmp_path, scale):
         steps = [{"type": "scale", "scale": scale}, {"type": "scale", "scale": scale}]
         data = [{"path": "0", "coordinateTransformations": steps}]
-        with pytest.raises(InputError, match=r"its axes are scaled by .*: give finite numbers"):
+        with pytest.raises(InputError, match=r"its scale .* must be finite"):
             m.image(ome(tmp_path / "v.zarr", values, datasets=data), 0.4, channel=0)
 
     def test_a_chunk_that_is_damaged(self, m, values, tmp_path):
@@ -234,7 +234,7 @@ class TestOmeZarr:
         images = m.images(path, 0.4)
         for chunk in path.glob("0/[0-9]*"):
             chunk.write_bytes(chunk.read_bytes()[:20])
-        with pytest.raises(InputError, match=r"/v\.zarr: .*: is the file complete"):
+        with pytest.raises(InputError, match=r"/v\.zarr: .*. Check that the file is complete"):
             images[0]
 
     @pytest.mark.parametrize("at", [4, 8])  # bytes of Blosc's header: sizes unpacked and of a block
@@ -250,7 +250,7 @@ def test_what_is_no_volume():
     assert not is_chunked(np.zeros(3))
     assert chunked_of(np.zeros((3, 3, 3))) is None
     for data, chunks, told in (
-        (np.zeros((3, 3)), (2, 2), "has the shape"),
+        (np.zeros((3, 3)), (2, 2), "has shape"),
         (np.zeros((3, 3, 3), complex), (2, 2, 2), "complex"),
         (np.zeros((3, 3, 3)), (2, 0, 2), "is empty"),
         (np.zeros((3, 0, 3)), (2, 2, 2), "is empty"),
@@ -281,5 +281,5 @@ def test_chunks_that_are_not_read_take_no_memory():
 
 
 def test_more_chunks_than_a_number_counts_are_refused():
-    with pytest.raises(InputError, match=r"is in \d+ chunks: a number of 64 bits does not count them"):
+    with pytest.raises(InputError, match=r"has \d+ chunks, more than a 64-bit number can count"):
         chunked_of(Endless((2**31 - 1,) * 3, (1, 1, 1)))

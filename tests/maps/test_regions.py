@@ -254,11 +254,11 @@ class TestDrawings:
     @pytest.mark.parametrize(
         ("where", "layer", "message"),
         [
-            ("", "rois", "its root does not say where the map lies: data-voxflat-extent"),
+            ("", "rois", "its root does not define data-voxflat-extent"),
             (
                 'data-voxflat-extent="1 2 3" data-voxflat-axes="0 0 1 1"',
                 "rois",
-                "data-voxflat-extent must be four numbers",
+                "data-voxflat-extent as four numbers",
             ),
             ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "have no area"),
             (WHERE, "areas", "has no layer 'areas'; its layers are 'rois', 'round', 'names'"),
@@ -282,7 +282,7 @@ class TestDrawings:
     def test_places_beyond_all_numbers(self, m, tmp_path, where, beyond):
         path = tmp_path / "drawn.svg"
         path.write_text(SVG.format(where=WHERE).replace(where, beyond))
-        refused("one of its paths leads to infinity", m.regions, path)
+        refused("one of its paths has infinite coordinates", m.regions, path)
 
     @pytest.mark.slow
     def test_shapes_of_napari(self, m):
@@ -407,7 +407,7 @@ class TestPoints:
         np.savetxt("bare.txt", m.points[:4])
         succeed("points", "m.npz", "bare.txt", "-o", "uv.csv")
         np.testing.assert_allclose(np.loadtxt("uv.csv", delimiter=",", skiprows=1)[:, 3:5], m.uv[:4], atol=2e-6)
-        bad = {"": "is empty", "x,y,z\n": "no point", "x,y,z\n1,2\n": "cells", "1,2,q\n3,4,5\n": "row 1: 'q' is no num"}
+        bad = {"": "is empty", "x,y,z\n": "no point", "x,y,z\n1,2\n": "cells", "1,2,q\n3,4,5\n": "row 1: 'q' is not a"}
         for text, message in bad.items():
             Path("bad.csv").write_text(text)
             fail(1, message, "points", "m.npz", "bad.csv", "-o", "uv.csv")

@@ -298,7 +298,7 @@ def test_nothing_is_written_half(series, tmp_path, name):
 def test_no_directory_is_replaced(series, tmp_path):
     pytest.importorskip("zarr")
     (tmp_path / "flat.zarr").mkdir()
-    refused("is there already, and directories are not replaced: delete it", series[1].save, tmp_path / "flat.zarr")
+    refused("exists, and directories are not replaced. Delete it", series[1].save, tmp_path / "flat.zarr")
     assert list((tmp_path / "flat.zarr").iterdir()) == []
 
 

@@ -134,14 +134,14 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     (points, faces), of = ball(), header()
     nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces)
     flat(tmp_path / "lh.white").image(volumes["RAS"][0])
-    assert "does not say where their volume lies (c_ras); give a file that says it" in caplog.text
+    assert "does not define where their volume lies (c_ras); give a file that says it" in caplog.text
     caplog.clear()
     meta = {name: value for name, value in volume_geometry(of, points).items() if "Center" not in name}
     for spaces, moved, reading in (((0, 3), points + np.array(C_RAS), "(tkRAS)"), ((3, 3), points, "(scanner RAS)")):
         m = flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta, spaces))
         assert caplog.messages == []  # it does not matter yet
         agrees(m, volumes["RAS"], moved)
-        assert "c_ras (3, -17, 22) mm and does not say whether its coordinates include it" in caplog.text
+        assert "c_ras (3, -17, 22) mm, but does not say whether its coordinates include it" in caplog.text
         assert reading in caplog.text
         caplog.clear()
     told = replace(read_mesh(tmp_path / "s.surf.gii"), space=Space("tkRAS", VolumeGeometry.conformed(C_RAS)))

@@ -119,8 +119,8 @@ class TestPictures:
         whole = (tmp_path / "whole.png").read_bytes()
         for damaged in (b"", b"text", whole[:60], whole[:-30]):
             (tmp_path / "bad.png").write_bytes(damaged)
-            refused(r"bad.png: .*is the file complete", cylinder_map.textured, tmp_path / "bad.png")
-        refused("is a directory: name a file", cylinder_map.textured, tmp_path)
+            refused(r"bad.png: .*Check that the file is complete", cylinder_map.textured, tmp_path / "bad.png")
+        refused("is a directory. Pass the name of a file", cylinder_map.textured, tmp_path)
 
     @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf])
     def test_texel_sizes(self, cylinder_map, size):

@@ -201,7 +201,7 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     points, faces, _ = bumps()
     viewer.add_surface((points[:-1], faces[(faces < len(points) - 1).all(axis=1)]), name="other")
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
-    assert "has 625 values; the surface has 624 points" in messages[-1].message
+    assert "has 625 values, but the surface has 624 points" in messages[-1].message
     viewer.add_surface((points, faces), name="mesh", translate=(1, 2, 3))
     assert_allclose(last_of(tmp_path / "lh.thickness").vertices, points + np.array([1, 2, 3]))
 
@@ -374,7 +374,7 @@ def test_layers_of_no_map_are_not_saved_as_one(viewer, tmp_path):
 @pytest.mark.parametrize("name", ["lh.white", "a.mgh", "lh.curv"])
 def test_napari_does_not_wait_for_a_pipe(tmp_path, name):
     os.mkfifo(tmp_path / name)  # without a writer, which `open` would wait for in the window's thread
-    with pytest.raises(voxflat.InputError, match=f"{name}: is no regular file"):
+    with pytest.raises(voxflat.InputError, match=f"{name}: is not a regular file"):
         surface_reader(str(tmp_path / name))(str(tmp_path / name))
 
 

@@ -45,7 +45,7 @@ def fin():
 
 NAN = float("nan")
 MESHES = {
-    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\]; .* the points 0 to 48"),
+    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* the points 0 to 48"),
     "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
     "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
@@ -96,18 +96,18 @@ def test_check_lists_all_defects():
     [
         ({"label": 1}, "label is given, but the input is a mesh"),
         ({"threshold": 0.5}, "threshold is given, but the input is a mesh"),
-        ({"method": "grossmann2002"}, "this surface has none; give a volume"),
-        ({"seed_point": (1, 2, 3), "radius": 3.0}, "for a mesh give the number of a vertex"),
+        ({"method": "grossmann2002"}, "this surface has none. Pass a volume"),
+        ({"seed_point": (1, 2, 3), "radius": 3.0}, "Pass the number of a vertex of the mesh"),
         ({"seed_point": 99, "radius": 3.0}, "vertex 99 is not on the surface"),
         ({"seed_point": 24, "radius": 0.1}, "no triangle around vertex 24 lies within 0.1 mm"),
-        ({"keep": np.zeros(49, bool)}, "holds no triangle of the surface"),
-        ({"keep": np.ones(50, bool)}, r"region to keep is bool of shape \(50,\)"),
-        ({"keep": [3, 77]}, "names vertex 77, but the mesh has 49"),
-        ({"keep": np.arange(49) % 7 != 3}, "falls into 2 pieces that do not touch"),
+        ({"keep": np.zeros(49, bool)}, "contains no triangle of the surface"),
+        ({"keep": np.ones(50, bool)}, r"region to keep has type bool and shape \(50,\)"),
+        ({"keep": [3, 77]}, "refers to vertex 77, but the mesh has 49"),
+        ({"keep": np.arange(49) % 7 != 3}, "consists of 2 separate pieces"),
         ({"cuts": [[0, 2]]}, "0 and 2"),
         ({"cuts": [[0, 99]]}, "vertex 99 is not on the surface"),
         ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
-        ({"cuts": 5}, "cuts are int; give a list of paths"),
+        ({"cuts": 5}, "cuts have type int. Pass a list of paths"),
         ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
         ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers of shape \(m,\)"),
         ({"memory_limit": 1000}, "of memory are needed"),
@@ -149,11 +149,12 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
         both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
         flat = voxflat.flatten(both, Voxflat(sources=9))
         assert len(flat) == len(coarse[0])
-        assert flat.metadata["warnings"][0] == "the surface has 2 components: the largest, 80.0 % of its area, is used"
+        warning = "the surface has 2 components; only the largest is used (80.0 % of the area)"
+        assert flat.metadata["warnings"][0] == warning
         found = voxflat.check(both)
         assert (found.components, found.used) == ((len(coarse[0]), len(fine[0])), len(coarse[0]))
         # what is chosen may have little beside it
-        with pytest.raises(voxflat.InputError, match=r"2 pieces that do not touch \(of 1600, 400 mm²\)"):
+        with pytest.raises(voxflat.InputError, match=r"2 separate pieces \(of 1600, 400 mm²\)"):
             voxflat.surface(both).keep(np.ones(len(both[0]), bool)).flatten()
 
 
@@ -219,8 +220,8 @@ def test_flipped_and_unused_are_mended_and_told():
     points, faces = square()
     faces[3] = faces[3][[1, 0, 2]]
     surface = voxflat.surface((np.vstack([points, [[9.0, 9.0, 9.0]]]), faces))
-    assert surface.remarks[0] == "1 of 72 triangles were turned over, so that all face outside"
-    assert surface.remarks[1] == "1 of 50 vertices belong to no triangle and are left out"
+    assert surface.remarks[0] == "1 of 72 triangles were flipped so that all face outwards"
+    assert surface.remarks[1] == "1 of 50 vertices belong to no triangle and are excluded"
 
 
 def test_a_single_voxel_and_a_checkerboard_are_surfaces():
@@ -237,15 +238,17 @@ def test_a_label_at_the_border_is_told():
     volume = np.zeros((12, 12, 12), np.uint8)
     volume[:8, 2:10, 2:10] = 1
     (remark,) = voxflat.surface(volume).remarks
-    assert remark == "the foreground touches the volume's border (first layer of axis 0); the surface is closed there"
+    assert (
+        remark == "the foreground touches the border of the volume (first layer of axis 0); the surface is closed there"
+    )
 
 
 @pytest.mark.parametrize(
     ("pial", "message"),
     [
-        (square(5), "pial surface has 36 vertices, the given one 49"),
-        (square()[0], "pial is ndarray; give a mesh"),
-        ("rh.pial", r"rh\.pial: there is no such file"),
+        (square(5), "pial surface has 36 vertices, but the given surface has 49"),
+        (square()[0], "pial has type ndarray. Pass a mesh"),
+        ("rh.pial", r"rh\.pial: the file does not exist"),
     ],
 )
 def test_pial_must_correspond(pial, message):

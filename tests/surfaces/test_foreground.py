@@ -40,11 +40,11 @@ def test_whole_floats_are_labels_and_others_are_not():
 
 @pytest.mark.parametrize("values", [[0, 1, 2], [0.0, 1.0, 2.0]])
 def test_several_labels_are_listed(values):
-    refused("give a label or a threshold; the volume has labels 1, 2", foreground, np.array([[values]]))
+    refused("pass a label or a threshold; the volume has labels 1, 2", foreground, np.array([[values]]))
 
 
 def test_intensities_want_a_threshold():
-    refused(r"holds intensities \(float64, 0 to 0.5\); give a threshold", foreground, np.array([[[0.0, 0.25, 0.5]]]))
+    refused(r"has intensities \(float64, 0 to 0.5\). Use a threshold", foreground, np.array([[[0.0, 0.25, 0.5]]]))
 
 
 def test_nothing_of_half_precision_is_above_what_it_cannot_hold():

@@ -58,10 +58,10 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
     assert dict(surface.merged.tolist()) == twins
     assert surface.find(list(twins)).tolist() == surface.find(list(twins.values())).tolist()
     assert surface.remarks == (
-        f"3 of {len(mesh[0])} vertices belong to no triangle and are left out",
-        f"1 of {len(mesh[1])} triangles have the corners of others and were dropped",
-        f"12 of {len(mesh[1])} triangles have no area and were dropped",
-        f"5 of {len(mesh[0])} vertices lie where others do, and share their place in the map",
+        f"3 of {len(mesh[0])} vertices belong to no triangle and are excluded",
+        f"1 of {len(mesh[1])} triangles duplicate others and were removed",
+        f"12 of {len(mesh[1])} triangles have no area and were removed",
+        f"5 of {len(mesh[0])} vertices coincide with others and share their position in the map",
     )
     assert surface.metadata["mended"]["merged"] == [[a, b] for a, b in twins.items()]
     json.dumps(surface.metadata)
@@ -191,7 +191,7 @@ def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
             for holed in (faces, small):
                 write_mesh(tmp_path / name, Mesh(points * scale, holed))
                 cut = voxflat.surface(tmp_path / name).cut(relax=False)
-                closed.setdefault(name, []).append(any("were closed for measuring" in one for one in cut.remarks))
+                closed.setdefault(name, []).append(any("to measure distances" in one for one in cut.remarks))
         around = np.array([12 + 8**0.5, 4 + 8**0.5]) * scale
         assert closed["s.ply"] == closed["s.obj"] == closed["s.vtp"] == [False, True], scale
         assert closed["s.surf.gii"] == ([False, True] if scale < 0.01 else (around <= 15).tolist()), scale

@@ -32,7 +32,7 @@ def test_overlays(tmp_path):
         read = read_overlay(path, 42)
         np.testing.assert_array_equal(read.astype(np.float32), values)
         assert read.dtype.isnative
-        refuses(path, "has 42 values; the surface has 43 points", read_overlay, 43)
+        refuses(path, "has 42 values, but the surface has 43 points", read_overlay, 43)
         whole = path.read_bytes()
         for length in (len(whole) // 2, len(whole) - (24 if path.suffix in (".mgh", ".txt") else 2)):
             path.write_bytes(whole[:length])  # MGH ends in 20 bytes that matter not, text in digits
@@ -46,7 +46,7 @@ def test_overlays_with_several_maps(tmp_path):
     np.save(tmp_path / "s.npy", maps)
     for name in ("s.func.gii", "s.mgz", "s.npy"):
         np.testing.assert_array_equal(read_overlay(tmp_path / name, 4), maps)
-        refuses(tmp_path / name, "has 3 maps: give a file with one", read_region, 4)
+        refuses(tmp_path / name, "has 3 maps. Pass a file with one", read_region, 4)
 
 
 def test_older_freesurfer_values(tmp_path):
@@ -57,21 +57,21 @@ def test_older_freesurfer_values(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("s.npy", b"hello", "is no NumPy array"),
-        ("lh.curv", b"hello", "none of the files of values"),
-        ("lh.white", b"\xff\xff\xfehello", "holds no values at points, but FreeSurfer surface"),
-        ("s.mgh", b"hello", "is no MGH file"),
+        ("s.npy", b"hello", "is not a NumPy array"),
+        ("lh.curv", b"hello", "is not a known format of values"),
+        ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
+        ("s.mgh", b"hello", "is not an MGH file"),
         (
             "s.mgh",
             struct.pack(">6i", 1, 5, 1, 1, 1, 3),
-            "has the shape .5, 1, 1, 1. by its header, but ends after 24 of",
+            "its header specifies the shape .5, 1, 1, 1., but the file ends after 24 of",
         ),
-        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "values at N points have"),
-        ("s.mgz", b"\x1f\x8bhello", "is gzip, and damaged"),
-        ("lh.annot", b"\xff\xff\xff\xf0", "which is damaged"),
-        ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not name the points in their order"),
+        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Values at N points must have"),
+        ("s.mgz", b"\x1f\x8bhello", "its gzip data are damaged"),
+        ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
+        ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not list the points in order"),
         ("s.txt", b"1\n2\nthree\n", "three"),
-        ("lh.curv", b"\xff\xff\xff" + struct.pack(">3i", 5, 0, 1), "5 values by its header, but ends after 15 of 35"),
+        ("lh.curv", b"\xff\xff\xff" + struct.pack(">3i", 5, 0, 1), "5 values, but the file ends after 15 of 35"),
     ],
 )
 def test_bad_overlays(tmp_path, name, content, message, capfd):
@@ -84,7 +84,7 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
     np.save(tmp_path / "s.npy", np.array([print], dtype=object), allow_pickle=True)
     refuses(tmp_path / "s.npy", "", read_overlay, 1)
     np.save(tmp_path / "s.npy", np.zeros(3, complex))
-    refuses(tmp_path / "s.npy", r"values are complex128 of shape \(3,\)", read_overlay, 3)
+    refuses(tmp_path / "s.npy", r"values have type complex128 and shape \(3,\)", read_overlay, 3)
 
 
 def annotation(path):
@@ -100,9 +100,9 @@ def test_annotations(tmp_path):
     np.testing.assert_array_equal(read_overlay(path, 6), labels)
     np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
     np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)
-    refused("name='wall' is none of its labels: unknown, bankssts, Größe", read_region, path, 6, name="wall")
-    refuses(path, "name=None is none of its labels", read_region, 6)
-    refuses(path, "has 6 values; the surface has 7 points", read_overlay, 7)
+    refused("name='wall' is not one of its labels: unknown, bankssts, Größe", read_region, path, 6, name="wall")
+    refuses(path, "name=None is not one of its labels", read_region, 6)
+    refuses(path, "has 6 values, but the surface has 7 points", read_overlay, 7)
     whole = path.read_bytes()
     stray = bytearray(whole)
     stray[8:12] = struct.pack(">i", 77)  # a colour that is not in the table
@@ -125,14 +125,14 @@ def test_gifti_labels(tmp_path):
     np.testing.assert_array_equal(read_region(path, 4), keys != 0)
     np.testing.assert_array_equal(read_region(path, 4, name="Medial_wall"), keys == 7)
     np.testing.assert_array_equal(read_overlay(path, 4), keys)
-    refused(r"name='V2' is none of its labels: \?\?\?, Medial_wall, V1", read_region, path, 4, name="V2")
+    refused(r"name='V2' is not one of its labels: \?\?\?, Medial_wall, V1", read_region, path, 4, name="V2")
 
 
 def test_values_as_regions(tmp_path):
     values = np.array([0, 1, -2, np.nan, 0.5])
     for path in overlays(tmp_path, values):
         np.testing.assert_array_equal(read_region(path, 5), [False, True, True, False, True])
-        refused(r"none of its labels|has no named labels", read_region, path, 5, name="V1")
+        refused(r"not one of its labels|has no named labels", read_region, path, 5, name="V1")
     np.save(tmp_path / "mask.npy", values > 0)
     np.testing.assert_array_equal(read_region(tmp_path / "mask.npy", 5), values > 0)
 
@@ -143,12 +143,12 @@ LABEL = "#!ascii label  , from subject bert vox2ras=TkReg\n{}\n{}"
 @pytest.mark.parametrize(
     ("number", "rows", "message"),
     [
-        ("2", "4 0 0 0 0\n", "names 1 points, by its header 2"),
-        ("1", "4 0 0 0 0\n5 0 0 0 0\n", "names 2 points, by its header 1"),
+        ("2", "4 0 0 0 0\n", "lists 1 points, but its header specifies 2"),
+        ("1", "4 0 0 0 0\n5 0 0 0 0\n", "lists 2 points, but its header specifies 1"),
         ("two", "4 0 0 0 0\n", "second line must be the number"),
-        ("1", "9 0 0 0 0\n", "line 3 names point 9; the surface has the points 0 to 5"),
-        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 names point -1"),
-        ("1", "1.5 0 0 0 0\n", "line 3 names point 1.5"),
+        ("1", "9 0 0 0 0\n", "line 3 refers to point 9; the surface has points 0 to 5"),
+        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 refers to point -1"),
+        ("1", "1.5 0 0 0 0\n", "line 3 refers to point 1.5"),
         ("1", "one 0 0 0 0\n", "one"),
     ],
 )
@@ -172,8 +172,8 @@ def test_surfaces_as_regions(tmp_path):
     for name in FORMATS:
         write_mesh(tmp_path / name, part)
         assert set(np.flatnonzero(read_region(tmp_path / name, 16))) == set(part.faces.ravel())
-        refuses(tmp_path / name, "has 16 values; the surface has 17 points", read_region, 17)
-        refuses(tmp_path / name, "holds a surface|holds no values at points|no array|values", read_overlay, 16)
+        refuses(tmp_path / name, "has 16 values, but the surface has 17 points", read_region, 17)
+        refuses(tmp_path / name, "contains a surface|not contain values at|not a NumPy array|values", read_overlay, 16)
         assert holds_mesh(tmp_path / name)
 
 
@@ -211,15 +211,15 @@ def entries(*rows):
         (b"", "is empty"),
         (b"\xff\xff\xff", "begins with ff ff ff instead"),
         (b"#!ascii version of patch", "begins with 23 21 61 73"),
-        (struct.pack(">2i", 5, 1), "it is no binary patch file"),
-        (struct.pack(">2i", -1, -7), "-7 points by its header, which is damaged"),
-        (struct.pack(">2i", -1, 2**31 - 1), "but ends after 8 of"),
-        (entries((1, 0, 0, 0))[:-1], "has 1 points by its header, but ends after 23 of 24 bytes"),
-        (entries((1, 0, 0, 0)) + b"\0", "but 1 bytes more"),
-        (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 names vertex 0; patch files count from 1"),
-        (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch is vertex 0, which it has already"),
-        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch lies at \[0.0, nan, 0.0\]"),
-        (entries(), "has one whole number or more"),
+        (struct.pack(">2i", 5, 1), "is not a binary patch file"),
+        (struct.pack(">2i", -1, -7), "its header is damaged: it specifies -7 points"),
+        (struct.pack(">2i", -1, 2**31 - 1), "but the file ends after 8 of"),
+        (entries((1, 0, 0, 0))[:-1], "its header specifies 1 points, but the file ends after 23 of 24 bytes"),
+        (entries((1, 0, 0, 0)) + b"\0", "the file is 1 bytes longer"),
+        (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 refers to vertex 0, but patch files count from 1"),
+        (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch repeats vertex 0"),
+        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch, \[0.0, nan, 0.0\], is not finite"),
+        (entries(), "a patch must list vertices"),
     ],
 )
 def test_bad_patches(tmp_path, data, message):
@@ -231,10 +231,10 @@ def test_bad_patches(tmp_path, data, message):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1: they count from 0"),
+        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Vertices count from 0"),
         (([0.0], np.zeros((1, 3)), [True]), "float64"),
-        (([0], np.zeros((2, 3)), [True]), r"give \(1, 3\) and \(1,\)"),
-        (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch is vertex 3, which it has already"),
+        (([0], np.zeros((2, 3)), [True]), r"Pass shapes \(1, 3\) and \(1,\)"),
+        (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch repeats vertex 3"),
     ],
 )
 def test_bad_patch_arrays(arrays, message):
@@ -261,5 +261,5 @@ def test_faces_and_border_of_a_patch():
     assert patch_faces(mesh.faces, [3, 17], 25).shape == (0, 3)
     assert not patch_border(sphere().faces, np.arange(42), 42).any()
     for function in (patch_faces, patch_border):
-        refused("entry 1 of the patch is vertex 25; the surface has 25 points", function, mesh.faces, [0, 25], 25)
-        refused(r"face 0 is \[0, 5, 1\]; the surface has the points 0 to 3", function, mesh.faces, [0], 4)
+        refused("entry 1 of the patch is vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
+        refused(r"face 0 is \[0, 5, 1\], but the surface has the points 0 to 3", function, mesh.faces, [0], 4)

@@ -103,7 +103,7 @@ def test_a_medial_wall_that_is_left_out_does_not_matter(hemispheres, left):
 @pytest.mark.slow
 def test_the_wrong_side_is_refused(hemispheres):
     points, _, faces = hemispheres["left"]
-    with pytest.raises(InputError, match=r"side is 'right', but .* the left side .*: give side='left'"):
+    with pytest.raises(InputError, match=r"side is 'right', but .* the left side .*. Pass side='left'"):
         voxflat.surface((points, faces)).register(side="right")
 
 
@@ -124,7 +124,7 @@ def ball(radii, waves=0, seed=0):
     ids=["a ball", "an ellipsoid", "random folds"],
 )
 def test_what_is_no_hemisphere_is_refused(shape):
-    refused("no hemisphere of a cortex", voxflat.surface(shape).register)
+    refused("not a hemisphere of a cortex", voxflat.surface(shape).register)
 
 
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
@@ -133,7 +133,7 @@ def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
     ring[4:20, 4:20, 2:6] = 1
     ring[9:15, 9:15] = 0
-    refused(r"1 handle\(s\), and a sphere has none: .*repair", voxflat.surface(ring, repair="none").register)
+    refused(r"1 handle\(s\), but a sphere has none. .*repair", voxflat.surface(ring, repair="none").register)
 
 
 def test_it_can_be_cancelled(hemispheres):

@@ -132,7 +132,7 @@ def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(sub
     assert [cut.name for cut in own.cuts] == NAMES
     assert is_disk(own)
     other = voxflat.surface(subject / "lh.white").drop([1000]).cut()
-    assert any("0 % of what the template leaves out" in remark for remark in other.remarks)
+    assert any("0 % of the region that the template excludes" in remark for remark in other.remarks)
     assert 1000 in other.left_out
     assert len(other.left_out) > 100
 
@@ -223,21 +223,21 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere, other[faces])
     for given, reason in (
         (sphere[:-1], "2561 vertices, the surface 2562"),
-        (white, "no sphere around the origin"),
-        (nan, "finite places"),
-        (np.zeros_like(sphere), "no sphere around the origin"),
+        (white, "not a sphere around the origin"),
+        (nan, "finite positions"),
+        (np.zeros_like(sphere), "not a sphere around the origin"),
         (sphere * [-1, 1, 1], "mirrored"),
-        (sphere[::-1], "turned over on the sphere"),
+        (sphere[::-1], "flipped on the sphere"),
         (turned, "not registered"),
         (subject / "none", "there is no such file"),
         (3, "sphere is int"),
         ("lh.white", "there is no such file"),
-        (tmp_path / "rh.sphere.reg", "is of the right hemisphere, the surface of the left"),
+        (tmp_path / "rh.sphere.reg", "is right, but the surface is left"),
         (tmp_path / "lh.sphere.reg", "other triangles"),
     ):
         refused(reason, sphere_of, whole, given)
     ball = 30 * icosphere(4)[0], icosphere(4)[1]
-    refused("no hemisphere of a cortex", voxflat.surface(ball).cut, cuts="standard")
+    refused("not a hemisphere of a cortex", voxflat.surface(ball).cut, cuts="standard")
     refused("sphere", voxflat.flatten, np.ones((3, 3, 3)), method="grossmann2002", sphere=sphere)
 
 
@@ -260,7 +260,7 @@ def test_the_side_is_what_the_surface_looks_like_and_the_space_what_the_file_say
     for space, of in zip(("fsaverage", "fs_LR"), anchors, strict=True):
         found, remarks = sphere_of(coarse, of.sphere)
         assert found.space == space
-        assert any("taken for one of fs_LR" in remark for remark in remarks) == (space == "fs_LR")
+        assert any("assumed to be in fs_LR" in remark for remark in remarks) == (space == "fs_LR")
 
 
 def test_few_triangles_turned_over_are_told(subject, sphere):
@@ -268,7 +268,7 @@ def test_few_triangles_turned_over_are_told(subject, sphere):
     folded[[2000, 2001]] = folded[[2001, 2000]]
     found, remarks = sphere_of(voxflat.surface(subject / "lh.white"), folded)
     assert 0 < found.folded < 26
-    assert f"{found.folded} of 5120 triangles are turned over" in remarks[-1]
+    assert f"{found.folded} of 5120 triangles are flipped" in remarks[-1]
 
 
 def test_a_template_of_the_whole_gives_the_same_cuts_again(standard, subject, tmp_path):
@@ -327,18 +327,18 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
         ({"format": 2}, "format 2"),
         ({"space": "MNI"}, "space is 'MNI'"),
         ({"side": None}, "side is None"),
-        ({"cuts": 3}, "cuts is no list"),
-        ({"cuts": [{"name": "", "line": [[1, 0, 0], [0, 1, 0]]}]}, "needs a name"),
-        ({"cuts": [{"name": "a", "root": 3, "line": [[1, 0, 0], [0, 1, 0]]}]}, "root of 'a' is no name"),
-        ({"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]}, "'b', no outline and no cut"),
+        ({"cuts": 3}, "cuts is not a list"),
+        ({"cuts": [{"name": "", "line": [[1, 0, 0], [0, 1, 0]]}]}, "must have a name"),
+        ({"cuts": [{"name": "a", "root": 3, "line": [[1, 0, 0], [0, 1, 0]]}]}, "root of 'a' is not a name"),
+        ({"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]}, "'b', neither an outline nor"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [0, 2, 0]]}]}, "unit sphere"),
-        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "at one place"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "coincide"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [-1, 0, 0]]}]}, "too far apart"),
-        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "NaN is no number of JSON"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "NaN is not a valid number in JSON"),
         ({"cuts": [{"name": "a", "line": [[1, 0], [0, 1]]}]}, "rows of 3"),
         ({"cuts": [], "outlines": []}, "neither outlines nor cuts"),
-        ({"side": "right"}, "of side right, the sphere .* of left"),
-        ({"space": "fs_LR"}, "of space fs_LR, the sphere .* of fsaverage"),
+        ({"side": "right"}, "has the side right, but the sphere .* left"),
+        ({"space": "fs_LR"}, "has the space fs_LR, but the sphere .* fsaverage"),
     ],
 )
 def test_damaged_templates_are_refused(standard, subject, tmp_path, change, reason):

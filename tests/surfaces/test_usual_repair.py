@@ -37,7 +37,7 @@ def test_handles_of_a_mask_are_repaired_and_it_is_said(labels):
     assert handles(voxflat.surface(image, label=label, repair="none")) == 3
     assert handles(made) == 0
     assert made.metadata["repair"]["handles"] == 3
-    assert any("3 handle(s) were repaired" in remark and "repair='none'" in remark for remark in made.remarks)
+    assert any("repaired 3 handle(s)" in remark and "repair='none'" in remark for remark in made.remarks)
     changed = made.changed_voxels()
     assert 0 < np.count_nonzero(changed) <= 0.01 * volume.sum()
     cut, filled = changed == 1, changed == 2
@@ -82,7 +82,7 @@ def test_what_is_a_ring_stays_one_and_it_is_said():
     ring = (np.hypot(np.hypot(i, j) - 10, k) < 4.5).astype(np.uint8)
     made = voxflat.surface(ring)
     assert handles(made) == 1
-    assert any("repair='voxels' does it" in remark for remark in made.remarks)
+    assert any("Use repair='voxels' to close" in remark for remark in made.remarks)
     assert handles(voxflat.surface(ring, repair="voxels")) == 0
 
 
@@ -123,4 +123,4 @@ def test_white_matter_of_freesurfer_is_named_where_a_label_is_wanted(labels):
     volume = np.zeros((8, 8, 8), np.int32)
     for number, label in enumerate(labels):
         volume[2 * number : 2 * number + 2] = label
-    refused(r"label=2 is the left, label=41 the right", voxflat.flatten, volume)
+    refused(r"label=2 is the left and label=41 the right", voxflat.flatten, volume)

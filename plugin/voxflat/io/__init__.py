@@ -1,9 +1,9 @@
-"""Files in and out: volumes on their grids, and meshes with what lies on their points.
+"""Read and write files: volumes on their grids, and meshes with values at their points.
 
-What users call stands here; a module a format, or a family of them. No reader knows of surfaces or maps. From below:
-`files`, `grid` and `triangles` are what formats share; `readers` and `volumes` are of volumes, `formats` tells those of
-meshes apart, `meshes` and `overlays` read and write them all, and `spaces` says where coordinates lie; `apart` is the
-process in which ITK and VTK read.
+The public functions are exported here; each module handles one format or a family of formats. Readers do not depend on
+surfaces or maps. `files`, `grid` and `triangles` contain code that formats share. `readers` and `volumes` handle
+volumes. `formats` distinguishes the formats of meshes, `meshes` and `overlays` read and write them, and `spaces`
+defines their coordinate spaces. `subprocess_reader` is the process in which ITK and VTK read.
 """
 
 from voxflat.io.files import atomic_path

@@ -1,4 +1,4 @@
-"""Files of several maps, values at points or volumes (GIFTI, CIFTI, MGH, NIfTI), of which one is read at a time."""
+"""Read files with several maps, values at points or volumes (GIFTI, CIFTI, MGH, NIfTI), one map at a time."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from voxflat.io.readers import check_length
 from voxflat.io.reading import check_room, note
 
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
-_BLOCK = 64  # of frames that are read at once where a file holds them point by point
+_BLOCK = 64  # frames read at once if a file stores them point by point
 _LARGEST_LABEL = 2**31 - 1
 _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 
 @dataclass(frozen=True)
 class Timing:
-    """When the frames of a series were, s."""
+    """Store the times of the frames of a series, s."""
 
-    step: float  # from each frame to the next
-    start: float = 0.0  # when the first one was
+    step: float  # interval between frames
+    start: float = 0.0  # time of the first frame
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
-        """Return what a header tells, s; None if that is no length of time."""
+        """Return the duration in a header, s; None if it is not valid."""
         values = np.array([step, start], dtype=np.float64)
         if not (np.isfinite(values).all() and values[0] > 0):
             return None
-        step, start = (float(f"{value:.7g}") for value in values)  # of single precision: 0.72, not 0.7200000286
+        step, start = (float(f"{value:.7g}") for value in values)  # round single precision: 0.72, not 0.7200000286
         return cls(step, start)
 
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """One or more arrays of one shape, read when they are asked for."""
+    """Store one or more arrays of the same shape, which are read on demand."""
 
-    names: tuple[str, ...]  # of each channel; empty where the file has none
-    read: Callable[[int], NDArray[Any]]  # takes the number of a channel, from 0
-    timing: Timing | None = None  # where they are the frames of a series and that is known
+    names: tuple[str, ...]  # one per channel; empty if the file has none
+    read: Callable[[int], NDArray[Any]]  # argument: number of a channel, from 0
+    timing: Timing | None = None  # if they are frames of a series with known times
 
     def __len__(self) -> int:
         """Return the number of channels."""
@@ -59,39 +59,39 @@ class Channels:
         return f"<Channels: {len(self)}, {self.listed()}>"
 
     def listed(self) -> str:
-        """Return the names, shortened, for messages."""
+        """Return the shortened names, for messages."""
         if not any(self.names):
             return f"0 to {len(self) - 1}"
         return textwrap.shorten(", ".join(name or str(n) for n, name in enumerate(self.names)), 300, placeholder=" ...")
 
     def find(self, channel: int | str | None) -> int:
-        """Find a channel: by its number, from 0 or negative from the end, by its name, or None for the only one."""
+        """Find a channel by its number (from 0, or negative from the end) or name; None selects the only channel."""
         count = len(self)
         if channel is None:
             if count > 1:
-                raise InputError(f"has {count} maps ({self.listed()}): choose one by its name or number (channel)")
+                raise InputError(f"has {count} maps ({self.listed()}). Choose one by its name or number (channel)")
             return 0
         if isinstance(channel, str):
             found = [n for n, name in enumerate(self.names) if name == channel]
             if len(found) == 1:
                 return found[0]
             if len(found) > 1:
-                raise InputError(f"has {len(found)} maps of the name {channel!r}, {found}: choose one by its number")
+                raise InputError(f"has {len(found)} maps named {channel!r}, {found}. Choose one by its number")
             if not re.fullmatch(r"-?[0-9]+", channel):
-                raise InputError(f"has no map {channel!r}, but {self.listed()}")
+                raise InputError(f"has no map {channel!r}. Choose one of {self.listed()}")
             channel = int(channel)
         if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
-            raise InputError(f"channel is {shown(channel)}: give a name or a number")
+            raise InputError(f"channel is {shown(channel)}. Pass a name or a number")
         if not -count <= channel < count:
-            raise InputError(f"has no map {channel}: they are numbered 0 to {count - 1}")
+            raise InputError(f"has no map {channel}. Pass a number from 0 to {count - 1}")
         return int(channel) % count
 
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
-        """Return the same channels, each changed when it is read."""
+        """Return the same channels, with a function applied when each is read."""
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     def of_file(self, path: Path | None) -> Channels:
-        """Return the same channels, of which errors name the file, as they come long after it was opened."""
+        """Return the same channels; their errors name the file, because they are read long after it was opened."""
         if path is None:
             return self
 
@@ -103,13 +103,13 @@ class Channels:
 
     @classmethod
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
-        """Take the last axis of values at points, (N,) or (N, K), as channels."""
+        """Return the columns of values at points, (N,) or (N, K), as channels."""
         columns = values[:, None] if values.ndim == 1 else values
         return cls(tuple(names or [""] * columns.shape[1]), lambda n: columns[:, n])
 
 
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
-    """Take a series of volumes (I, J, K, T), of NIfTI or MGH, with its affine to RAS+ mm; None for all else."""
+    """Return a NIfTI or MGH series of volumes (I, J, K, T) and its affine to RAS+ mm; None for other input."""
     image, path = opened(obj)
     if image is None or is_cifti(image):
         return None
@@ -133,7 +133,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
-    """Take points' values in a file of volumes, of CIFTI a structure's, NaN or 0 where it lacks; None of volumes."""
+    """Return values at points from a NIfTI, MGH or CIFTI file; NaN or 0 outside a CIFTI structure; None for volumes."""
     image, path = opened(obj)
     if image is None:
         return None
@@ -144,10 +144,10 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if not are_points(shape):
         return None
     if max(shape[:3]) != points:
-        raise InputError(f"has {max(shape[:3])} values; the surface has {points} points")
+        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points")
     further = [n for n in shape[3:] if n != 1]
     if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
-        raise InputError(f"has the shape {shape} of {image.get_data_dtype()}: values at N points have (N, 1, 1, T)")
+        raise InputError(f"has shape {shape} of {image.get_data_dtype()}. Values at N points have shape (N, 1, 1, T)")
     _check_complete(path, image, 2 * points)
     count = further[0] if further else 1
     at = shape.index(count, 3) if further else 0
@@ -160,7 +160,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
 
 
 def opened(obj: object) -> tuple[Any, Path | None]:
-    """Return the nibabel image of what has one, with its data still in the file, and the file; None for the rest."""
+    """Return the nibabel image of an object or file, with its data on disk, and the file; None for other input."""
     if hasattr(obj, "dataobj") and hasattr(obj, "get_data_dtype") and hasattr(obj, "shape"):
         return obj, None
     if not isinstance(obj, str | Path) or not str(obj).lower().endswith(_NIFTI_OR_MGH) or not Path(obj).is_file():
@@ -170,29 +170,29 @@ def opened(obj: object) -> tuple[Any, Path | None]:
     except OSError as error:
         if error.errno not in OF_DAMAGE:
             raise
-    except Exception:  # what is wrong with it, or that nibabel is missing, is said by those who read volumes
+    except Exception:  # the reader of volumes reports errors, such as a missing nibabel
         pass
     return None, None
 
 
 def are_points(shape: tuple[int, ...]) -> bool:
-    """Tell whether the shape of an image is that of values at points: (N, 1, 1) in any order, or a series of them."""
+    """Return whether an image has the shape of values at points, (N, 1, 1) in any order, or of a series of them."""
     return len(shape) >= 3 and sorted(shape[:3])[:2] == [1, 1] and max(shape[:3]) > 1 and min(shape) > 0
 
 
 def is_cifti(image: Any) -> bool:
-    """Tell whether an image is CIFTI."""
+    """Return whether an image is a CIFTI image."""
     return type(image).__name__ == "Cifti2Image"
 
 
 def _shape(image: Any) -> tuple[int, ...]:
-    """Return a shape as whole numbers of any size: those of MGH have 32 bits, which products are beyond."""
+    """Return a shape as Python integers, because products of MGH's 32-bit integers overflow."""
     return tuple(int(length) for length in image.shape)
 
 
 def _timing(header: Any) -> Timing | None:
-    """Return when the frames along the fourth axis were; None where the header gives no unit of time."""
-    if not hasattr(header, "get_xyzt_units"):  # of .mgh, ms
+    """Return the times of the frames along the fourth axis; None if the header has no unit of time."""
+    if not hasattr(header, "get_xyzt_units"):  # MGH stores ms
         return Timing.told(float(header["tr"]) / 1000) if "tr" in header else None
     second = _SECONDS.get(header.get_xyzt_units()[1])
     if second is None or len(header.get_zooms()) < 4:
@@ -201,7 +201,7 @@ def _timing(header: Any) -> Timing | None:
 
 
 def _check_complete(path: Path | None, image: Any, values: int) -> None:
-    """Check a file's length, which nibabel would do in the middle, and that there is room for so many of its values."""
+    """Check the length of a file before nibabel reads it, and that its values fit into memory."""
     proxy = image.dataobj
     if path is not None and hasattr(proxy, "offset"):
         check_length(path, proxy.offset + math.prod(_shape(proxy)) * proxy.dtype.itemsize)
@@ -217,12 +217,12 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
     axes = [image.header.get_axis(n) for n in range(image.ndim)]
     if len(axes) != 2 or type(axes[1]).__name__ != "BrainModelAxis":
         kinds = ", ".join(type(axis).__name__ for axis in axes)
-        raise InputError(f"its axes are {kinds}: give a .dscalar.nii, .dtseries.nii or .dlabel.nii, values at vertices")
+        raise InputError(f"its axes are {kinds}. Pass a .dscalar.nii, .dtseries.nii or .dlabel.nii of vertices")
     models = {name: (part, model) for name, part, model in axes[1].iter_structures() if name in axes[1].nvertices}
     name = _structure(models, axes[1].nvertices, points, structure)
     part, model = models[name]
     if axes[1].nvertices[name] != points:
-        raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices; the surface has {points} points")
+        raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices, the surface {points} points")
     names, is_label = _map_names(axes[0])
     is_timed = type(axes[0]).__name__ == "SeriesAxis" and axes[0].unit == "SECOND"
     timing = Timing.told(axes[0].step, axes[0].start) if is_timed else None
@@ -240,7 +240,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
             labels[model.vertex] = _whole(values)
             return labels
         found = np.full(points, np.nan)
-        with np.errstate(invalid="ignore"):  # signalling NaN, which is NaN
+        with np.errstate(invalid="ignore"):  # signalling NaN counts as NaN
             found[model.vertex] = values
         return found
 
@@ -248,29 +248,30 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
 
 
 def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return labels, which a file may hold as scaled fractions, as the whole numbers that they are."""
-    with np.errstate(invalid="ignore"):  # infinity less itself
+    """Return labels as whole numbers, even if a file stores them as scaled fractions."""
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
         is_label = (np.abs(values) <= _LARGEST_LABEL) & (np.abs(values - np.round(values)) <= 1e-3)
     if not is_label.all():
-        raise InputError(f"has the label {values[~is_label][0]}: give whole numbers, or a .dscalar.nii of values")
+        raise InputError(f"label {values[~is_label][0]} is not a whole number. Pass values as .dscalar.nii")
     return np.asarray(np.round(values), dtype=np.int64)
 
 
 def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:
-    """Return which structure of a CIFTI file a surface is."""
+    """Return the structure of a CIFTI file that corresponds to a surface."""
     if not models:
-        raise InputError("has no values at vertices, but only in voxels")
+        raise InputError("has values in voxels only, not at vertices")
     if structure is not None:
         wanted = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
         if wanted not in models:
-            raise InputError(f"holds {', '.join(map(_short, models))}, and not {_short(wanted)}, which the surface is")
+            raise InputError(f"contains {', '.join(map(_short, models))}, but the surface is {_short(wanted)}")
         return wanted
     fitting = [name for name in models if sizes[name] == points]
     if len(fitting) != 1:
-        what = f"each of {points} vertices" if fitting else f"none of {points} vertices"
+        what = f"each with {points} vertices" if fitting else f"none with {points} vertices"
         raise InputError(
-            f"holds {', '.join(map(_short, fitting or models))}, {what}, and the surface does not say which it is: "
-            "give one whose GIFTI file says AnatomicalStructurePrimary, or is named lh. or rh."
+            f"contains {', '.join(map(_short, fitting or models))}, {what}, and the hemisphere of the surface is "
+            "unknown. Pass a surface whose GIFTI file defines AnatomicalStructurePrimary, or whose file name "
+            "begins with lh. or rh."
         )
     return fitting[0]
 
@@ -280,7 +281,7 @@ def _short(name: str) -> str:
 
 
 def _map_names(axis: Any) -> tuple[tuple[str, ...], bool]:
-    """Return the names of a CIFTI file's maps, and whether they are of labels."""
+    """Return the names of a CIFTI file's maps, and whether they contain labels."""
     kind = type(axis).__name__
     if kind in ("ScalarAxis", "LabelAxis"):
         return tuple(str(name) for name in axis.name), kind == "LabelAxis"

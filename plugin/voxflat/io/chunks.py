@@ -1,4 +1,4 @@
-"""Volumes in chunks, larger than memory (dask, zarr, OME-Zarr): chunks that hold wanted voxels are read once."""
+"""Read volumes in chunks, larger than memory (dask, zarr, OME-Zarr); each required chunk is read once."""
 
 import json
 import math
@@ -12,21 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.apart import apart
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, check_regular, naming, require
 from voxflat.io.grid import Affine, check_axes
 from voxflat.io.reading import check_room, note
+from voxflat.io.subprocess_reader import read_in_subprocess
 
 PLACE_BYTES = 360
-"""How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
+"""Bytes of memory per sampled position (a pixel at one depth), in addition to one chunk at a time."""
 
-_CHANNEL_BYTES = 1000  # how much memory a channel takes before any of its voxels is read, bytes
+_CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
 _TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
-_ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
+_ORIENTED = {  # RFC-4: RAS axis and its direction
     "left-to-right": (0, 1),
     "right-to-left": (0, -1),
     "posterior-to-anterior": (1, 1),
@@ -37,7 +37,7 @@ _ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
 
 
 class _Grid:
-    """The chunks along an axis: all of one size, or of a list of them."""
+    """Store the chunks along an axis: all of one size, or a list of sizes."""
 
     def __init__(self, length: int, of: Any) -> None:
         self._length = length
@@ -46,13 +46,13 @@ class _Grid:
         self.count = len(self._edges) - 1 if self._size is None else -(-length // self._size)
 
     def number(self, index: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
-        """Return in which chunk indices lie."""
+        """Return the numbers of the chunks that contain the given indices."""
         if self._size is None:
             return np.searchsorted(self._edges, index, side="right") - 1
         return index // self._size
 
     def span(self, number: int) -> tuple[int, int]:
-        """Return a chunk's first index, and that behind its last."""
+        """Return the first index of a chunk and the index after its last one."""
         if self._size is None:
             return int(self._edges[number]), min(int(self._edges[number + 1]), self._length)
         return number * self._size, min((number + 1) * self._size, self._length)
@@ -60,13 +60,13 @@ class _Grid:
 
 @dataclass(frozen=True, eq=False)
 class Chunked:
-    """Three axes of an array in chunks, as a volume: indexed as (i, j, k)."""
+    """Represent three axes of a chunked array as a volume, indexed as (i, j, k)."""
 
-    array: Any  # with shape, dtype, chunks and slices
-    axes: tuple[int, int, int] = (0, 1, 2)  # the array's axes that are i, j and k
-    fixed: tuple[tuple[int, int], ...] = ()  # the other axes, and the index taken of each
-    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # makes the values of those that are read
-    path: Path | None = None  # the file, which errors name, as they come where it is read
+    array: Any  # has shape, dtype, chunks and slices
+    axes: tuple[int, int, int] = (0, 1, 2)  # axes of the array for i, j and k
+    fixed: tuple[tuple[int, int], ...] = ()  # other axes, and the index used for each
+    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # converts the values that are read
+    path: Path | None = None  # file for error messages, because it is read later
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -75,29 +75,29 @@ class Chunked:
 
     @property
     def ndim(self) -> int:
-        """Three."""
+        """Number of dimensions, 3."""
         return 3
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the values."""
+        """Type of the values."""
         found: np.dtype[Any] = np.dtype(self.array.dtype)
         return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
 
     @property
     def grids(self) -> list[_Grid]:
-        """Where chunks begin along i, j and k."""
+        """Chunks along i, j and k."""
         return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
-        """Read a box of voxels, from the first to behind the last index along i, j and k."""
+        """Read a box of voxels, given the first index and the index after the last one along i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
         for axis, index in self.fixed:
             at[axis] = index
         with naming(self.path or type(self.array).__name__, REMEDY):
-            read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
+            read = np.asarray(self.array[tuple(at)])  # the remaining axes keep their order
         if self.made_of is not None:
             read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
@@ -105,8 +105,8 @@ class Chunked:
 
 
 @dataclass(frozen=True, eq=False)
-class _Apart:
-    """An array of a zarr directory, whose chunks are unpacked in a process of their own, as C does that."""
+class _ZarrArray:
+    """Represent an array of a zarr directory, whose chunks are decompressed by C code in a child process."""
 
     path: Path
     shape: tuple[int, ...]
@@ -116,24 +116,24 @@ class _Apart:
     def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
         at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
         values = math.prod(one[1] - one[0] for one in at if isinstance(one, list))
-        found: NDArray[Any] = apart(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
+        found: NDArray[Any] = read_in_subprocess(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
         return found
 
 
 def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
-    """Read a box of an array of a zarr directory: along each axis an index, or the first and behind the last."""
+    """Read a box of an array of a zarr directory: along each axis an index, or the first and the end index."""
     array = require("zarr").open_array(str(path), mode="r")
     return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
 
 
 def is_chunked(obj: object) -> bool:
-    """Tell whether something is an array in chunks: not in memory as a whole."""
+    """Return whether an object is a chunked array, which is not completely in memory."""
     named = all(hasattr(obj, name) for name in ("shape", "dtype", "chunks", "__getitem__"))
     return named and not isinstance(obj, np.ndarray) and bool(getattr(obj, "chunks", None))
 
 
 def is_zarr_path(obj: object) -> bool:
-    """Tell whether something is the path of a zarr directory."""
+    """Return whether an object is the path of a zarr directory."""
     if not isinstance(obj, str | os.PathLike):
         return False
     path = Path(obj)
@@ -141,7 +141,7 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return voxels, `low` (P, 3) plus `offsets` (K, 3) but within the volume, (P, K); each chunk is read once."""
+    """Return voxels at `low` (P, 3) plus `offsets` (K, 3), clipped to the volume, (P, K); each chunk is read once."""
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
     if not isinstance(data, Chunked):
@@ -174,7 +174,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Take an array in chunks, or a path of OME-Zarr, as channels of `Chunked`, with affine and file; or None."""
+    """Return a chunked array or an OME-Zarr path as `Chunked` channels, with affine and file; None for other input."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
     if not is_chunked(obj):
@@ -187,19 +187,19 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
         check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
         return _channels(each, [""] * len(each)), None, None
-    raise InputError(f"has the shape {tuple(array.shape)}: give (I, J, K), or (I, J, K, C) of C channels")
+    raise InputError(f"has shape {tuple(array.shape)}. Pass (I, J, K), or (I, J, K, C) with C channels")
 
 
 def _check(array: Any, chunks: Any) -> None:
     if np.dtype(array.dtype).kind not in "biuf":
-        raise InputError(f"values of type {array.dtype} are no bool, integer or float: convert them")
+        raise InputError(f"its values have type {array.dtype}. Convert them to bool, integer or float")
     if 0 in array.shape or 0 in chunks:
         raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
     check_axes(tuple(array.shape))
     sizes = zip(array.shape, chunks, strict=True)
     count = math.prod(len(of) if isinstance(of, tuple | list) else -(-length // int(of)) for length, of in sizes)
     if count >= 2**63:
-        raise InputError(f"is in {count} chunks: a number of 64 bits does not count them, write it in larger ones")
+        raise InputError(f"has {count} chunks, more than a 64-bit number can count. Write it again with larger chunks")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 
@@ -210,7 +210,7 @@ def _channels(each: list[Chunked], names: list[str]) -> Channels:
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
-    """Open the finest image of an OME-Zarr, or the one that the path names within it."""
+    """Open the finest image of an OME-Zarr, or the image that the path selects within it."""
     zarr = require("zarr")
     wanted = None
     told, about = _multiscales(path)
@@ -218,54 +218,50 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         told, about = _multiscales(path.parent)
         wanted = path.name
     if told is None or about is None:
-        raise InputError(
-            "has no multiscales, which would say where it lies: give an OME-Zarr, or the array with an affine"
-        )
+        raise InputError("has no multiscales, so its position is unknown. Pass an OME-Zarr, or array and affine")
     note(about)
     sets = told.get("datasets") or []
     found = next((of for of in sets if wanted is None or of.get("path") == wanted), None)
     if found is None:
-        raise InputError(f"has no image {wanted!r}; there are {', '.join(str(of.get('path')) for of in sets)}")
+        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(of.get('path')) for of in sets)}")
     root = path if wanted is None else path.parent
     file = root / str(found["path"])
     for name in _HEADERS:
         if (file / name).exists():
             check_regular(file / name)
     opened = zarr.open_array(str(file), mode="r")
-    array = _Apart(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
+    array = _ZarrArray(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
     axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
-        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}: a volume has x, y and z")
+        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}. Pass axes x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
-    with np.errstate(invalid="ignore", over="ignore"):  # looked at below
+    with np.errstate(invalid="ignore", over="ignore"):  # checked below
         for step in [*found.get("coordinateTransformations", []), *told.get("coordinateTransformations", [])]:
             if step.get("type") == "scale":
                 scale, shift = scale * step["scale"], shift * step["scale"]
             elif step.get("type") == "translation":
                 shift = shift + step["translation"]
             elif step.get("type") != "identity":
-                raise InputError(
-                    f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
-                )
+                raise InputError(f"the transformation {step.get('type')!r} is not supported. Use scale and translation")
     if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(f"its axes are scaled by {scale.tolist()}, shifted by {shift.tolist()}: give finite numbers")
+        raise InputError(f"its scale {scale.tolist()} and translation {shift.tolist()} must be finite")
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
     for column, axis in enumerate(spatial):
         unit = str(axes[axis].get("unit", "millimeter"))
         if unit not in _TO_MM:
-            raise InputError(f"its axis {names[axis]} is in {unit}: give {', '.join(_TO_MM)}")
+            raise InputError(f"the unit of its axis {names[axis]} is {unit}. Use one of {', '.join(_TO_MM)}")
         orientation = axes[axis].get("orientation") or {}
         value = orientation.get("value") if isinstance(orientation, dict) else None
         row, sign = _ORIENTED.get(str(value), (column, 1))
         affine[row, column] = sign * scale[axis] * _TO_MM[unit]
         affine[row, 3] = sign * shift[axis] * _TO_MM[unit]
     if abs(np.linalg.det(affine)) == 0:
-        raise InputError("its axes have no extent, or two run along the same: its affine would be singular")
+        raise InputError("its affine is singular: an axis has no extent, or two axes are parallel")
     others = [axis for axis in range(len(names)) if axis not in spatial]
     check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
     each, titles = [], []
@@ -277,17 +273,17 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
-    """Return the first multiscales of a zarr group, and the file that says it."""
+    """Return the first multiscales metadata of a zarr group, and the file that contains it."""
     for name in ("zarr.json", ".zattrs"):
         file = path / name
         if not file.is_file():
             continue
         try:
-            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which others write
+            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which some programs write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
         except (ValueError, AttributeError, RecursionError):
-            raise InputError(f"{name} is damaged: copy or download it again") from None
+            raise InputError(f"{name} is damaged. Copy or download it again") from None
         if scales:
             return scales[0], file
     return None, None

@@ -1,4 +1,4 @@
-"""What all readers and writers share: files whole or not at all, optional packages, errors that name the file."""
+"""Provide what all readers and writers share: atomic writing, optional packages, errors that name the file."""
 
 import errno
 import gzip
@@ -29,42 +29,42 @@ from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST
 from voxflat.io.reading import allowed_memory, note
 
-REMEDY = "is the file complete, and what its ending says?"
+REMEDY = "Check that the file is complete and that its ending matches its format"
 
 SAVED_ENDINGS = (".npz", ".voxflat")
-"""Of files that hold all of a map or an atlas: one format, NumPy's archive; the second is no other program's."""
+"""Endings of complete maps and atlases, which are NumPy archives; only voxflat uses the second ending."""
 
-AGAIN = "copy it again"  # what to do with a file that was cut short
+AGAIN = "Copy or download the file again"  # what to do with a file that was cut short
 
 _BLOCK = 1 << 20
-_LONGEST_NAME = 255  # bytes, of all usual file systems
+_LONGEST_NAME = 255  # bytes, on all common file systems
 
 _LONGEST_ERROR = 2000  # characters
 
-OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
+OF_DAMAGE = (None, errno.EINVAL)  # errors of readers, and of seeking to invalid offsets
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
-    """Return the entry of a table whose key ends the file's name."""
+    """Return the entry of a table whose key matches the ending of a file name."""
     for ending, entry in table.items():
         if path.name.lower().endswith(ending):
             return entry
-    raise InputError(f"ending {path.suffix!r} is unknown; {', '.join(table)} can be {verb}")
+    raise InputError(f"unknown file name ending {path.suffix!r}; {', '.join(table)} can be {verb}")
 
 
 def require(module: str, extra: str | None = None) -> Any:
-    """Import an optional package, which has the name of its extra unless that is told."""
+    """Import an optional package; its extra has the same name by default."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f"needs {module}: pip install 'voxflat[{extra or module}]'") from error
+        raise InputError(f"requires {module}. Install it with pip install 'voxflat[{extra or module}]'") from error
 
 
 _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
 
 
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
-    """Load an image by nibabel; what that prints of headers which it changes goes to the log, with the file's name."""
+    """Load an image with nibabel; nibabel's warnings about the header go to the log, with the name of the file."""
     nibabel = require("nibabel")
     check_regular(Path(path))
     try:
@@ -79,8 +79,8 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
 
 @contextmanager
 def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
-    """Let what another package's logger is told go to our log, with the file's name."""
-    logging.getLogger(logger).addFilter(_told_by_us)
+    """Redirect another package's log messages to voxflat's log, with the name of the file."""
+    logging.getLogger(logger).addFilter(_to_own_log)
     token = _loading.set(path)
     try:
         yield
@@ -88,24 +88,24 @@ def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
         _loading.reset(token)
 
 
-def _told_by_us(record: logging.LogRecord) -> bool:
+def _to_own_log(record: logging.LogRecord) -> bool:
     if (path := _loading.get()) is not None:
         log.warning("%s: %s", path, record.getMessage())
     return path is None
 
 
 def one_line(error: Exception) -> str:
-    """Shorten a message, above all ITK's: lines of C++ places and addresses."""
+    """Shorten an error message to one line, in particular ITK's, which contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
-    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all that they read, and patterns try each letter of it
+    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows patterns down
     text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", told)
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
 
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Turn whatever is wrong, but the system's errors, into one line that begins with a file's or object's name."""
+    """Convert all errors except the system's to one line that begins with the name of a file or object."""
     name = name if isinstance(name, str | os.PathLike) else type(name).__name__
     try:
         yield
@@ -116,12 +116,12 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno not in OF_DAMAGE:
             raise
-        raise InputError(f"{name}: {one_line(error)}: {remedy}") from error
+        raise InputError(f"{name}: {one_line(error).removesuffix('.')}. {remedy[:1].upper()}{remedy[1:]}") from error
 
 
 @contextmanager
 def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Turn whatever goes wrong with one of the package's own files into an error that says what it is not."""
+    """Convert any error while reading one of voxflat's own files to an error that names the expected kind of file."""
     try:
         yield
     except InputError as error:
@@ -130,13 +130,13 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
     except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
-    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
-        raise InputError(f"{path} is not {what} of voxflat or is damaged ({type(error).__name__})") from error
+    except Exception as error:  # damage can cause any error: zlib.error, BadZipFile, KeyError, ...
+        raise InputError(f"{path} is not {what} of voxflat, or is damaged ({type(error).__name__})") from error
 
 
 @contextmanager
 def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Let errors of the system, such as a full disk, name the file that they are about; not a temporary one."""
+    """Add the name of a file to system errors such as a full disk, instead of the name of a temporary file."""
     try:
         yield
     except OSError as error:
@@ -146,24 +146,24 @@ def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 
 def check_regular(path: Path) -> os.stat_result:
-    """Refuse what is no regular file, for which a reader might wait for ever; return what the system knows of it."""
+    """Raise an error if a file is not regular, because reading it could block forever; return its status."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
-        raise InputError("is a directory: name a file")
+        raise InputError("is a directory. Pass the name of a file")
     if not stat.S_ISREG(status.st_mode):
-        raise InputError("is no regular file: copy what it gives into a file")
+        raise InputError("is not a regular file. Copy its content into a regular file")
     return status
 
 
 def check_regular_within(folder: Path) -> None:
-    """Refuse a directory in which something is neither a directory nor a regular file."""
+    """Raise an error if a directory contains anything other than directories and regular files."""
     for entry in folder.iterdir():
         if entry.exists() and not entry.is_file() and not entry.is_dir():
-            raise InputError(f"{entry} is no regular file: copy what it gives into a file")
+            raise InputError(f"{entry} is not a regular file. Copy its content into a regular file")
 
 
 def from_json(text: str | bytes) -> Any:
-    """Parse JSON; depth beyond Python's is a ValueError, too, and numbers that JSON does not have."""
+    """Parse JSON; raise ValueError for too deep nesting and for numbers that JSON does not define."""
     try:
         return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:
@@ -172,16 +172,16 @@ def from_json(text: str | bytes) -> Any:
 
 def _finite(number: str) -> float:
     if not math.isfinite(found := float(number)):
-        raise ValueError(f"{number} is no number of JSON")
+        raise ValueError(f"{number} is not a valid number in JSON")
     return found
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
-    """Compare arrays of one file with each other.
+    """Compare the arrays of one file with each other.
 
-    Of each, by its name, the NumPy type that it has once it is loaded (`in_types`), of which it may have the kind
-    alone, and its axes, apart by blanks: numbers, or names, which are as long wherever they stand. Axes that may vary
-    are called "?".
+    `layout` gives the NumPy type of each array after loading (`in_types`), of which only the kind is checked, and its
+    axes, separated by spaces. An axis is a number, its length, or a name; axes of the same name have equal lengths, and
+    "?" stands for any length.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, (wanted_type, axes) in layout.items():
@@ -189,22 +189,22 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[
             continue
         array, wanted = arrays[name], axes.split()
         if not _is_of_kind(array, np.dtype(wanted_type)) or array.ndim != len(wanted):
-            raise InputError(f"its {name} are {array.dtype} of shape {array.shape}: {AGAIN}")
+            raise InputError(f"its array {name} is {array.dtype} of unexpected shape {array.shape}. {AGAIN}")
         for length, axis in zip(array.shape, wanted, strict=True):
-            known, by = (int(axis), "its kind") if axis.isdigit() else lengths.setdefault(axis, (length, name))
+            known, by = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, name))
             if axis != "?" and length != known:
-                raise InputError(f"its {name} have the shape {array.shape}, which does not fit {by}: {AGAIN}")
+                raise InputError(f"its array {name} has shape {array.shape}, which does not match {by}. {AGAIN}")
 
 
 def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> dict[str, NDArray[Any]]:
-    """Return arrays in the types of a layout, as whoever takes them expects; refuse whole numbers beyond."""
+    """Return arrays in the types of a layout; raise an error for whole numbers out of range."""
     made = dict(arrays)
     for name in made.keys() & layout.keys():
         array, wanted = made[name], np.dtype(layout[name][0])
         if wanted.kind in "iu" and array.size:
             bounds = np.iinfo(wanted)
             if int(array.min()) < bounds.min or int(array.max()) > bounds.max:
-                raise InputError(f"its {name} are not all from {bounds.min} to {bounds.max}: {AGAIN}")
+                raise InputError(f"its array {name} has values outside {bounds.min} to {bounds.max}. {AGAIN}")
         made[name] = array.astype(wanted, copy=False)
     return made
 
@@ -214,21 +214,21 @@ def _is_of_kind(array: NDArray[Any], wanted: np.dtype[Any]) -> bool:
 
 
 def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:
-    """Check that arrays of numbers of rows, by their names, name rows that there are."""
+    """Check that arrays of row numbers, by name, refer to existing rows."""
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
-            raise InputError(f"its {name} name rows that there are not, of {limit}: {AGAIN}")
+            raise InputError(f"its array {name} refers to rows outside the {limit} available ones. {AGAIN}")
 
 
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Check that coordinates, by their names, are finite and such as the core takes."""
+    """Check that arrays of coordinates, by name, are finite and in the range that the core accepts."""
     for name, array in arrays.items():
         if not (np.abs(array.astype(np.float64)) <= FARTHEST).all():
-            raise InputError(f"its {name} are not all finite and up to {FARTHEST:g} mm: {AGAIN}")
+            raise InputError(f"its array {name} has coordinates that are not finite or exceed {FARTHEST:g} mm. {AGAIN}")
 
 
 def contents(path: Path) -> bytes:
-    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the memory."""
+    """Return the bytes of a file, decompressed if gzipped; raise an error beyond a quarter of the memory."""
     status = check_regular(path)
     limit = allowed_memory() // 4
     with path.open("rb") as file:
@@ -239,11 +239,11 @@ def contents(path: Path) -> bytes:
         while block := _unpacked(stream):
             size += len(block)
             if size > limit:
-                held = f"unpacks {amount(status.st_size)} to" if is_gzipped else "holds"
-                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory: is it a mesh?")
+                held = f"unpacks from {amount(status.st_size)} to" if is_gzipped else "holds"
+                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory. Check that it is a mesh")
             blocks.append(block)
     if size == 0:
-        raise InputError("is empty (0 bytes): copy or download it again")
+        raise InputError("is empty (0 bytes). Copy or download it again")
     note(path)
     return b"".join(blocks)
 
@@ -252,21 +252,21 @@ def _unpacked(stream: IO[bytes]) -> bytes:
     try:
         return stream.read(_BLOCK)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"is gzip, and damaged ({error}): {AGAIN}") from error
+        raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
-    """Compare the length of a file to what its header asks for."""
+    """Compare the length of a file to the length that its header specifies."""
     if need < 0:
-        raise InputError(f"has {what} by its header, which is damaged: {AGAIN}")
+        raise InputError(f"its header is damaged: it specifies {what}. {AGAIN}")
     if len(data) < need:
-        raise InputError(f"has {what} by its header, but ends after {len(data)} of {need} bytes: {AGAIN}")
+        raise InputError(f"its header specifies {what}, but the file ends after {len(data)} of {need} bytes. {AGAIN}")
     if is_exact and len(data) > need:
-        raise InputError(f"has {what} by its header, but {len(data) - need} bytes more than that: is it damaged?")
+        raise InputError(f"its header specifies {what}, but the file is {len(data) - need} bytes longer. {AGAIN}")
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a new name in the same directory that ends as a file's does, and is no longer than names may be."""
+    """Return a new name in the same directory with the same ending, not longer than file systems allow."""
     name = path.name
     while len(os.fsencode(name)) > _LONGEST_NAME - 10:
         name = name[1:]
@@ -275,23 +275,30 @@ def temporary_beside(path: Path) -> Path:
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a file beside its place, and move it there once it is complete.
+    """Write a file completely or not at all.
+
+    The file is written under a temporary name in the same directory and renamed when it is complete.
 
     Parameters
     ----------
     path : path
-        The file to make or replace.
+        The file to create or replace.
 
     Yields
     ------
     Path
-        A new empty file in the same directory whose name has the same ending. It takes the place of
-        `path` when the block ends, and is deleted when the block raises.
+        A new empty file in the same directory whose name has the same ending. It replaces `path` when the block ends,
+        and is deleted if the block raises an exception.
 
     Raises
     ------
     OSError
-        Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
+        Nothing can be written at `path`, for example because the disk is full. The error names `path`.
+
+    See Also
+    --------
+    write_mesh : Write a mesh to a file.
+    write_volume : Write a volume to a file.
 
     Examples
     --------
@@ -316,7 +323,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced."""
+    """Write a directory under a temporary name and rename it when it is complete; never replace an existing one."""
     path = checked_path(path)
     check_new(path)
     temporary = temporary_beside(path)
@@ -330,13 +337,13 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def check_new(path: Path) -> None:
-    """Refuse a directory that is there already: its files are not ours to delete."""
+    """Raise an error if a directory exists, because voxflat must not delete its files."""
     if path.exists() or path.is_symlink():
-        raise InputError(f"{path} is there already, and directories are not replaced: delete it or choose another name")
+        raise InputError(f"{path} exists, and directories are not replaced. Delete it, or choose another name")
 
 
 def _probe(path: Path) -> None:
-    """Raise the system's own error where no more can be written: not every package's writer says so."""
+    """Raise the system's own error if nothing more can be written, because some packages' writers hide it."""
     if path.exists():
         with path.open("ab") as file:
             file.write(bytes(_BLOCK))
@@ -344,11 +351,11 @@ def _probe(path: Path) -> None:
 
 
 def save_array(path: Path, array: NDArray[Any]) -> None:
-    """Write a .npy file as `numpy.save` does, but by Python's own file, which tells of every byte not written."""
+    """Write a .npy file like `numpy.save`, but with Python's own file object, which reports incomplete writes."""
     with path.open("wb") as file:
         np.lib.format.write_array(SimpleNamespace(write=file.write), np.asanyarray(array), allow_pickle=False)
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the file that goes with a surface; its name has no spaces, at which readers of OBJ would end it."""
+    """Return the path of a surface's companion file; its name has no spaces, because OBJ readers would cut it there."""
     return path.with_name(re.sub(r"[\s#]+", "_", path.stem) + ending)

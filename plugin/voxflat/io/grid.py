@@ -1,4 +1,4 @@
-"""What makes a grid of voxels: its shape, and an affine to RAS+ mm that is not sheared."""
+"""Define grids of voxels: their shape, and an affine to RAS+ mm without shear."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -14,59 +14,60 @@ from voxflat.errors import InputError
 Affine: TypeAlias = NDArray[np.float64]
 
 _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
-_LONGEST = 2**31 - 1  # voxels along an axis: their indices are kept in 32 bits
+_LONGEST = 2**31 - 1  # voxels along an axis: indices have 32 bits
 
 FARTHEST = _core.FARTHEST
-"""mm from the origin: brains in nm have room, and the Earth in m; squares and volumes stay finite."""
+"""Largest distance from the origin, mm: enough for brains in nm and the Earth in m; squares and volumes stay finite."""
 
-SMALLEST = _core.SMALLEST  # mm that a voxel has at least, and the longest side of a surface's box
+SMALLEST = _core.SMALLEST  # mm, least voxel size, and least extent of a surface
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine."""
+    """Return the geometric mean of the three voxel spacings, mm; for cubes exactly the spacing, on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
-    # the cube root of 1 is 1 everywhere, that of 0.125 is not 0.5 everywhere
+    # the cube root of 1 is exactly 1 on every machine, that of 0.125 is not exactly 0.5
     return float(largest * np.cbrt(np.prod(spacing / largest)))
 
 
 def check_affine(affine: ArrayLike) -> Affine:
-    """Return an affine, voxel index to RAS+ mm, that maps a grid of boxes: finite, and not sheared."""
+    """Check and return an affine from voxel indices to RAS+ mm, which must be finite and without shear."""
     try:
         matrix = numbers_of(affine, "affine")
     except InputError as error:
-        raise InputError(f"affine {shown(affine)} is no array of numbers: give a (4, 4) matrix") from error
+        raise InputError(f"affine {shown(affine)} is not an array of numbers. Pass a (4, 4) matrix") from error
     if matrix.shape != (4, 4):
-        raise InputError(f"affine has shape {matrix.shape}: give a (4, 4) matrix, voxel index to RAS+ mm")
+        raise InputError(f"affine has shape {matrix.shape}. Pass a (4, 4) matrix that maps voxel indices to RAS+ mm")
     if not np.isfinite(matrix).all():
-        raise InputError(f"affine {matrix.tolist()} is not finite: repair the header or give an affine")
+        raise InputError(f"affine {matrix.tolist()} is not finite. Repair the header, or pass an affine")
     if np.abs(matrix).max() > FARTHEST:
-        raise InputError(f"affine {matrix.tolist()} goes beyond {FARTHEST:g} mm: repair the header or give an affine")
+        raise InputError(f"affine {matrix.tolist()} exceeds {FARTHEST:g} mm. Repair the header, or pass an affine")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"affine's last row is {matrix[3].tolist()}: it must be 0 0 0 1; is it transposed?")
+        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Is it transposed?")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
-        raise InputError(f"affine's voxel size is {sizes.tolist()} mm: each column must have a length above 0")
+        raise InputError(f"the affine has voxel sizes {sizes.tolist()} mm. Each column must have a length above 0")
     if sizes.min() < SMALLEST:
         raise InputError(
-            f"affine's voxel size is {sizes.tolist()} mm, below {SMALLEST:g} mm: repair the header, or give it in mm"
+            f"the affine has voxel sizes {sizes.tolist()} mm, below {SMALLEST:g} mm. Repair the header, or pass "
+            "an affine in mm"
         )
     axes = matrix[:3, :3] / sizes
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear <= _MAX_SHEAR:
         raise InputError(
-            f"affine is sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}: "
-            "resample to an orthogonal grid"
+            f"the affine is sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}. "
+            "Resample the volume to an orthogonal grid"
         )
     return matrix
 
 
 def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> Affine | None:
-    """Return the affine that the caller gave, as such or as a spacing."""
+    """Return the affine that the caller passed as an affine or as a spacing."""
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
-        raise InputError("both spacing= and affine= are given: give one, the affine holds the spacing")
+        raise InputError("both spacing= and affine= are given. Pass only one of them; the affine includes the spacing")
     try:
         sizes = np.asarray(spacing, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -79,19 +80,21 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
 
 
 def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
-    """Drop trailing axes of length 1; an error for what is no volume then."""
+    """Drop trailing axes of length 1; raise an error if the result is not the shape of a volume."""
     kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
-        raise InputError(f"shape {shape} is no volume: pick one of shape (I, J, K), or uint8 colours (I, J, K, 3 or 4)")
+        raise InputError(
+            f"expected a 3-D volume, got shape {shape}. Select one volume (I, J, K), or uint8 colours (I, J, K, 3 or 4)"
+        )
     check_axes(kept)
     return kept
 
 
 def check_axes(shape: tuple[int, ...]) -> None:
-    """Refuse axes that an index of 32 bits does not reach to the end of."""
+    """Raise an error for axes that a 32-bit index cannot cover."""
     if max(shape) > _LONGEST:
-        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels: crop it, or copy it again")
+        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop it, or copy it again")
 
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
@@ -107,16 +110,16 @@ _UNITS = {
 
 
 def named_unit(unit: object) -> str:
-    """Return a unit of length that a user gave, as it is written."""
+    """Return the standard name of a unit of length that a user passed."""
     given = unit.strip().lower() if isinstance(unit, str) and unit.strip() else None
     found = next((name for name, called in _UNITS.items() if given in called), None)
     if found is None:
-        raise InputError(f"unit is {shown(unit)}; give one of {', '.join(_MILLIMETRES)}")
+        raise InputError(f"unit is {shown(unit)}. Pass one of {', '.join(_MILLIMETRES)}")
     return found
 
 
 def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
-    """Return a text that speaks of mm in the unit of a surface or map; of one whose unit is unknown without it."""
+    """Return a text about mm in the unit of a surface or map; without a unit if it is unknown."""
     unit = metadata.get("unit", "mm")
     if metadata.get("napari", {}).get("unit", "").startswith("pixel"):
         unit = "unknown"
@@ -128,24 +131,26 @@ def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
 
 
 def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
-    """Warn that coordinates go into a format of which other programs take mm, although they are in another unit."""
+    """Warn if coordinates in another unit are written in a format that other programs read in mm."""
     unit = metadata.get("unit", "mm")
     if unit not in ("mm", "unknown"):
-        log.warning("%s: coordinates are written in %s, but other programs read this format in mm", path, unit)
+        log.warning(
+            "%s: coordinates are written in %s, but other programs assume that this format is in mm", path, unit
+        )
 
 
 def millimetres(unit: str) -> float:
-    """Return the length of a unit in mm; an unknown one is an `InputError`, none at all is mm."""
+    """Return the length of a unit in mm; mm is the default, and an unknown unit raises an `InputError`."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
     if found is None:
-        raise InputError(f"its lengths are in {unit!r}, which is no known unit: save it in mm or give array and affine")
+        raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
     return _MILLIMETRES[found]
 
 
 def in_millimetres(affine: Affine, unit: str) -> Affine:
-    """Return an affine to a unit as one to mm, and log that lengths were converted."""
+    """Convert an affine in a unit to mm, and log the conversion."""
     factor = millimetres(unit)
     if factor == 1:
         return affine
-    log.warning("lengths are in %s by the header; they were converted to mm", unit)
+    log.warning("the header gives lengths in %s; they were converted to mm", unit)
     return np.asarray(np.diag([factor] * 3 + [1.0]) @ affine)

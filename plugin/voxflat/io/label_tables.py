@@ -1,4 +1,4 @@
-"""Names and colours of labels: of files that hold their own, and from lookup tables beside them."""
+"""Read names and colours of labels, from files of labels and from separate lookup tables."""
 
 import csv
 import io
@@ -28,29 +28,29 @@ _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 @dataclass(frozen=True, eq=False)
 class LabelTable:
-    """What labels are called, and their colours: red, green, blue from 0 to 255."""
+    """Store the names of labels and their colours (red, green, blue from 0 to 255), both optional."""
 
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, Colour] = field(default_factory=dict)
 
     def is_region(self, label: int) -> bool:
-        """Tell whether a label is one of a region: neither negative, nor called unknown, nor 0 without a name."""
+        """Return whether a label is a region: neither negative, nor named "unknown", nor 0 without a name."""
         return label >= 0 and self.names.get(label, str(label) if label else "").strip().lower() not in _NO_NAMES
 
 
 def read_table(path: str | os.PathLike[str]) -> LabelTable:
-    """Read a lookup table, as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS with ``index``, ``name``, ``color``."""
+    """Read a lookup table, such as FreeSurferColorLUT.txt or a BIDS ``dseg.tsv`` (``index``, ``name``, ``color``)."""
     path = checked_path(path)
-    with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
+    with naming(path, "pass a table such as FreeSurferColorLUT.txt, or a BIDS dseg.tsv file"):
         text = contents(path).decode("utf-8-sig")
         found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
         if not found.names:
-            raise InputError("has no labels")
+            raise InputError("contains no labels")
         return found
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
-    """Read the names and colours that a file of labels, or an image of nibabel, holds; of CIFTI those of a channel."""
+    """Read the names and colours stored in a file of labels or a nibabel image; for CIFTI those of a channel."""
     if is_gifti(labels):
         return _of_gifti(labels)
     if is_cifti(labels):
@@ -92,13 +92,13 @@ def _table(rows: Iterable[tuple[Any, Any, Any]]) -> LabelTable:
         if colour is not None:
             red, green, blue = (int(part) for part in colour)
             if not all(0 <= part <= 255 for part in (red, green, blue)):
-                raise InputError(f"label {label} has the colour {red}, {green}, {blue}: give 0 to 255")
+                raise InputError(f"label {label} has the colour {red}, {green}, {blue}. Use values from 0 to 255")
             colours[int(label)] = (red, green, blue)
     return LabelTable(names, colours)
 
 
 def _bytes(parts: Any) -> list[int]:
-    """Return a colour's parts, of 0 to 1, as bytes."""
+    """Return colour values from 0 to 1 as bytes."""
     return [round(255 * float(np.nan_to_num(part if part is not None else 0))) for part in parts]
 
 
@@ -109,7 +109,7 @@ def _of_lines(text: str) -> LabelTable:
             continue
         found = re.fullmatch(r"\s*(\d+)\s+(\S.*?)\s+(\d+)\s+(\d+)\s+(\d+)(?:\s+\d+)?\s*", line)
         if found is None:
-            raise InputError(f"line {number} is {line.strip()[:60]!r}, and not a label, a name, red, green, blue")
+            raise InputError(f"line {number} is {line.strip()[:60]!r}, but must be: label, name, red, green, blue")
         rows.append((int(found[1]), found[2], [found[3], found[4], found[5]]))
     return _table(rows)
 
@@ -118,7 +118,7 @@ def _of_columns(text: str) -> LabelTable:
     rows = []
     reader = csv.DictReader(io.StringIO(text), delimiter="\t")
     if not {"index", "name"} <= set(reader.fieldnames or ()):
-        raise InputError("has no columns index and name")
+        raise InputError("lacks the columns index and name")
     for row in reader:
         colour = (row.get("color") or "").strip().lstrip("#")
         is_known = re.fullmatch(r"[0-9a-fA-F]{6}", colour) is not None

@@ -1,4 +1,4 @@
-"""Surfaces in and out, points in RAS+ mm and triangles: by nibabel, by VTK, or parsed here (PLY, OBJ, STL)."""
+"""Read and write surfaces, with points in RAS+ mm and triangles: with nibabel, VTK, or parsed here (PLY, OBJ, STL)."""
 
 import os
 import re
@@ -32,28 +32,37 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles. Making one checks it; a bad array is an `InputError`.
+    """Store a surface of triangles.
+
+    Creating a mesh checks its arrays; an invalid array raises an `InputError`.
 
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm, in `space`; finite.
+        Coordinates in RAS+ mm, in `space`; they must be finite.
     faces : ndarray of int64, shape (F, 3)
-        Triangles, as rows of `points`. Points that no face uses are allowed: a flat map may have them.
+        Triangles, as rows of `points`. Points without a face are allowed, because flat maps may have them.
     path : Path or None
-        The file it came from.
+        The file that the mesh was read from.
     structure : str or None
-        What it is, as GIFTI's AnatomicalStructurePrimary says it: ``"CortexLeft"``, ``"CortexRight"``, ...
+        Brain structure in the notation of GIFTI's AnatomicalStructurePrimary: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, by name.
+    texture_coordinates : ndarray of float64, shape (N, 2), or None
+        Position of each point in a picture; NaN for points without one.
     face_data : dict of str to ndarray, shape (F,)
         Values of the triangles, by name.
-    texture_coordinates : ndarray of float64, shape (N, 2), or None
-        Place of each point in a picture; NaN for points without one.
     remarks : tuple of str
         What the reader noticed or changed.
     space : Space
-        Whose coordinates the points are: scanner RAS, FreeSurfer's tkRAS, or unknown.
+        Coordinate space of the points: scanner RAS, FreeSurfer's tkRAS, or unknown.
+    has_unit : bool
+        Whether the source defines the unit of the coordinates.
+
+    See Also
+    --------
+    read_mesh : Read a mesh from a file.
+    write_mesh : Write a mesh to a file.
 
     Examples
     --------
@@ -75,22 +84,61 @@ class Mesh:
 
     @property
     def has_unknown_unit(self) -> bool:
-        """Whether it may not be in mm: only GIFTI and FreeSurfer say so, or it is smaller than anything in mm."""
+        """Whether the unit of the coordinates is unknown.
+
+        Only GIFTI and FreeSurfer files define the unit. It also counts as unknown if the mesh is smaller than 1 mm.
+
+        See Also
+        --------
+        Mesh.unit : The unit as text.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).has_unknown_unit
+        False
+        """
         by_name = None if self.path is None else formats.by_name(self.path)
         return not self.has_unit or by_name in _WITHOUT_UNIT or self.unit_remark is not None
 
     @property
     def unit(self) -> str:
-        """That of its points: "mm" or "unknown"."""
+        """Unit of the coordinates.
+
+        It is ``"mm"`` or ``"unknown"``.
+
+        See Also
+        --------
+        Mesh.has_unknown_unit : Whether the unit is unknown.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).unit
+        'mm'
+        """
         return "unknown" if self.has_unknown_unit else "mm"
 
     @property
     def unit_remark(self) -> str | None:
-        """A remark on a surface that seems not to be in mm: the longest side of its box is below 1."""
+        """Remark on a mesh that is probably not in mm, or None.
+
+        A mesh is suspicious if the longest side of its bounding box is below 1.
+
+        See Also
+        --------
+        Mesh.unit : The unit as text.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3) / 1000, [[0, 1, 2]]).unit_remark.split(";")[0]
+        'is 0.001 units across'
+        """
         across = float(np.ptp(self.points, axis=0).max())
         if across >= 1:
             return None
-        return f"is {across:.2g} units across; coordinates are taken as mm: are they metres? multiply by 1000"
+        return (
+            f"is {across:.2g} units across; coordinates are assumed to be in mm. If they are in metres, multiply "
+            "them by 1000"
+        )
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -99,52 +147,58 @@ class Mesh:
     def __post_init__(self) -> None:
         points = array_of(self.points, "points")
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
-            raise InputError(f"points are {points.dtype} of shape {points.shape}: give numbers of shape (N, 3)")
+            raise InputError(f"points have type {points.dtype} and shape {points.shape}. Pass numbers of shape (N, 3)")
         if len(points) == 0:
-            raise InputError("has no points: is it a surface?")
+            raise InputError("has no points. Pass a surface mesh")
         points = np.ascontiguousarray(points, dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
-            raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}: it must be finite")
+            raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}, which are not all finite")
         far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
         if len(far):
-            raise InputError(f"point {far[0]} lies at {points[far[0]].tolist()}, beyond {FARTHEST:g} mm: is it right?")
+            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, lies beyond {FARTHEST:g} mm. Check the unit")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
             texture = np.ascontiguousarray(numbers_of(self.texture_coordinates, "texture coordinates"))
             object.__setattr__(self, "texture_coordinates", texture)
             if texture.shape != (len(points), 2):
-                raise InputError(f"texture coordinates have shape {texture.shape}: give ({len(points)}, 2)")
+                raise InputError(f"texture coordinates have shape {texture.shape}. Pass shape ({len(points)}, 2)")
         for kind, data, count in (("point", self.point_data, len(points)), ("face", self.face_data, len(self.faces))):
-            checked_kind(data, f"{kind} data", "items", "arrays by their names")
+            checked_kind(data, f"{kind} data", "items", "arrays by name")
             for name, array in data.items():
                 own = len(array) if np.ndim(array) else 0
                 if own != count:
-                    raise InputError(f"{kind} data {name!r} has {own} values; the surface has {count} {kind}s")
+                    raise InputError(f"{kind} data {name!r} has {own} values, but the surface has {count} {kind}s")
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a surface of triangles from a file.
 
+    The ending of the name determines the format; without a known ending, the content does.
+
     Parameters
     ----------
     path : path
         GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...; in
-        ASCII ``.asc``), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` and ``.glb``. Without a known
-        ending its content tells.
+        ASCII ``.asc``), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` or ``.glb``.
 
     Returns
     -------
     Mesh
-        With the points as stored and in their order, except that STL knows no points: equal corners become one.
+        The points as stored and in their order. STL files store corners instead of points; equal corners become one.
 
     Raises
     ------
     InputError
-        The file is damaged, of another format than its ending says, or no surface of triangles.
+        The file is damaged, is in another format than its ending specifies, or is not a surface of triangles.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    write_mesh : Write a mesh to a file.
+    read_patch : Read a FreeSurfer patch.
 
     Examples
     --------
@@ -159,7 +213,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 
 def is_mesh_name(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a mesh by its ending, or, where it has none that is known, by its first bytes."""
+    """Return whether a file is a mesh according to its ending or, without a known ending, to its first bytes."""
     path = checked_path(path)
     name = path.name.lower()
     if name.endswith(tuple(formats.ENDINGS)):
@@ -171,7 +225,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
 
 
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch."""
+    """Return whether a file contains triangles, and not values at points or a patch."""
     path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
@@ -183,16 +237,18 @@ def _format(path: Path, data: bytes) -> str:
     """Return the format of a surface file; ending and content must agree."""
     named, found = formats.by_name(path), formats.by_content(data)
     if named and found and named != found:
-        raise InputError(f"has the ending of {named}, but the content of {found}: rename it")
+        raise InputError(f"its name ends as {named}, but its content is {found}. Rename the file")
     kind = found or named
     if kind not in READERS:
-        hint = formats.HINTS.get(kind or "", f"{', '.join(formats.ENDINGS)} and FreeSurfer's surfaces can be read")
-        raise InputError(f"is no surface, but {kind or 'of unknown content'}: {hint}")
+        hint = formats.HINTS.get(
+            kind or "", f"supported formats are {', '.join(formats.ENDINGS)} and FreeSurfer surfaces"
+        )
+        raise InputError(f"is not a surface: its content is {kind or 'unknown'}; {hint}")
     return kind
 
 
 def parsed(path: Path, data: bytes) -> Mesh:
-    """Return the surface that a file holds, with what its name and its size tell."""
+    """Return the surface in a file, with what its name and its size reveal."""
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
@@ -200,12 +256,12 @@ def parsed(path: Path, data: bytes) -> Mesh:
 
 
 def named_structure(path: str | os.PathLike[str]) -> str | None:
-    """Tell a side of the cortex by a name that says one: ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii``."""
+    """Return the hemisphere that a name contains, such as ``lh.thickness`` or ``sub-01_hemi-L_curv.shape.gii``."""
     found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
     return found[0] if len(found) == 1 else None
 
 
-_Parts: TypeAlias = dict[str, Any]  # what a reader found: the keyword arguments of `Mesh`
+_Parts: TypeAlias = dict[str, Any]  # result of a reader: keyword arguments of `Mesh`
 
 
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
@@ -223,20 +279,22 @@ READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
 
 
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:
-    """Write a surface to a file, all of it or nothing.
+    """Write a surface to a file.
+
+    The file is written completely or not at all. FreeSurfer files are written in tkRAS with the volume geometry, all
+    other formats in scanner RAS. Points are transformed if the transformation is known. Points in an unknown space are
+    written unchanged.
 
     Parameters
     ----------
     path : path
-        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or ``lh.white`` and the like.
-        FreeSurfer's files have tkRAS and the volume that says where that is, all others scanner RAS, as tools take them
-        with volumes: points are moved where it is known how. Points of an unknown space are written as they are.
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or such as ``lh.white``.
     mesh : Mesh
-        GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
-        ``.vtp`` its point and face data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are
-        all 0 is marked as flat in GIFTI.
+        The mesh. GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` stores the
+        structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and ``.obj`` the texture
+        coordinates. GIFTI marks a mesh as flat if all its z coordinates are 0.
     record : dict, optional
-        What made it, for GIFTI's metadata; no other format has a place for it.
+        Provenance record for GIFTI's metadata; other formats cannot hold it.
 
     Raises
     ------
@@ -245,6 +303,10 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     OSError
         The file cannot be written.
 
+    See Also
+    --------
+    read_mesh : Read a mesh from a file.
+
     Examples
     --------
     >>> mesh = voxflat.io.Mesh(np.eye(3), [[0, 1, 2]])
@@ -252,7 +314,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     """
     path = checked_path(path)
     write = check_mesh_name(path)
-    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
+    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
         write(temporary, mesh, record)
 
 
@@ -260,19 +322,19 @@ _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
 
 
 def check_mesh_name(path: Path) -> _Write:
-    """Refuse a name of no format that a surface can be written in; return what writes it."""
+    """Return the writer for a file name; raise an error if no format of surfaces matches."""
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
-    with naming(path, "can this format hold it?"):
+    with naming(path, "check that this format can hold it"):
         if ".patch." in name:
-            raise InputError("is the name of a patch: use write_patch")
+            raise InputError("is the name of a patch. Use write_patch to write it")
         if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
             return _write_freesurfer
         return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
-    """Carry points to tkRAS, with its volume: by default a conformed one in their middle; those of no space stay."""
+    """Transform points to tkRAS and return the volume, by default a conformed one at their centre."""
     if space.name != "scanner":
         return points, space.volume
     volume = space.volume or VolumeGeometry.conformed()

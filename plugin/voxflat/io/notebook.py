@@ -1,15 +1,15 @@
-"""What Jupyter shows of a result."""
+"""Display results in Jupyter."""
 
 import base64
 import html
 import io
 from typing import Any
 
-_DPI = 150  # of pictures, of 85 mm of paper
+_DPI = 150  # dpi of pictures, 85 mm wide on paper
 
 
 def page(value: object, text: str = "", figure: Any = None, about: str = "") -> str:
-    """Return HTML of a value: what `repr` says, a picture with what it shows, and text that is aligned in columns."""
+    """Return HTML for a value: its `repr`, a picture with a description, and text aligned in columns."""
     parts = [f"<p><code>{html.escape(repr(value))}</code></p>"]
     if figure is not None:
         drawn = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Surfaces and values of nilearn, nibabel, trimesh, meshio and VTK, known by attributes: none is imported."""
+"""Read surfaces and values from objects of nilearn, nibabel, trimesh, meshio and VTK without importing these."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -16,17 +16,17 @@ from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.triangles import triangulated
 
 SUPPORTED = (
-    "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or of ITK; a mesh of "
-    "nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
+    "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or ITK; a "
+    "mesh of nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
 )
-"""What `voxflat.surface` takes, for messages."""
+"""Input that `voxflat.surface` accepts, for messages."""
 
 _STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
 _REMEDY = "convert it to a file or to arrays"
 
 
 def mesh_of_object(given: object) -> Mesh | None:
-    """Return the surface that an object of another package holds; None if it is no such object."""
+    """Return the surface in an object of another package; None for other objects."""
     for is_one, of in _MESHES:
         if is_one(given):
             with naming(type(given).__name__, _REMEDY):
@@ -35,10 +35,10 @@ def mesh_of_object(given: object) -> Mesh | None:
 
 
 def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
-    """Return the values at the vertices of a surface that an object of another package holds; None if it holds none."""
+    """Return the values at a surface's vertices in an object of another package; None for other objects."""
     if isinstance(given, np.ndarray | list | tuple):
         return None
-    with naming(type(given).__name__, "give the values of this surface"):
+    with naming(type(given).__name__, "pass the values of this surface"):
         if hasattr(given, "dataobj"):
             return points_of_nibabel(given, points, structure)
         parts = _value_parts(given)
@@ -48,19 +48,19 @@ def values_of_object(given: object, points: int, structure: str | None) -> Chann
             return None
         values, own = gifti.values(given), given.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
         if len(values) != points:
-            raise InputError(f"has {len(values)} values; the surface has {points} points")
+            raise InputError(f"has {len(values)} values, but the surface has {points} points")
         if {own, structure} == set(_STRUCTURES.values()):
-            raise InputError(f"is of {own}, and the surface of {structure}")
+            raise InputError(f"belongs to {own}, but the surface is {structure}")
         return Channels.of_array(values, gifti.map_names(given))
 
 
 def is_values(given: object) -> bool:
-    """Tell whether an object holds values at the vertices of a surface, and no surface."""
+    """Return whether an object contains values at a surface's vertices, but no surface."""
     return is_gifti(given) or _value_parts(given) is not None
 
 
 def is_gifti(given: object) -> bool:
-    """Tell whether an object is a GIFTI image of nibabel."""
+    """Return whether an object is a GIFTI image of nibabel."""
     return hasattr(given, "darrays") and hasattr(given, "agg_data")
 
 
@@ -74,20 +74,20 @@ def _has_parts(given: object) -> bool:
 
 
 def _of_nilearn(mesh: Any) -> Mesh:
-    path = getattr(mesh, "file_path", None)  # a FileMesh: its file says more
+    path = getattr(mesh, "file_path", None)  # a FileMesh: its file contains more
     return Mesh(np.asarray(mesh.coordinates), np.asarray(mesh.faces)) if path is None else read_mesh(path)
 
 
 def _of_parts(mesh: Any) -> Mesh:
     if len(mesh.parts) != 1:
-        raise InputError(f"has the parts {', '.join(mesh.parts)}: choose one, such as .parts['left']")
+        raise InputError(f"has the parts {', '.join(mesh.parts)}. Pass one of them, such as .parts['left']")
     ((side, part),) = mesh.parts.items()
     return replace(_of_nilearn(part), structure=_STRUCTURES.get(side))
 
 
 def _of_surface_image(image: Any) -> Mesh:
     if len(image.mesh.parts) != 1:
-        raise InputError("has two hemispheres: choose one, such as .mesh.parts['left']")
+        raise InputError("has two hemispheres. Pass one of them, such as .mesh.parts['left']")
     return _of_parts(image.mesh)
 
 
@@ -102,7 +102,7 @@ def _of_meshio(mesh: Any) -> Mesh:
     polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in _POLYGONS]
     if not polygons:
         kinds = ", ".join(sorted({str(block.type) for block in mesh.cells})) or "no cells"
-        raise InputError(f"has {kinds}, and no triangles, quadrilaterals or polygons: extract its surface first")
+        raise InputError(f"has {kinds}, but no triangles, quadrilaterals or polygons. Extract its surface first")
     corners = np.concatenate([block.ravel() for block in polygons])
     lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
     places, remarks = triangulated(points, corners, lengths)
@@ -130,7 +130,7 @@ _MESHES: tuple[_Reader, ...] = (
 
 
 def _value_parts(given: object) -> Mapping[str, Any] | None:
-    """Return the values of each hemisphere of a SurfaceImage or PolyData of nilearn."""
+    """Return the values of each hemisphere of a nilearn SurfaceImage or PolyData."""
     data = getattr(given, "data", None) if hasattr(given, "mesh") else given
     parts = getattr(data, "parts", None)
     if not isinstance(parts, Mapping) or not all(hasattr(part, "shape") for part in parts.values()):
@@ -139,19 +139,19 @@ def _value_parts(given: object) -> Mapping[str, Any] | None:
 
 
 def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> NDArray[Any]:
-    """Return the values of the hemisphere that a surface is."""
+    """Return the values of a surface's hemisphere."""
     fitting = {side: part for side, part in parts.items() if len(part) == points}
     known = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
     if known:
         return np.asarray(next(iter(known.values())))
     if structure in _STRUCTURES.values() and structure not in map(_STRUCTURES.get, parts):
-        raise InputError(f"has values of {', '.join(parts)}, and the surface is {structure}")
+        raise InputError(f"has values for {', '.join(parts)}, but the surface is {structure}")
     if len(fitting) == 1:
         return np.asarray(next(iter(fitting.values())))
     if fitting:
         raise InputError(
-            f"has {points} values for each hemisphere, and the surface does not say which it is: pass one, such as "
-            ".data.parts['left']"
+            f"has {points} values for each hemisphere, and the hemisphere of the surface is unknown. Pass one "
+            "part, such as .data.parts['left']"
         )
     lengths = ", ".join(f"{side}: {len(part)}" for side, part in parts.items())
-    raise InputError(f"has values at {lengths} vertices; the surface has {points}")
+    raise InputError(f"has values at {lengths} vertices, but the surface has {points}")

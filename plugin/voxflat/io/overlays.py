@@ -1,4 +1,4 @@
-"""Values at the points of a surface, and regions of it, from files."""
+"""Read values at the points of a surface, and regions of it, from files."""
 
 import io
 import os
@@ -24,30 +24,36 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
     """Read values at the points of a surface.
 
+    The ending of the name determines the format; FreeSurfer's files of values need none.
+
     Parameters
     ----------
     path : path
         GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), CIFTI (``.dscalar.nii``, ``.dtseries.nii``,
         ``.dlabel.nii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``, ...; ``.annot``, whose labels are
-        numbers from 0, −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
-        ``.txt`` with a line a point.
+        numbers from 0, or −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
+        ``.txt`` with one line per point.
     points : int
-        How many the surface has.
+        Number of points of the surface.
     structure : str, optional
-        What the surface is, as GIFTI says it, such as "CortexLeft": which part of a CIFTI file is meant. Points that it
-        does not list are NaN, in ``.dlabel.nii`` 0.
+        Structure of the surface in GIFTI's notation, such as "CortexLeft". It selects a part of a CIFTI file. Points
+        that the file does not list are NaN, or 0 in ``.dlabel.nii`` files.
 
     Returns
     -------
-    ndarray, shape (points,), or (points, K) of K maps
-        Of the file's type.
+    ndarray, shape (points,), or (points, K) for K maps
+        The values, in the type of the file.
 
     Raises
     ------
     InputError
-        The file is damaged, has another number of values, or more maps than memory holds.
+        The file is damaged, has another number of values, or has more maps than fit into memory.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    read_region : Read a region of a surface.
 
     Examples
     --------
@@ -66,7 +72,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 
 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
-    """Read values at the points of a surface map by map: as `read_overlay`, those of NIfTI and CIFTI when asked for."""
+    """Read values at the points of a surface like `read_overlay`, but NIfTI and CIFTI maps on demand."""
     path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
@@ -76,15 +82,15 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
     if not path.name.lower().endswith((".nii", ".nii.gz")):
         return Channels.of_array(*_values(path, contents(path), points))
     check_regular(path)
-    path.open("rb").close()  # the system's own error for one that cannot be read says more
+    path.open("rb").close()  # the system's own error is more helpful
     found = points_of_nibabel(path, points, structure)
     if found is None:
-        raise InputError("holds no values at points, but voxels")
+        raise InputError("has values in voxels, not at points")
     return found.mapped(lambda values: _fitting(values, points))
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending."""
+    """Return whether a file is a volume according to its ending, and not values at points with the same ending."""
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False
@@ -95,13 +101,13 @@ def holds_volume(path: str | os.PathLike[str]) -> bool:
 
 
 def _dimensions(path: Path) -> int | None:
-    """Return how many dimensions an array in a file has, if it is one."""
+    """Return the number of dimensions of an array in a file, or None."""
     try:
         check_regular(path)
         return readers.dimensions(path)
     except OSError:
         raise
-    except Exception:  # what is wrong with it is said by those who read it
+    except Exception:  # its reader reports errors
         return None
 
 
@@ -110,21 +116,24 @@ def read_region(
 ) -> NDArray[np.bool_]:
     """Read which points of a surface belong to a region.
 
+    The region can be stored as a label, an annotation, a patch, a part of the surface, or as values.
+
     Parameters
     ----------
     path : path
-        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface, whose faces use the region's points
-        only; or what `read_overlay` reads, for the points whose value is neither 0 nor NaN.
+        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface whose faces use only points of the region;
+        or a file for `read_overlay`, whose region consists of the points with a value other than 0 and NaN.
     points : int
-        How many the surface has.
+        Number of points of the surface.
     name : str, optional
         A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
     structure : str, optional
-        As in `read_overlay`.
+        Structure of the surface, as in `read_overlay`.
 
     Returns
     -------
     ndarray of bool, shape (points,)
+        True for the points of the region.
 
     Raises
     ------
@@ -132,6 +141,10 @@ def read_region(
         The file is damaged, belongs to another surface, or has no label of that name.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    read_overlay : Read values at the points of a surface.
 
     Examples
     --------
@@ -151,7 +164,7 @@ def read_region(
         if image is not None and name is not None:
             return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
         if name is not None:
-            raise InputError(f"has no named labels: leave out name={name!r}")
+            raise InputError(f"has no named labels. Omit name={name!r}")
         if kind == formats.PATCH:
             return _mask(patches.parse_patch(path, data).vertex_ids, points)
         if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
@@ -164,7 +177,7 @@ def read_region(
 
 
 def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
-    """Refuse a file of values of the other side of the cortex; what GIFTI says of itself counts more than its name."""
+    """Raise an error for values of the other hemisphere; GIFTI's own metadata override the file name."""
     if structure not in (LEFT, RIGHT):
         return
     path = checked_path(path)
@@ -174,29 +187,29 @@ def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> No
             own = gifti.first_metadata(contents(path)).get("AnatomicalStructurePrimary") or own
     if own in (LEFT, RIGHT) and own != structure:
         raise InputError(
-            f"{path}: is of {own}, the surface of {structure}: give the file of this side, or, if it is meant, its "
-            "values as an array"
+            f"{path}: belongs to {own}, but the surface is {structure}. Pass the file of this hemisphere; to use "
+            "the values nevertheless, pass them as an array"
         )
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
     """Return where the only map of some channels is neither 0 nor NaN, shape (points,)."""
     if len(channels) > 1:
-        raise InputError(f"has {len(channels)} maps: give a file with one")
+        raise InputError(f"has {len(channels)} maps. Pass a file with one map")
     values = _fitting(channels.read(0), points)
     return np.asarray((values != 0) & ~np.isnan(values))
 
 
 def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:
-    """Return the values of any file that has some, and the names of its maps if they have any."""
+    """Return the values in a file, and the names of its maps if there are any."""
     name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
     if name.endswith(".npy") or kind == "a NumPy array":
         if kind != "a NumPy array":
-            raise InputError("is no NumPy array: write it again with numpy.save")
+            raise InputError("is not a NumPy array. Write it again with numpy.save")
         return _fitting(readers.read_array(path), points), None
     if name.endswith(".txt"):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of no line: told below
+            warnings.simplefilter("ignore")  # empty file: reported below
             values = np.loadtxt(io.StringIO(data.decode()))
         return _fitting(values, points), None
     if name.endswith((".mgh", ".mgz")):
@@ -206,36 +219,36 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
     if kind == formats.GIFTI:
         image = gifti.load(data)
         return _fitting(gifti.values(image), points), gifti.map_names(image)
-    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
+    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values, not labels
     if kind not in (None, formats.MORPH) and not is_cut_short:
-        raise InputError(f"holds no values at points, but {kind}")
+        raise InputError(f"does not contain values at points: its content is {kind}")
     return _fitting(freesurfer.read_morph(path, data), points), None
 
 
 def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
-    """Check that there is a value, or a row of them, for each point."""
+    """Check that there is one value, or one row of values, per point."""
     if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
-        raise InputError(f"values are {values.dtype} of shape {values.shape}: give numbers of shape (N,) or (N, K)")
+        raise InputError(f"values have type {values.dtype} and shape {values.shape}. Pass numbers (N,) or (N, K)")
     if len(values) != points:
-        raise InputError(f"has {len(values)} values; the surface has {points} points")
+        raise InputError(f"has {len(values)} values, but the surface has {points} points")
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
 def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
-    """Return which points are chosen."""
+    """Return which points are selected."""
     if chosen.max() >= points:
-        raise InputError(f"names point {chosen.max()}; the surface has the points 0 to {points - 1}")
+        raise InputError(f"refers to point {chosen.max()}, but the surface has the points 0 to {points - 1}")
     mask = np.zeros(points, dtype=bool)
     mask[chosen] = True
     return mask
 
 
 def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDArray[np.bool_]:
-    """Return which points have the label of a name."""
+    """Return which points have the label of a given name."""
     keys = [key for key, label in names.items() if label == name]
     if not keys:
         known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
-        raise InputError(f"name={name!r} is none of its labels: {known}")
+        raise InputError(f"name={name!r} is not one of its labels: {known}")
     if labels.ndim > 1:
-        raise InputError(f"has {labels.shape[1]} maps: give a file with one")
+        raise InputError(f"has {labels.shape[1]} maps. Pass a file with one map")
     return np.isin(labels, keys)

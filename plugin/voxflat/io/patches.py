@@ -1,10 +1,9 @@
-"""FreeSurfer's patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
+"""Read and write FreeSurfer's patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
 
-A patch lists some points of a surface with places of their own. Its faces are not in the file: they are those of the
-surface, all of whose corners are listed. This is the rule of FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), and of
-pycortex and autoflatten; that a point lies at the border is for the eye. The format is big-endian: int32 −1, int32
-number of points, then for each an int32, v + 1 for point v inside and −(v + 1) for one at the border, and three
-float32.
+A patch lists some points of a surface with positions of their own. Its faces are not in the file: they are the faces of
+the surface whose corners are all listed. FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), pycortex and autoflatten
+use this rule; the border flag is only for display. The format is big-endian: int32 −1, int32 number of points, then
+for each point an int32, v + 1 for point v inside and −(v + 1) at the border, and three float32.
 """
 
 import os
@@ -22,26 +21,33 @@ from voxflat.io.triangles import as_float32, check_faces
 from voxflat.unique_rows import distinct
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
-_REMEDY = "is it complete, and of this format?"
+_REMEDY = "check that the file is complete and in this format"
 
-FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # how the names of patches end that are flat
-PATCH_ENDING = ".patch.3d"  # how the names of patches end that lie in space; so do those of some flat ones
+FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # endings of flat patches
+PATCH_ENDING = ".patch.3d"  # ending of 3-D patches and of some flat ones
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Some points of a surface, in places of their own. Making one checks it; a bad array is an `InputError`.
+    """Store some points of a surface, with positions of their own.
+
+    Creating a patch checks its arrays; an invalid array raises an `InputError`.
 
     Parameters
     ----------
     vertex_ids : ndarray of int64, shape (k,)
-        Which points of the surface, each once.
+        Numbers of the points on the surface, each listed once.
     points : ndarray of float64, shape (k, 3)
-        Their places, mm; in a flat patch z is 0.
+        Positions of the points, mm; in a flat patch z is 0.
     border : ndarray of bool, shape (k,)
-        Which of them lie at the border of the patch; `patch_border` finds them.
+        Whether each point lies at the border of the patch; `patch_border` finds these points.
     path : Path or None
-        The file it came from.
+        The file that the patch was read from.
+
+    See Also
+    --------
+    read_patch : Read a patch from a file.
+    write_patch : Write a patch to a file.
 
     Examples
     --------
@@ -67,32 +73,39 @@ class Patch:
         if self.points.shape != (k, 3) or self.border.shape != (k,):
             raise InputError(
                 f"a patch of {k} vertices has points of shape {self.points.shape} and a border of shape "
-                f"{self.border.shape}: give ({k}, 3) and ({k},)"
+                f"{self.border.shape}. Pass shapes ({k}, 3) and ({k},)"
             )
         bad = np.flatnonzero(~np.isfinite(self.points).all(axis=1))
         if len(bad):
-            raise InputError(f"entry {bad[0]} of the patch lies at {self.points[bad[0]].tolist()}: it must be finite")
+            raise InputError(f"entry {bad[0]} of the patch, {self.points[bad[0]].tolist()}, is not finite")
 
 
 def read_patch(path: str | os.PathLike[str]) -> Patch:
     """Read a FreeSurfer patch file.
 
+    Only binary patch files are supported.
+
     Parameters
     ----------
     path : path
-        Such as ``lh.cortex.patch.3d`` or ``lh.cortex.patch.flat``.
+        Patch file, such as ``lh.cortex.patch.3d`` or ``lh.cortex.patch.flat``.
 
     Returns
     -------
     Patch
-        In the order of the file.
+        The points in the order of the file.
 
     Raises
     ------
     InputError
-        The file is no patch, cut short, or names a point twice.
+        The file is not a patch, is incomplete, or lists a point twice.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    write_patch : Write a patch to a file.
+    patch_faces : Return the faces of a patch.
 
     Examples
     --------
@@ -107,44 +120,50 @@ def read_patch(path: str | os.PathLike[str]) -> Patch:
 
 
 def parse_patch(path: Path, data: bytes) -> Patch:
-    """Return the patch that a file holds."""
+    """Return the patch in a file."""
     header = np.frombuffer(data[:8], ">i4") if len(data) >= 8 else np.zeros(2, int)
     if header[0] != -1:
-        raise InputError(f"begins with {data[:4].hex(' ')} instead of ff ff ff ff: it is no binary patch file")
+        raise InputError(f"is not a binary patch file: it begins with {data[:4].hex(' ')} instead of ff ff ff ff")
     check_size(data, 8 + _ENTRY.itemsize * int(header[1]), f"{header[1]} points", is_exact=True)
     entries = np.frombuffer(data, _ENTRY, offset=8)
     signed = entries["vertex"].astype(np.int64)
     if not signed.all():
-        raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} names vertex 0; patch files count from 1")
-    with np.errstate(invalid="ignore"):  # signalling NaN, refused as others
+        raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} refers to vertex 0, but patch files count from 1")
+    with np.errstate(invalid="ignore"):  # signalling NaN is rejected like NaN
         return Patch(np.abs(signed) - 1, entries["point"].astype(np.float64), signed < 0, path)
 
 
 def is_patch(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a FreeSurfer patch."""
+    """Return whether a file is a FreeSurfer patch."""
     path = checked_path(path)
-    if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
+    if path.exists() and not path.is_file():  # reading a pipe would block
         return False
     with path.open("rb") as file:
         return file.read(4) == b"\xff\xff\xff\xff"
 
 
 def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
-    """Write a FreeSurfer patch file, all of it or nothing.
+    """Write a FreeSurfer patch file.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     path : path
-        Such as ``lh.cortex.patch.flat``.
+        Patch file, such as ``lh.cortex.patch.flat``.
     patch : Patch
-        Its points are rounded to float32.
+        The patch; its points are rounded to float32.
 
     Raises
     ------
     InputError
-        The file cannot hold the patch.
+        The file format cannot hold the patch.
     OSError
-        It cannot be written.
+        The file cannot be written.
+
+    See Also
+    --------
+    read_patch : Read a patch from a file.
 
     Examples
     --------
@@ -152,22 +171,20 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     >>> voxflat.io.write_patch("lh.some.patch.3d", patch)
     """
     path = checked_path(path)
-    with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
+    with atomic_path(path) as temporary, naming(path, "check that a patch file can hold it"):
         entries = np.empty(len(patch.vertex_ids), _ENTRY)
         one_based = patch.vertex_ids + 1
         if one_based.max() > np.iinfo(np.int32).max:
-            raise InputError(f"vertex {patch.vertex_ids.max()} is above what the format can name, 2147483646")
+            raise InputError(f"vertex {patch.vertex_ids.max()} is above the format's largest, 2147483646")
         entries["vertex"] = np.where(patch.border, -one_based, one_based)
         entries["point"] = as_float32(patch.points)
         temporary.write_bytes(np.array([-1, len(entries)], ">i4").tobytes() + entries.tobytes())
 
 
 def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Find the faces of a patch: those of the surface whose three corners are all listed.
+    """Find the faces of a patch, which are the faces of the surface whose three corners are all listed.
 
-    `faces` int (F, 3): the surface's triangles. `vertices` int (k,): the patch's points, as numbers of the surface's.
-    `n`: number of the surface's points. Returns: bool (F,). Raises InputError: a vertex or a face names a point that
-    the surface does not have.
+    The arguments are those of `patch_faces`. Returns bool (F,).
     """
     triangles, rows = _rows(faces, vertices, n)
     return np.asarray((rows[triangles] >= 0).all(axis=1))
@@ -176,20 +193,30 @@ def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]
 def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int64]:
     """Return the faces of a patch.
 
+    These are the faces of the surface whose three corners are all listed in the patch.
+
     Parameters
     ----------
-    faces, vertices, n
-        As in `in_patch`.
+    faces : array_like of int, shape (F, 3)
+        Triangles of the surface.
+    vertices : array_like of int, shape (k,)
+        Points of the patch, as point numbers of the surface.
+    n : int
+        Number of points of the surface.
 
     Returns
     -------
     ndarray of int64, shape (G, 3)
-        As rows of the patch, 0 to k − 1: together with ``patch.points`` a mesh.
+        Faces as rows of the patch, 0 to k − 1; together with ``patch.points`` they form a mesh.
 
     Raises
     ------
     InputError
-        As in `in_patch`.
+        A vertex or a face refers to a point that the surface does not have.
+
+    See Also
+    --------
+    patch_border : Find the border of a patch.
 
     Examples
     --------
@@ -202,21 +229,33 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
 
 
 def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Find the border of a patch: points on an edge with a single face, or with a face or no face at all left out.
+    """Find the border of a patch.
+
+    A point lies at the border if one of its edges has a single face, if one of its faces is not in the patch, or if it
+    has no face at all.
 
     Parameters
     ----------
-    faces, vertices, n
-        As in `in_patch`.
+    faces : array_like of int, shape (F, 3)
+        Triangles of the surface.
+    vertices : array_like of int, shape (k,)
+        Points of the patch, as point numbers of the surface.
+    n : int
+        Number of points of the surface.
 
     Returns
     -------
     ndarray of bool, shape (k,)
+        True for the points at the border.
 
     Raises
     ------
     InputError
-        As in `in_patch`.
+        A vertex or a face refers to a point that the surface does not have.
+
+    See Also
+    --------
+    patch_faces : Return the faces of a patch.
 
     Examples
     --------
@@ -229,7 +268,7 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
     is_inside = (corners >= 0).all(axis=1)
     border = np.ones(len(array_of(vertices, "vertices")), dtype=bool)
     kept = corners[is_inside]
-    border[kept] = False  # a point without a face stays
+    border[kept] = False  # points without a face remain True
     cut = corners[~is_inside]
     border[cut[cut >= 0]] = True
     edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
@@ -244,23 +283,23 @@ def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int
     check_room(8 * n)
     if chosen.max() >= n:
         entry = np.flatnonzero(chosen >= n)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}; the surface has {n} points")
+        raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}, but the surface has {n} points")
     rows = np.full(n, -1, dtype=np.int64)
     rows[chosen] = np.arange(len(chosen))
     return triangles, rows
 
 
 def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
-    """Check that vertices are whole numbers from 0, each once."""
+    """Check that vertices are whole numbers from 0, each listed once."""
     array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
-        raise InputError(f"a patch has one whole number or more, not {array.dtype} of shape {array.shape}")
+        raise InputError(f"a patch must list vertices as whole numbers, not {array.dtype} of shape {array.shape}")
     array = np.ascontiguousarray(array, dtype=np.int64)
     if array.min() < 0:
         entry = np.flatnonzero(array < 0)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}: they count from 0")
+        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}. Vertices count from 0")
     order = np.argsort(array, kind="stable")
     twice = order[1:][np.diff(array[order]) == 0]
     if len(twice):
-        raise InputError(f"entry {twice.min()} of the patch is vertex {array[twice.min()]}, which it has already")
+        raise InputError(f"entry {twice.min()} of the patch repeats vertex {array[twice.min()]}. List each vertex once")
     return array

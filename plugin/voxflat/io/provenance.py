@@ -1,8 +1,8 @@
-"""What made a result: one record, the same in every kind of file.
+"""Record how a result was made, in the same way in all file formats.
 
-A record says the version, the function that made it with all its parameters, and which files were read, with their
-SHA-256. A parameter that is itself a result, as a surface of `flatten`, is told by its own record. There is no time in
-it and no name of a machine: the same call with the same files gives the same bytes.
+A record contains the version, the function with all its parameters, and the SHA-256 of the files that were read. A
+parameter that is itself a result, such as the surface of `flatten`, is described by its own record. The record contains
+no time and no machine name: the same call with the same files gives the same bytes.
 """
 
 import copy
@@ -29,25 +29,25 @@ from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
 
 Record = dict[str, Any]
-"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; of maps ``figures``."""
+"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; for maps also ``figures``."""
 
-_UNTOLD = ("progress", "threads", "memory_limit", "dask")  # what changes no bit of a result
-_MARKED = 4096  # bytes at the beginning of a file of ours, in which it says so
+_UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
+_MARKED = 4096  # voxflat's files contain its name in these first bytes
 _LONGEST_PATH = 4096  # characters
-_SHOWN = 32  # numbers of an array that are told one by one
+_SHOWN = 32  # longest array that is recorded value by value
 
 _Given = ParamSpec("_Given")
 
 
-class _Told(Protocol):
+class _Recordable(Protocol):
     def _with_provenance(self, record: Record) -> Any: ...
 
 
-_Made = TypeVar("_Made", bound=_Told)
+_Made = TypeVar("_Made", bound=_Recordable)
 
 
 def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
-    """Let a function's result say what made it, parameters as told; its ``memory_limit`` holds for files, too."""
+    """Add a provenance record to a function's result; its ``memory_limit`` applies to files, too."""
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         signature = inspect.signature(function)
@@ -59,9 +59,9 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
             given = bound.arguments
             with reading(given.get("memory_limit")) as files:
                 made = function(*args, **kwargs)
-            if any(made is value for value in given.values()):  # nothing was made of it
+            if any(made is value for value in given.values()):  # the result is an argument
                 return made
-            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
+            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNRECORDED}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
             record = record_of(function.__name__, described(told), dict(sorted(files.items())))
             found: _Made = made._with_provenance(record)
@@ -73,12 +73,12 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
 
 
 def record_of(function: str, parameters: dict[str, Any], files: dict[str, str]) -> Record:
-    """Return the record of what a function made."""
+    """Return the record of a function's result."""
     return {"voxflat": __version__, "function": function, "parameters": parameters, "files": files}
 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:
-    """Return a record that says what was used, by their names, for parameters that were not given."""
+    """Return a record with the values that were used, by name, for parameters that were not given."""
     parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
     method = parameters.get("method")
     for told in (parameters, method) if isinstance(method, dict) else (parameters,):
@@ -92,20 +92,20 @@ _Own = TypeVar("_Own", bound="Recorded")
 
 
 class Recorded:
-    """What has a record of what made it, in a field ``provenance``."""
+    """Provide a provenance record in a field ``provenance``."""
 
     _used: ClassVar[tuple[str, ...]] = ()
-    """Fields that say what was used for parameters that were not given."""
+    """Fields with the values used for parameters that were not given."""
 
     def _with_provenance(self: _Own, record: Record) -> _Own:
-        """Return the same with a record of what made it."""
+        """Return the same object with a provenance record."""
         of: Any = self
         made: _Own = replace(of, provenance=resolved(record, {name: getattr(self, name) for name in self._used}))
         return made
 
 
 def described(value: object) -> Any:
-    """Return what JSON can hold of a parameter: of results their record, of long arrays the SHA-256, else the type."""
+    """Return a parameter as JSON: the record of a result, the SHA-256 of a long array, else its value or type."""
     if value is None or isinstance(value, str | bool | np.bool_):
         return bool(value) if isinstance(value, np.bool_) else value
     if isinstance(value, Integral):
@@ -126,7 +126,7 @@ def described(value: object) -> Any:
         return {"length": len(value), "sha256": hashlib.sha256(text.encode()).hexdigest()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         return _digest(value)
-    if isinstance(path := getattr(value, "path", None), os.PathLike):  # of a Mesh or Volume that was read
+    if isinstance(path := getattr(value, "path", None), os.PathLike):  # a Mesh or Volume from a file
         return os.fspath(path)
     return type(value).__name__
 
@@ -139,11 +139,11 @@ def _digest(array: np.ndarray[Any, Any]) -> Any:
     return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
-KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # the variable of the environment that, set to 1, keeps paths in files
+KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # environment variable: 1 keeps paths in files
 
 
 def portable(content: Any) -> Any:
-    """Return what goes into a file: names, numbered where they clash, not paths, which tell of people and projects."""
+    """Replace paths, which reveal people and projects, by file names, numbered if they clash."""
     if os.environ.get(KEEP_PATHS) == "1":
         return content
     names: dict[str, str] = {}
@@ -155,7 +155,7 @@ def portable(content: Any) -> Any:
 
 
 def _paths(content: Any) -> set[str]:
-    """Return all paths that are more than a name."""
+    """Return all paths that consist of more than a name."""
     if isinstance(content, str):
         is_path = len(content) < _LONGEST_PATH and "\n" not in content and os.path.basename(content) != content
         return {content} if is_path and (os.path.isabs(content) or os.path.exists(content)) else set()
@@ -185,11 +185,11 @@ def as_text(record: Record, indent: int | None = None) -> str:
     try:
         return json.dumps(portable(record), indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the record is {shown(record)}, which JSON cannot hold: {error}") from error
+        raise InputError(f"the record is {shown(record)}, which cannot be written as JSON: {error}") from error
 
 
 def _files(record: object) -> Iterator[tuple[str, str]]:
-    """Go through the paths and hashes of all files that a record, and the records in it, name."""
+    """Yield the paths and hashes of all files in a record and in the records within it."""
     if isinstance(record, dict):
         files = record.get("files")
         yield from files.items() if isinstance(files, dict) else ()
@@ -198,17 +198,17 @@ def _files(record: object) -> Iterator[tuple[str, str]]:
 
 
 def check_not_read(path: Path, record: Record) -> None:
-    """Refuse to write over a file that a result was made of, by this name or another."""
+    """Raise an error instead of overwriting a file that a result was made from, whatever its name."""
     if not path.exists():
         return
     for name, digest in _files(record):
         is_same = os.path.exists(name) and path.samefile(name)
         if is_same or (path.name == os.path.basename(name) and path.is_file() and digest == hash_of(path)):
-            raise InputError(f"cannot write {path}: it is an input ({name}); choose another name")
+            raise InputError(f"cannot write {path}: it is an input ({name}). Choose another name")
 
 
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
-    """Refuse to replace what lies beside a result, by a name that nobody gave, unless voxflat wrote it."""
+    """Raise an error instead of replacing a file beside a result, unless voxflat wrote it."""
     if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
     is_ours = False
@@ -217,8 +217,8 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
             is_ours = b"voxflat" in file.read(_MARKED)
     if not is_ours:
         raise InputError(
-            f"cannot write {path}: {beside} beside it is there already, and not of voxflat; choose another name, or "
-            "overwrite it (--overwrite, overwrite=True)"
+            f"cannot write {path}: the file {beside} beside it exists and was not written by voxflat. Choose "
+            "another name, or overwrite it (--overwrite, overwrite=True)"
         )
 
 
@@ -232,7 +232,7 @@ def sidecar_of(path: str | os.PathLike[str]) -> Path:
 def saving(
     path: str | os.PathLike[str], record: Record, *, sidecar: bool = False, overwrite: bool = False
 ) -> Iterator[Path]:
-    """Write a result, but not over its source, with its record beside it (``<path>.json``) where asked for."""
+    """Protect the sources of a result while it is written, and write its record to ``<path>.json`` on request."""
     path = checked_path(path)
     checked_switch(overwrite, "overwrite")
     check_not_read(path, record)

@@ -1,9 +1,8 @@
-"""Files and images of other packages as arrays of voxels and affines.
+"""Read files and images of other packages as arrays of voxels and affines.
 
-Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where
-ITK refuses them or would change them; the affine is read here, so it is the same (nibabel's: sform, else qform, else
-pixdim) whichever package is installed. Neither package notices every damaged file, so the checks of completeness are
-made here, too.
+The header reveals how much memory the voxels need before they are read. NIfTI voxels are read by ITK, or by nibabel if
+ITK refuses or would change them. The affine is read here, so it does not depend on the installed packages (as in
+nibabel: sform, else qform, else pixdim). Neither package detects every damaged file, so completeness is checked here.
 """
 
 import gzip
@@ -19,32 +18,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.apart import apart
 from voxflat.io.files import by_ending, check_regular, nibabel_image, one_line, require
 from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
+from voxflat.io.subprocess_reader import read_in_subprocess
 
-Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine if there is one
+Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine or None
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 _BLOCK = 1 << 20
-_MOST_BEYOND = 1 << 26  # bytes behind the voxels, of a file that is what its header says
+_MOST_BEYOND = 1 << 26  # largest number of additional bytes after the voxels
 
 ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
 
 def as_array(obj: object) -> NDArray[Any]:
-    """Return an ndarray; of ITK's own view, one that keeps its image alive (`numpy.asarray` ends in freed memory)."""
+    """Return an ndarray; for ITK's own view, keep the image alive (`numpy.asarray` would point to freed memory)."""
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
 
 
 def read(path: Path) -> Read:
     """Read the voxels of a file and its affine, if it has one."""
     if path.is_dir():
-        raise InputError("is a directory: name a volume file (a DICOM series: convert it to NIfTI first)")
-    check_regular(path)  # the system's own error for a missing file says more than a reader's
+        raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
+    check_regular(path)  # the system's own error for a missing file is more helpful
     path.open("rb").close()
     read: Callable[[Path], Read] = by_ending(path, READERS, "read")
     found = read(path)
@@ -61,10 +60,10 @@ def read_array(path: Path) -> NDArray[Any]:
 
 
 def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Read arrays of a .npz archive, all or some, in native order of bytes: KeyError for those that it has not."""
+    """Read all or some arrays of a .npz archive in native byte order; raise KeyError for missing ones."""
     with np.load(path, allow_pickle=False) as archive:
         taken, need = archive.files if names is None else list(names), 0
-        for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # others are none
+        for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # other members are not arrays
             with archive.zip.open(member) as file:
                 need += _need_of(file, archive.zip.getinfo(member).file_size)
         check_room(need)
@@ -73,7 +72,7 @@ def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = No
 
 
 def dimensions(path: Path) -> int:
-    """Return how many dimensions the array of a .npy file has, by its header alone."""
+    """Return the number of dimensions of the array in a .npy file, from its header."""
     with path.open("rb") as file:
         return len(_header(file)[0])
 
@@ -81,28 +80,28 @@ def dimensions(path: Path) -> int:
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in headers:  # with names of fields beyond Latin-1: no numbers
-        raise InputError(f"holds an array of NumPy's format {version}: write it again with numpy.save")
+    if version not in headers:  # for field names beyond Latin-1, so not numeric
+        raise InputError(f"has NumPy's array format {version}. Write it again with numpy.save")
     shape, _, dtype = headers[version](file)
     return shape, dtype
 
 
 def _need_of(file: IO[bytes], size: int) -> int:
-    """Return how many bytes an array needs, by its header, which is compared with the file's length."""
+    """Return the number of bytes of an array according to its header, and compare it to the length of the file."""
     shape, dtype = _header(file)
     need = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if file.tell() + need > size and not dtype.hasobject:
-        raise InputError(f"ends after {size} of {file.tell() + need} bytes: copy or download it again")
+        raise InputError(f"ends after {size} of {file.tell() + need} bytes. Copy or download it again")
     return need
 
 
 def _read_npz(path: Path) -> Read:
     if not zipfile.is_zipfile(path):
-        raise InputError("is no complete .npz archive: write it again with numpy.savez")
+        raise InputError("is not a complete .npz archive. Write it again with numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = archive.files
     if "data" not in names and len(names) != 1:
-        raise InputError(f"holds the arrays {names}: name the volume 'data' (and its affine 'affine')")
+        raise InputError(f"contains the arrays {names}. Name the volume 'data' (and its affine 'affine')")
     voxels, *affine = read_arrays(
         path, [name for name in ("data", "affine") if name in names] if "data" in names else names
     ).values()
@@ -110,7 +109,7 @@ def _read_npz(path: Path) -> Read:
 
 
 def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
-    """Read a file, whose voxels may lie in another one."""
+    """Read a file, whose voxels may be in another one."""
     image = nibabel_image(path, mmap=False)
     _check_proxy(image)
     stored = image.dataobj
@@ -119,10 +118,10 @@ def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
 
 
 def _read_pair(path: Path) -> Read:
-    """Read an image of two files, Analyze or NIfTI."""
+    """Read an image that consists of two files, Analyze or NIfTI."""
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
-        raise InputError(f"{voxels.name} is not beside it: an image of this format is two files, .hdr and .img")
+        raise InputError(f"{voxels.name} is missing beside it. This format consists of two files, .hdr and .img")
     found = _read_by_nibabel(path, voxels)
     note(voxels)
     return found
@@ -131,34 +130,34 @@ def _read_pair(path: Path) -> Read:
 def _read_nifti(path: Path) -> Read:
     with _opened(path) as file:
         head: bytes = file.read(_NIFTI1.itemsize)
-    if head[4:8] == b"n+2\0":  # ITK knows no NIfTI-2
+    if head[4:8] == b"n+2\0":  # ITK does not support NIfTI-2
         return _read_by_nibabel(path)
     header = _nifti_header(head)
     shape = tuple(header["dim"][1 : header["dim"][0] + 1].tolist())
-    volume_shape(shape, np.dtype(np.uint8))  # before a time series is read for nothing
+    volume_shape(shape, np.dtype(np.uint8))  # before a time series is read in vain
     voxels = int(np.prod(shape, dtype=object))
     needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
     check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
-    # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
+    # ITK returns incomplete files as complete, filled with uninitialised memory
     check_length(path, needed)
-    affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
+    affine = check_affine(_nifti_affine(header, shape))  # before ITK prints a long error
     affine = check_affine(in_millimetres(affine, _NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm")))
     return _nifti_voxels(path, header, shape), affine
 
 
 def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Read by ITK; by nibabel what ITK refuses or would change."""
+    """Read voxels with ITK, or with nibabel if ITK refuses or would change them."""
     try:
         # ITK scales in float32 (integers above 2^24 change), and adds scl_inter even if scl_slope is 0
         if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0:
-            raise InputError("its values are scaled, which ITK does in float32 only")
+            raise InputError("its values are scaled, which ITK does only in float32")
         if path.suffix.lower() == ".gz" and path.with_suffix("").exists():
-            raise InputError(f"ITK would read {path.with_suffix('').name} in its place")
+            raise InputError(f"ITK would read {path.with_suffix('').name} instead")
         if not _all_finite(path, header, shape):
-            raise InputError("it holds NaN or infinity, which ITK turns into 0")
+            raise InputError("it contains NaN or infinity, which ITK replaces by 0")
         voxels, _ = _by_itk(path)
         if voxels.shape[:3] != shape[:3]:
-            raise InputError(f"ITK gives the shape {voxels.shape} instead of {shape}")
+            raise InputError(f"ITK returns the shape {voxels.shape} instead of {shape}")
         return voxels
     except Exception as refusal:
         reason = one_line(refusal)
@@ -170,7 +169,7 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
 
 
 def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
-    """Tell whether all values of a NIfTI-1 file are finite."""
+    """Return whether all values of a NIfTI-1 file are finite."""
     form = {16: "f4", 64: "f8"}.get(int(header["datatype"]))
     if form is None:
         return True
@@ -206,11 +205,11 @@ _NIFTI1_FIELDS = {
 }
 _FORMATS, _OFFSETS = zip(*_NIFTI1_FIELDS.values(), strict=True)
 _NIFTI1 = np.dtype({"names": [*_NIFTI1_FIELDS], "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": 348})
-_NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
+_NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0 (unknown) is assumed to be mm
 
 
 def has_place(path: Path) -> bool:
-    """Tell whether the header of a file that could be read says where its voxels lie, not only how large they are."""
+    """Return whether the header of a readable file defines the position of the voxels, not only their size."""
     name = path.name.lower()
     if name.endswith((".hdr", ".img")):
         header = path.with_suffix(".HDR" if path.suffix.isupper() else ".hdr").read_bytes()
@@ -239,9 +238,9 @@ def _nifti_header(head: bytes) -> np.void:
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
             kind, bits = int(header["datatype"]), int(header["bitpix"])
             if _NIFTI_BITS.get(kind) != bits:
-                raise InputError(f"its voxels are of type {kind} and {bits} bits, which is none: its header is damaged")
+                raise InputError(f"its header is damaged: voxel type {kind} with {bits} bits does not exist")
             return header
-    raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
+    raise InputError("is not a NIfTI file, or its header is damaged. Check that its ending matches its format")
 
 
 def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
@@ -252,13 +251,13 @@ def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
         return affine
     sizes = header["pixdim"][1:4].astype(np.float64)
     if not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise InputError(f"pixdim {sizes.tolist()} must be positive, finite mm: repair the header")
+        raise InputError(f"pixdim is {sizes.tolist()}, but must be positive and finite (mm). Repair the header")
     if header["qform_code"] != 0:
         sizes[2] *= -1 if header["pixdim"][0] == -1 else 1
         affine[:3, :3] = _rotation(header["quatern"].astype(np.float64)) * sizes
         affine[:3, 3] = header["qoffset"]
         return affine
-    sizes[0] *= -1  # nibabel's choice for a file without a place: radiological order, the centre as origin
+    sizes[0] *= -1  # nibabel's default without a position: radiological order, origin at the centre
     affine[:3, :3] = np.diag(sizes)
     affine[:3, 3] = -sizes * (np.array(shape[:3]) - 1) / 2
     return affine
@@ -269,8 +268,8 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
     b, c, d = imaginary
     square = 1 - imaginary @ imaginary
     if not square > -3 * np.finfo(np.float32).eps:
-        raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1: repair the header")
-    # within the rounding of the header's float32 a half turn is meant
+        raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1. Repair the header")
+    # a half turn, within the rounding of float32
     a = np.sqrt(square) if square >= 3 * np.finfo(np.float32).eps else 0.0
     return np.array(
         [
@@ -288,9 +287,9 @@ def _read_nrrd(path: Path) -> Read:
     lines = re.findall(rb"(?m)^(?:space )?units:(.*)$", head)
     units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
     if len({millimetres(unit) for unit in units}) > 1:
-        raise InputError(f"its axes have different units, {', '.join(sorted(units))}: give array and spacing")
-    if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
-        raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
+        raise InputError(f"its axes have different units, {', '.join(sorted(units))}. Pass array and spacing instead")
+    if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # ITK would assume 1 mm
+        raise InputError(f"its spacings are{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
     return _converted(_by_itk(path, *separate), units.pop() if units else "mm")
 
 
@@ -303,7 +302,7 @@ def _read_metaimage(path: Path) -> Read:
     with path.open("rb") as file:
         fields, start = _metaimage_header(file.read(_BLOCK))
     unit = fields.get(b"DistanceUnits", b"").decode("latin1")
-    millimetres(unit)  # an unknown one is told before voxels are read
+    millimetres(unit)  # report an unknown unit before reading voxels
     named = fields[b"ElementDataFile"]
     separate = [] if named == b"LOCAL" else [_beside(path, named)]
     is_packed = fields.get(b"CompressedData", b"").lower() in (b"true", b"1")
@@ -312,35 +311,35 @@ def _read_metaimage(path: Path) -> Read:
 
 
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
-    """Return the fields of a MetaImage's header, as ITK will find them, and where its voxels begin."""
+    """Return the fields of a MetaImage header as ITK finds them, and the offset of the voxels."""
     fields: dict[bytes, bytes] = {}
     at = 0
     while (end := start.find(b"\n", at)) >= 0:
         key, separator, value = start[at:end].partition(b"=")
         key, value, at = key.strip(), value.strip(), end + 1
-        if not separator or key in fields or b":" in key:  # at which ITK ends a key, too
+        if not separator or key in fields or b":" in key:  # ITK ends a key there, too
             break
         fields[key] = value
         if key == b"ElementDataFile":
             return fields, at
-    raise InputError("is no MetaImage, or its header is damaged: does its ending name its format?")
+    raise InputError("is not a MetaImage file, or its header is damaged. Check that its ending matches its format")
 
 
 def _beside(path: Path, named: bytes) -> Path:
-    """Return the file of voxels that a header names: one, in the header's directory or below."""
+    """Return the file of voxels that a header names, which must be in the header's directory or below."""
     name = named.strip().decode("utf-8", "surrogateescape")
     file = path.parent / name
-    if not name or "%" in name or name.split()[0] == "LIST":  # which are lists of files, and formats of printf
-        raise InputError(f"keeps its voxels in {name!r:.80}, and not in one file: write it as .mha, .nrrd or .nii.gz")
+    if not name or "%" in name or name.split()[0] == "LIST":  # lists of files and printf formats are not supported
+        raise InputError(f"stores its voxels in {name!r:.80}, not in one file. Write it as .mha, .nrrd or .nii.gz")
     if not file.resolve().is_relative_to(path.parent.resolve()):
-        raise InputError(f"keeps its voxels in {name!r:.80}, outside its directory: copy them beside it")
+        raise InputError(f"stores its voxels in {name!r:.80}, outside its directory. Copy them beside it")
     if not file.is_file():
-        raise InputError(f"keeps its voxels in {name!r:.80}, which is not there: copy it, too")
+        raise InputError(f"stores its voxels in {name!r:.80}, which does not exist. Copy that file, too")
     return file
 
 
 def _check_deflated(path: Path, start: int, size: int) -> None:
-    """Decompress to compare the checksum: ITK returns what it could decompress as if it were whole."""
+    """Decompress to verify the checksum, because ITK returns incomplete data as if they were complete."""
     stream = zlib.decompressobj(wbits=47)  # zlib or gzip
     done = 0
     with path.open("rb") as file:
@@ -351,30 +350,30 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
             _check_beyond(done, size)
             packed = stream.unconsumed_tail or file.read(_BLOCK)
     if not stream.eof:
-        raise InputError("ends too early: copy or download it again")
+        raise InputError("ends too early. Copy or download it again")
 
 
 def _opened(path: Path) -> Any:
-    """Open a file that may be gzipped, for reading bytes."""
+    """Open a file, possibly gzipped, for reading bytes."""
     opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
     return opener(path, "rb")
 
 
 def check_length(path: Path, needed: int) -> None:
-    """Read a file that may be gzipped to its end, for its checksum, and compare its length with its header's."""
+    """Read a file, possibly gzipped, to its end to verify its checksum and its length."""
     size = 0
     with _opened(path) as file:
         while block := file.read(_BLOCK):
             size += len(block)
             _check_beyond(size, needed)
     if size < needed:
-        raise InputError(f"ends after {size} of {needed} bytes: copy or download it again")
+        raise InputError(f"ends after {size} of {needed} bytes. Copy or download it again")
 
 
 def _check_beyond(size: int, needed: int) -> None:
-    """Stop inflating what is far longer than its header says."""
+    """Stop decompressing a file that is much longer than its header specifies."""
     if size > needed + _MOST_BEYOND:
-        raise InputError(f"goes on after the {needed} bytes that its header tells of: copy or download it again")
+        raise InputError(f"is longer than the {needed} bytes that its header specifies. Copy or download it again")
 
 
 # --------------------------------------------------------------------------------- images of packages
@@ -384,7 +383,7 @@ def from_nibabel(image: Any) -> Read:
     """Return voxels and affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
     unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
-    millimetres(unit)  # an unknown one is told before voxels are read
+    millimetres(unit)  # report an unknown unit before reading voxels
     _check_proxy(image)
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32
@@ -393,59 +392,59 @@ def from_nibabel(image: Any) -> Read:
 
 
 def _check_proxy(image: Any) -> None:
-    """Find out whether there is memory for voxels that are still in their file."""
+    """Check that voxels that are still in their file fit into memory."""
     stored = image.dataobj
     if require("nibabel").is_proxy(stored):
         voxels = int(np.prod(image.shape, dtype=object))
         is_scaled = (getattr(stored, "slope", 1), getattr(stored, "inter", 0)) != (1, 0)  # to float64
-        is_colour = stored.dtype.names is not None  # copied, channel by channel
+        is_colour = stored.dtype.names is not None  # copy channel by channel
         check_room(voxels * (stored.dtype.itemsize * (2 if is_colour else 1) + (8 if is_scaled else 0)))
 
 
 def from_itk(image: Any) -> Read:
-    """Return voxels and affine of an ITK image, whose axes are (k, j, i) and whose world is LPS."""
+    """Return voxels and affine of an ITK image, whose axes are (k, j, i) and whose world space is LPS."""
     itk = require("itk")
     view = as_array(itk.array_view_from_image(image))
     dimension = image.GetImageDimension()
     voxels = view.transpose(*reversed(range(dimension)), *range(dimension, view.ndim))
     if dimension != 3:
-        return voxels, None  # no volume, unless NIfTI with an affine of its own
+        return voxels, None  # not a volume, unless it is a NIfTI image with its own affine
     affine = np.eye(4)
     affine[:3, :3] = itk.array_from_matrix(image.GetDirection()) * np.array(image.GetSpacing())
-    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 in a region cut from an image
+    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 for a region of an image
     affine[:3, 3] = np.array(image.GetOrigin()) + affine[:3, :3] @ start
     return voxels, LPS_TO_RAS @ affine
 
 
 def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read:
-    """Read an image whose voxels may lie in another file, and may be packed, from a place on."""
+    """Read an image whose voxels may be in another file and compressed from an offset on."""
     for file in separate:
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))
     packed = str((*separate, path)[0].absolute())
-    voxels, affine = apart(_read_itk, "itk", path, packed, packed_from, size=size)
+    voxels, affine = read_in_subprocess(_read_itk, "itk", path, packed, packed_from, size=size)
     return voxels, affine
 
 
 def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> Read:
-    """Read an image by ITK, in the child process."""
+    """Read an image with ITK, in the child process."""
     size = _size_by_itk(path)
     check_room(size)
     if packed_from is not None:
         _check_deflated(Path(packed), packed_from, size)
     try:
         return from_itk(require("itk").imread(str(path)))
-    except TypeError as error:  # 30 lines on templates, of which the first names the type
+    except TypeError as error:  # 30 lines on templates; the first names the type
         known = ", ".join(ITK_TYPES)
         raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
 
 
 def _size_by_itk(path: Path) -> int:
-    """Return how many bytes the voxels take, by their header."""
+    """Return the number of bytes of the voxels according to their header."""
     itk = require("itk")
     header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
     if header is None:
-        return 0  # ITK says why, when it reads
+        return 0  # ITK reports the reason when it reads
     header.SetFileName(str(path))
     header.ReadImageInformation()
     return int(header.GetImageSizeInBytes())

@@ -1,4 +1,4 @@
-"""What is read within a call: how much memory that may take, and which files they were."""
+"""Track what is read within a call: the memory it may take, and the files."""
 
 import hashlib
 import os
@@ -25,7 +25,7 @@ _now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
 
 @contextmanager
 def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
-    """Note which files are read, with SHA-256; readers have a memory limit, bytes: by default the call's around."""
+    """Record which files are read, with SHA-256, and limit the memory of readers, in bytes; nested calls inherit it."""
     around = _now.get()
     checked_limit(memory_limit)
     limit = memory_limit if memory_limit is not None or around is None else around.limit
@@ -40,21 +40,21 @@ def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
 
 
 def note(path: str | os.PathLike[str]) -> None:
-    """Note that a file is read, if anybody wants to know."""
+    """Record that a file is read, if a call tracks this."""
     now = _now.get()
     if now is not None:
         now.files[os.fspath(path)] = hash_of(path)
 
 
 def hash_of(path: str | os.PathLike[str]) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits."""
+    """Return the SHA-256 of a file in hexadecimal."""
     status = os.stat(path)
     return _sha256(os.path.abspath(path), (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns))
 
 
 @lru_cache(maxsize=256)
 def _sha256(path: str, state: tuple[int, ...]) -> str:
-    """Return the hash of a file, once for each state of it."""
+    """Return the hash of a file, computed once for each state of it."""
     hashed = hashlib.sha256()
     with Path(path).open("rb") as file:
         while block := file.read(_BLOCK):
@@ -63,12 +63,12 @@ def _sha256(path: str, state: tuple[int, ...]) -> str:
 
 
 def allowed_memory() -> int:
-    """Return how many bytes may be taken now: the limit of the call, or what is free."""
+    """Return how many bytes may be used now: the limit of the call, or the free memory."""
     now = _now.get()
     return free_memory() if now is None or now.limit is None else int(now.limit)
 
 
-def check_room(need: int, remedy: str = "crop or downsample it, or give it more memory") -> None:
-    """Refuse to read what needs more memory, by the file's header, than there is."""
+def check_room(need: int, remedy: str = "crop or downsample it, or allow more memory") -> None:
+    """Raise an error if a file needs more memory, according to its header, than is available."""
     now = _now.get()
     check_memory(need, None if now is None else now.limit, remedy)

@@ -1,4 +1,4 @@
-"""What is handed over, a file or some package's object, as a `Mesh` or a `Volume`: the first kind that fits counts."""
+"""Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match counts."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
-_BYTES_PER_VOXEL = 12  # of a surface in the making: mask, its copy, and the grids of vertices and of cavities
+_BYTES_PER_VOXEL = 12  # bytes per voxel for a surface: mask, its copy, grids of vertices and cavities
 
 
 def taken(
@@ -28,21 +28,21 @@ def taken(
     unit: str | None = None,
     memory_limit: int | None = None,
 ) -> Mesh | Volume:
-    """Take a mesh as a `Mesh`, and all else as a `Volume` (`as_volume`) of which there is room to make a surface."""
+    """Return a mesh as a `Mesh`, and anything else as a `Volume` (`as_volume`) that is small enough for a surface."""
     mesh = as_mesh(source)
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
         if unit not in (None, "mm") and spacing is None and affine is None and volume.is_placed:
-            raise InputError(f"unit is {unit!r}, but this volume says how large it is, in mm: leave unit out")
+            raise InputError(f"unit is {unit!r}, but this volume defines its size in mm. Omit unit")
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
-    if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
+    if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
         return mesh
     return replace(mesh, remarks=(*mesh.remarks, f"the surface {mesh.unit_remark}"))
 
 
 def as_mesh(source: object) -> Mesh | None:
-    """Take a path, (points, faces), a `Mesh` or another package's as a `Mesh`, or InputError; None for all else."""
+    """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`; None for other input."""
     for is_one, of in _MESHES:
         if is_one(source):
             return of(source)
@@ -50,17 +50,19 @@ def as_mesh(source: object) -> Mesh | None:
 
 
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
-    """Take anything that holds voxels as a `Volume`, without a copy where possible.
+    """Return anything that contains voxels as a `Volume`.
+
+    The voxels are not copied where this is possible.
 
     Parameters
     ----------
     obj : Volume, path, ndarray, nibabel image, itk image, or object with ``__array__``
-        The voxels, in the order (i, j, k) if it is an array.
+        The voxels; arrays are indexed as (i, j, k).
     spacing : sequence of 3 floats, optional
         Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
     affine : array_like, shape (4, 4), optional
-        Voxel index to RAS+ mm. Neither this nor `spacing` may be given for something with an affine of
-        its own. Without any, the identity.
+        Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has an
+        affine of its own.
 
     Returns
     -------
@@ -70,7 +72,11 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     Raises
     ------
     InputError
-        The object is no volume, or its place is given twice.
+        The object is not a volume, or its position is given twice.
+
+    See Also
+    --------
+    read_volume : Read a volume from a file.
 
     Examples
     --------
@@ -79,12 +85,12 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     """
     given = given_affine(spacing, affine)
     is_file = isinstance(obj, str | os.PathLike)
-    with naming(obj if is_file else type(obj).__name__, REMEDY if is_file else "give an array, a path or an image"):
+    with naming(obj if is_file else type(obj).__name__, REMEDY if is_file else "pass an array, a path or an image"):
         volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
         if given is None:
             return volume
         if volume.is_placed:
-            raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
+            raise InputError("has its own affine. Omit spacing= and affine=, or pass the bare array")
         return replace(volume, affine=given, is_placed=True)
 
 
@@ -100,14 +106,14 @@ def _of_pair(pair: tuple[Any, Any]) -> Mesh:
 def _of_array(given: object) -> Volume:
     array = as_array(given)
     if array.dtype == object and is_values(given):
-        raise InputError("holds values and not a surface: pass the surface that they belong to")
+        raise InputError("contains values, not a surface. Pass the surface to which they belong")
     if array.dtype == object:
-        raise InputError(f"this object is not supported. Give {SUPPORTED}")
+        raise InputError(f"this object is not supported. Pass {SUPPORTED}")
     return Volume._placed(array, None)
 
 
 def _of_masked(_: Any) -> Volume:
-    raise InputError("has a mask, which would be lost: fill it first, say with .filled(0)")
+    raise InputError("has a mask, which would be lost. Fill it first, for example with .filled(0)")
 
 
 T = TypeVar("T")

@@ -1,13 +1,13 @@
-"""In which space coordinates are: scanner RAS, where volumes lie, or tkRAS, in which FreeSurfer keeps its surfaces.
+"""Define coordinate spaces: scanner RAS, the space of volumes, and tkRAS, in which FreeSurfer stores its surfaces.
 
-The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume, and its axes are the volume's as if it were
-conformed (voxels that run left, inferior, anterior). With D the direction cosines of the volume's axes, as columns
-xras, yras, zras, with L those of a conformed one, and c_ras the centre in scanner RAS,
+The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are those of the volume as if it
+were conformed (voxels run left, inferior, anterior). D denotes the direction cosines of the volume's axes, as columns
+xras, yras, zras, L those of a conformed volume, and c_ras the centre in scanner RAS. Then
 
     scanner RAS = D Lᵀ tkRAS + c_ras
 
-which is vox2ras · inv(vox2ras_tkr) whatever the voxels' size and number; for a conformed volume D = L, and only c_ras
-is added. FreeSurfer writes D and c_ras into the surface's file: its volume geometry.
+This equals vox2ras · inv(vox2ras_tkr) for any size and number of voxels. For a conformed volume D = L, so only c_ras is
+added. FreeSurfer writes D and c_ras into the surface's file, as its volume geometry.
 """
 
 from __future__ import annotations
@@ -23,25 +23,31 @@ from voxflat.arguments import array_of, checked_text, numbers_of, shown
 from voxflat.errors import InputError
 
 _CONFORMED = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # the columns are left, inferior, anterior
-_ROUNDING = 1e-3  # of direction cosines
+_ROUNDING = 1e-3  # tolerance of direction cosines
 
 
 @dataclass(frozen=True, eq=False)
 class VolumeGeometry:
-    """FreeSurfer's volume geometry: of the volume whose centre is the origin of tkRAS.
+    """Store FreeSurfer's volume geometry.
+
+    It describes the volume whose centre is the origin of tkRAS.
 
     Parameters
     ----------
     cosines : ndarray, shape (3, 3)
-        The directions of the volume's axes in scanner RAS, as columns: xras, yras, zras. Orthonormal within 1e-3.
+        Directions of the volume's axes in scanner RAS, as columns: xras, yras, zras. Orthonormal within 1e-3.
     c_ras : ndarray, shape (3,)
-        The volume's centre, scanner RAS, mm.
+        Centre of the volume in scanner RAS, mm.
     shape : sequence of 3 ints
-        Numbers of voxels.
+        Numbers of voxels along the axes.
     voxel_size : sequence of 3 floats
-        mm.
+        Voxel size along the axes, mm.
     filename : str
-        The volume's file.
+        File name of the volume.
+
+    See Also
+    --------
+    Space : The space of a surface's coordinates.
 
     Examples
     --------
@@ -59,15 +65,15 @@ class VolumeGeometry:
     def __post_init__(self) -> None:
         shape, sizes = numbers_of(self.shape, "numbers of voxels"), numbers_of(self.voxel_size, "voxel sizes")
         if shape.shape != (3,) or sizes.shape != (3,) or not np.isfinite([shape, sizes]).all():
-            raise InputError(f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm: give 3 each")
+            raise InputError(f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm. Pass 3 each")
         checked_text(self.filename, "name of the volume's file")
         cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
         if cosines.shape != (3, 3) or c_ras.shape != (3,):
-            raise InputError(f"its volume's axes have shape {cosines.shape}, its centre {c_ras.shape}: (3, 3), (3,)")
+            raise InputError(f"its axes and centre have shapes {cosines.shape}, {c_ras.shape}. Pass (3, 3) and (3,)")
         if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
-            raise InputError(f"its volume's axes are {cosines.T.tolist()}: they must be orthonormal")
+            raise InputError(f"the axes of its volume, {cosines.T.tolist()}, are not orthonormal")
         if not np.isfinite(c_ras).all():
-            raise InputError(f"its c_ras is {c_ras.tolist()}: it must be finite")
+            raise InputError(f"its c_ras, {c_ras.tolist()}, is not finite")
         object.__setattr__(self, "cosines", cosines)
         object.__setattr__(self, "c_ras", c_ras)
         object.__setattr__(self, "shape", tuple(int(n) for n in shape))
@@ -75,18 +81,25 @@ class VolumeGeometry:
 
     @classmethod
     def conformed(cls, c_ras: ArrayLike = (0, 0, 0), filename: str = "") -> VolumeGeometry:
-        """Return the geometry of a conformed volume of 256³ voxels of 1 mm.
+        """Return the geometry of a conformed volume.
+
+        A conformed volume has 256³ voxels of 1 mm.
 
         Parameters
         ----------
         c_ras : array_like, shape (3,)
-            Its centre, scanner RAS, mm.
+            Centre of the volume in scanner RAS, mm.
         filename : str
-            Its file.
+            File name of the volume.
 
         Returns
         -------
         VolumeGeometry
+            Geometry of the conformed volume.
+
+        See Also
+        --------
+        VolumeGeometry.of_volume : Return the geometry of any volume.
 
         Examples
         --------
@@ -97,23 +110,27 @@ class VolumeGeometry:
 
     @classmethod
     def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
-        """Return the geometry of a volume as FreeSurfer conforms it: about the same centre.
+        """Return the geometry of a volume as FreeSurfer conforms it, with the same centre.
 
-        A volume of another orientation than a conformed one would have a tkRAS that is turned, or mirrored.
+        The tkRAS of a volume with another orientation than a conformed one would be rotated or mirrored.
 
         Parameters
         ----------
         affine : array_like, shape (4, 4)
-            From voxel indices to scanner RAS, mm.
+            Affine from voxel indices to scanner RAS, mm.
         shape : array_like, shape (3,)
-            Numbers of voxels.
+            Numbers of voxels along the axes.
         filename : str
-            Its file.
+            File name of the volume.
 
         Returns
         -------
         VolumeGeometry
-            Of the volume itself if it runs left, inferior, anterior.
+            Geometry of the volume itself if its axes point left, inferior and anterior.
+
+        See Also
+        --------
+        VolumeGeometry.conformed : Return the geometry of a conformed volume.
 
         Examples
         --------
@@ -130,17 +147,29 @@ class VolumeGeometry:
 
     @classmethod
     def _of_matrix(cls, matrix: ArrayLike) -> VolumeGeometry:
-        """Return the geometry of some volume whose tkRAS a matrix takes to scanner RAS."""
+        """Return the geometry of a volume whose tkRAS is mapped to scanner RAS by a matrix."""
         whole = numbers_of(matrix, "matrix")
         return cls(whole[:3, :3] @ _CONFORMED, whole[:3, 3])
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """From tkRAS to scanner RAS, shape (4, 4)."""
+        """Matrix from tkRAS to scanner RAS, shape (4, 4).
+
+        It is a rotation by the direction cosines, followed by a translation by c_ras.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
+
+        Examples
+        --------
+        >>> voxflat.io.VolumeGeometry.conformed().matrix.shape
+        (4, 4)
+        """
         whole = np.eye(4)
         whole[:3, :3] = self.cosines @ _CONFORMED.T
         whole[:3, 3] = self.c_ras
-        return whole + 0.0  # no -0
+        return whole + 0.0  # avoid -0
 
     def __repr__(self) -> str:
         return f"<VolumeGeometry: c_ras {_numbers(self.c_ras)} mm>"
@@ -148,17 +177,22 @@ class VolumeGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The space of a surface's coordinates.
+    """Describe the space of a surface's coordinates.
+
+    Coordinates in an unknown space are treated as scanner RAS.
 
     Parameters
     ----------
     name : {"scanner", "tkRAS", "unknown"}
-        "scanner": scanner RAS, the world of volumes' affines (also that of a template). "tkRAS": FreeSurfer's. Those of
-        an unknown space are taken as scanner RAS.
+        "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is FreeSurfer's surface space.
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str
-        What speaks against the above, for messages: empty if nothing does.
+        Reason to doubt this space, for messages; empty if there is none.
+
+    See Also
+    --------
+    VolumeGeometry : The volume that links both spaces.
 
     Examples
     --------
@@ -173,7 +207,7 @@ class Space:
 
     @classmethod
     def _of(cls, metadata: Mapping[str, Any]) -> Space:
-        """Return the space that the metadata of a surface, a map or an atlas tell."""
+        """Return the space that the metadata of a surface, a map or an atlas define."""
         told = metadata.get("space")
         if told is None:
             return cls("scanner") if metadata.get("kind") == "voxels" else UNKNOWN
@@ -184,7 +218,7 @@ class Space:
         return cls(told["name"], volume, told["doubt"])
 
     def _described(self) -> dict[str, Any]:
-        """Return what metadata tell of it, ready for JSON."""
+        """Return the space as metadata, ready for JSON."""
         volume = self.volume
         return {
             "name": self.name,
@@ -209,21 +243,39 @@ class Space:
 
     @property
     def is_known(self) -> bool:
-        """Whether it is known how to come from here to scanner RAS."""
+        """Whether the transformation to scanner RAS is known.
+
+        For tkRAS it is known if the volume geometry is.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
+
+        Examples
+        --------
+        >>> voxflat.io.Space("tkRAS").is_known
+        False
+        """
         return self._matrix is not None
 
     def to_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of this space to scanner RAS.
+        """Transform points from this space to scanner RAS.
+
+        Points are returned unchanged if the transformation is unknown.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            mm.
+            Points in this space, mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
+            Points in scanner RAS, mm.
+
+        See Also
+        --------
+        Space.from_scanner : Transform points from scanner RAS.
 
         Examples
         --------
@@ -234,17 +286,23 @@ class Space:
         return _carried(points, self._matrix)
 
     def from_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of scanner RAS to this space.
+        """Transform points from scanner RAS to this space.
+
+        Points are returned unchanged if the transformation is unknown.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            mm.
+            Points in scanner RAS, mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
+            Points in this space, mm.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
 
         Examples
         --------
@@ -256,17 +314,23 @@ class Space:
         return _carried(points, None if matrix is None else np.asarray(np.linalg.inv(matrix), dtype=np.float64))
 
     def to_tkras(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of this space to tkRAS.
+        """Transform points from this space to tkRAS.
+
+        Points are returned unchanged if the transformation is unknown.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            mm.
+            Points in this space, mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
+            Points in tkRAS, mm.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
 
         Examples
         --------
@@ -282,9 +346,9 @@ class Space:
         if self.name == "scanner":
             return "scanner RAS"
         if self.name != "tkRAS":
-            return "unknown, taken as scanner RAS"
+            return "unknown, assumed to be scanner RAS"
         if self.volume is None:
-            return "tkRAS, c_ras unknown: taken as scanner RAS"
+            return "tkRAS with unknown c_ras: assumed to be scanner RAS"
         is_turned = not np.array_equal(self.volume.matrix[:3, :3], np.eye(3))
         turned = ", after a rotation" if is_turned else ""
         return f"tkRAS: for scanner RAS add c_ras {_numbers(self.volume.c_ras)} mm{turned}"
@@ -293,11 +357,11 @@ class Space:
         return f"<Space: {self}>"
 
 
-UNKNOWN = Space()  # nothing says where the points lie: they are taken as scanner RAS
+UNKNOWN = Space()  # unknown space: assumed to be scanner RAS
 
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Carry points by a matrix; one that changes nothing leaves every bit as it is."""
+    """Transform points by a matrix; the identity leaves every bit unchanged."""
     places = numbers_of(points, "points")
     if matrix is None or np.array_equal(matrix, np.eye(4)):
         return places

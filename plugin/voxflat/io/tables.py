@@ -1,4 +1,4 @@
-"""Tables of points: CSV and TSV files, as of electrodes or peaks, read with all their columns and written with more."""
+"""Read CSV and TSV tables of points, such as electrodes or peaks, and write them with additional columns."""
 
 import csv
 import io
@@ -12,21 +12,21 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
-TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of files of points: between commas, tabs, or blanks
+TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of point files: comma, tab or blank separated
 
 _MISSING = ("", "n/a", "na", "nan")
 
 
 @dataclass(frozen=True, eq=False)
 class PointTable:
-    """Points and what else a table says of them."""
+    """Store points and the other columns of their table."""
 
     points: NDArray[np.float64]  # (P, 3), mm; NaN where one is missing
     header: list[str]  # empty if the file has none
-    rows: list[list[str]]  # all cells, as they were read
+    rows: list[list[str]]  # all cells, as read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
-        """Write the table with further columns, all of it or nothing; a missing number is ``n/a``."""
+        """Write the table with additional columns, completely or not at all; a missing number is ``n/a``."""
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
         columns = [["n/a" if np.isnan(of) else f"{of:.6f}" for of in values.tolist()] for values in more.values()]
@@ -39,12 +39,12 @@ class PointTable:
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:
-    """Read points from a table: its columns x, y and z if it has a header, else the first three."""
+    """Read points from a table: the columns x, y and z if it has a header, else the first three."""
     path = checked_path(path)
-    with naming(path, "give columns x, y and z in mm"):
+    with naming(path, "provide columns x, y and z in mm"):
         ending = path.suffix.lower()
         if ending not in TABLE_ENDINGS:
-            raise InputError(f"points are read from {', '.join(TABLE_ENDINGS)}")
+            raise InputError(f"points can be read from {', '.join(TABLE_ENDINGS)}")
         text = contents(path).decode("utf-8-sig")
         lines = text.splitlines()
         if ending == ".txt":
@@ -62,13 +62,13 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
         points = np.full((len(rows), 3), np.nan)
         for n, row in enumerate(rows):
             if len(row) != len(rows[0]) or len(row) <= max(at) or (header and len(row) != len(header)):
-                raise InputError(f"row {n + 1} has {len(row)} cells, others {len(header or rows[0])}")
+                raise InputError(f"row {n + 1} has {len(row)} cells, but other rows have {len(header or rows[0])}")
             for axis, column in enumerate(at):
                 if not _is_number(row[column]):
-                    raise InputError(f"row {n + 1}: {row[column]!r} is no number")
+                    raise InputError(f"row {n + 1}: {row[column]!r} is not a number")
                 points[n, axis] = np.nan if row[column].lower() in _MISSING else float(row[column])
         if not rows:
-            raise InputError("has a header, but no point")
+            raise InputError("has a header, but no points")
         return PointTable(points, header, rows)
 
 

@@ -1,4 +1,4 @@
-"""Triangles as the formats of surfaces share them: checks, and how polygons and strips become triangles."""
+"""Provide functions on triangles that surface formats share: checks, and the splitting of polygons and strips."""
 
 from collections import Counter
 
@@ -8,23 +8,23 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import array_of, is_whole, shown
 from voxflat.errors import InputError
 
-TRIANGULATE = "triangulate first, e.g. mesh.triangulate() of PyVista"
+TRIANGULATE = "Triangulate it first, for example with mesh.triangulate() of PyVista"
 
-_MOST_CORNERS = 1000  # of a polygon, that is cut into triangles here
+_MOST_CORNERS = 1000  # most corners of a polygon to split
 
 
 def triangulated(
     points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Cut polygons into triangles, without new points; return places in `corners`, (T, 3), and what was cut.
+    """Split polygons into triangles without new points; return positions in `corners`, (T, 3), and remarks.
 
-    The corners of the polygons, of which each has one of `counts`, follow one another, and triangles run around as the
-    polygon does. Quadrilaterals are cut along the shorter diagonal that lies inside, other polygons ear by ear, the one
-    with the shortest diagonal first.
+    The corners of all polygons are concatenated; each polygon has one of `counts`. Triangles keep the direction of the
+    polygon. Quadrilaterals are split along the shorter diagonal inside, other polygons by ear clipping, shortest
+    diagonal first.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):
-        raise InputError(f"face {odd[0]} has {counts[odd[0]]} corners; {TRIANGULATE}")
+        raise InputError(f"face {odd[0]} has {counts[odd[0]]} corners. {TRIANGULATE}")
     starts = np.cumsum(counts) - counts
     if (counts == 3).all():
         return starts[:, None] + np.arange(3), ()
@@ -32,7 +32,7 @@ def triangulated(
     if len(bad):
         face = int(np.searchsorted(starts, bad[0], side="right")) - 1
         what = f"face {face} has the corner {corners[bad[0]]}"
-        raise InputError(f"{what}; the surface has the points 0 to {len(points) - 1}")
+        raise InputError(f"{what}, but the surface has the points 0 to {len(points) - 1}")
     ends = np.cumsum(counts - 2)
     triangles = np.empty((ends[-1], 3), dtype=np.int64)
     three = counts == 3
@@ -50,20 +50,20 @@ def triangulated(
         triangles[ends[face] - counts[face] + 2 : ends[face]] = starts[face] + _ears(points[polygon])
     kinds = sorted(Counter(counts[counts > 3].tolist()).items())
     found = ", ".join(f"{number} face{'s' if number > 1 else ''} of {n} corners" for n, number in kinds[:5])
-    return triangles, (f"{found}{', ...' if len(kinds) > 5 else ''} were cut into triangles",)
+    return triangles, (f"{found}{', ...' if len(kinds) > 5 else ''} were split into triangles",)
 
 
 def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the squared length of a diagonal of each quadrilateral (Q, 4, 3), and whether both halves face one way."""
+    """Return the squared diagonal of each quadrilateral (Q, 4, 3), and whether both halves face the same way."""
     a, b, c, d = np.moveaxis(np.roll(quads, -turn, axis=1), 1, 0)
     left, right = np.cross(b - a, c - a), np.cross(c - a, d - a)
     return ((c - a) ** 2).sum(axis=1), np.asarray((left * right).sum(axis=1) > 0)
 
 
 def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Cut one polygon (n, 3) into n − 2 triangles, in the plane that it lies in best."""
+    """Split one polygon (n, 3) into n − 2 triangles, in its best-fitting plane."""
     ahead = np.roll(polygon, -1, axis=0)
-    normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's: of twice the area's length
+    normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's normal, twice the area long
     if not normal.any():
         normal = np.array([0.0, 0.0, 1.0])
     drop = int(np.abs(normal).argmax())
@@ -79,7 +79,7 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
         length = ((polygon[after] - polygon[before]) ** 2).sum(axis=1)
         order = np.lexsort((length, -np.sign(turns)))
         ears = (k for k in order if turns[k] > 0 and not _holds(plane[at], a[k], b[k], c[k], k))
-        best = int(next(ears, order[0]))  # where it crosses itself there may be none
+        best = int(next(ears, order[0]))  # a self-crossing polygon may have none
         triangles.append([before[best], at[best], after[best]])
         del left[best]
     return np.array([*triangles, left], dtype=np.int64)
@@ -88,7 +88,7 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
 def _holds(
     corners: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], ear: int
 ) -> bool:
-    """Tell whether the triangle of an ear holds another corner."""
+    """Return whether the triangle of an ear contains another corner."""
     inside = (_cross(b - a, corners - a) >= 0) & (_cross(c - b, corners - b) >= 0) & (_cross(a - c, corners - c) >= 0)
     n = len(corners)
     inside[[ear - 1, ear, (ear + 1) % n]] = False
@@ -101,7 +101,7 @@ def _cross(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the triangles (T, 3) of strips, in each of which every second one runs the other way."""
+    """Return the triangles (T, 3) of strips, in which every second triangle runs the other way."""
     parts = [np.empty((0, 3), dtype=np.int64)]
     for strip in strips:
         rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
@@ -113,23 +113,23 @@ def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
 def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
     """Check that faces are triangles of n points."""
     if not is_whole(n):
-        raise InputError(f"the number of points is {shown(n)}; give a whole number")
+        raise InputError(f"the number of points is {shown(n)}. Pass a whole number")
     array = array_of(faces, "faces")
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise InputError(f"faces are {array.dtype} of shape {array.shape}: give whole numbers of shape (F, 3)")
+        raise InputError(f"faces have type {array.dtype} and shape {array.shape}. Pass whole numbers of shape (F, 3)")
     if len(array) == 0:
-        raise InputError("has no faces: is it a surface, not points alone?")
+        raise InputError("has no faces. Pass a surface, not only points")
     bad = np.flatnonzero(((array < 0) | (array >= n)).any(axis=1))
     if len(bad):
-        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}; the surface has the points 0 to {n - 1}")
+        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}, but the surface has the points 0 to {n - 1}")
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
 def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Round to float32; what that cannot hold is refused."""
+    """Round to float32; raise an error for values that it cannot represent."""
     with np.errstate(over="ignore"):
         rounded = points.astype(np.float32)
     bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))
     if len(bad):
-        raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}, too far for the format's float32")
+        raise InputError(f"point {bad[0]}, {points[bad[0]].tolist()}, is too large for the float32 of this format")
     return rounded

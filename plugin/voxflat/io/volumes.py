@@ -1,7 +1,7 @@
-"""Volumes in and out: voxels in the order (i, j, k) and an affine to RAS+ mm.
+"""Read and write volumes: voxels in the order (i, j, k), and an affine to RAS+ mm.
 
-`read_volume` reads a file, `write_volume` writes one; `voxflat.io.sources` takes objects as well. All of them end in a
-`Volume`, which is checked once, where it is made.
+`read_volume` reads a file, `write_volume` writes one, and `voxflat.io.sources` accepts objects, too. All of them create
+a `Volume`, which checks its data once.
 """
 
 import os
@@ -22,25 +22,32 @@ from voxflat.io.provenance import Record, Recorded, as_text
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 
 VOLUME_ENDINGS = tuple(READERS)
-"""How the names of files end that hold volumes."""
+"""Endings of the names of volume files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Volume(Recorded):
-    """Voxels and where they lie. Making one checks it; a bad array or affine is an `InputError`.
+    """Store voxels and their position.
+
+    Creating a volume checks its arrays; an invalid array or affine raises an `InputError`.
 
     Parameters
     ----------
     data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours
-        Values in the index order i, j, k, as nibabel gives them; native byte order.
+        Values indexed as i, j, k, as in nibabel, in native byte order.
     affine : ndarray, shape (4, 4), float64
-        Takes the voxel index (i, j, k, 1) to RAS+ mm; a voxel's centre has integer indices.
+        Affine from voxel indices (i, j, k, 1) to RAS+ mm; the centre of a voxel has integer indices.
     path : Path or None
-        The file it came from.
+        The file that the volume was read from.
     is_placed : bool
-        Whether its place was given; otherwise the affine is the identity for want of a better one.
+        Whether the affine was given; otherwise it is the identity by default.
     provenance : dict or None
-        What made it, if voxflat did.
+        Record of how voxflat made the volume, if it did.
+
+    See Also
+    --------
+    read_volume : Read a volume from a file.
+    as_volume : Return anything that contains voxels as a volume.
 
     Examples
     --------
@@ -66,20 +73,44 @@ class Volume(Recorded):
 
     @classmethod
     def _placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> "Volume":
-        """Return voxels that lie where their affine says, or with the identity where there is none."""
+        """Return voxels with their affine, or with the identity if there is none."""
         return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None)
 
     @property
     def spacing(self) -> Affine:
-        """Distance between the centres of neighbouring voxels along i, j, k, shape (3,), in mm."""
+        """Distance between the centres of neighbouring voxels along i, j, k, in mm.
+
+        It has the shape (3,).
+
+        See Also
+        --------
+        Volume.orientation : The directions of the axes.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).spacing
+        array([1., 1., 1.])
+        """
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
 
     @property
     def orientation(self) -> str:
-        """The way each index grows, one of R/L, A/P, S/I each, such as ``'RAS'``."""
+        """Directions of the axes, such as ``'RAS'``.
+
+        Each axis has one letter of R/L, A/P and S/I: the direction in which its index grows.
+
+        See Also
+        --------
+        Volume.spacing : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).orientation
+        'RAS'
+        """
         cosines = self.affine[:3, :3] / self.spacing
         codes = [""] * 3
-        # the best aligned index chooses first, so that no two share a direction
+        # best-aligned index first, so that directions are unique
         for index in np.argsort(-np.abs(cosines).max(axis=0), kind="stable"):
             world = int(np.abs(cosines[:, index]).argmax())
             codes[index] = ("LR", "PA", "IS")[world][int(cosines[world, index] > 0)]
@@ -90,12 +121,13 @@ class Volume(Recorded):
 def read_volume(path: str | os.PathLike[str]) -> Volume:
     """Read a volume from a file.
 
+    Arrays without an affine get the identity, which means voxels of 1 mm.
+
     Parameters
     ----------
     path : path
         ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd``, ``.mgh``, ``.mgz``, ``.npy``, or
-        ``.npz`` with one array, or with ``data`` and perhaps ``affine``. Arrays without an affine get
-        the identity: 1 mm voxels.
+        ``.npz`` with one array, or with ``data`` and optionally ``affine``.
 
     Returns
     -------
@@ -105,9 +137,13 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     Raises
     ------
     InputError
-        The file is damaged, of another format, no single volume, sheared, or not in mm.
+        The file is damaged, is in another format, is not a single volume, or has a sheared affine or an unknown unit.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    See Also
+    --------
+    write_volume : Write a volume to a file.
 
     Examples
     --------
@@ -133,21 +169,23 @@ def write_volume(
     *,
     has_unit: bool = True,
 ) -> None:
-    """Write a volume to a file, all of it or nothing.
+    """Write a volume to a file.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     path : path
-        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which has
-        no place for an affine other than the identity.
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which cannot hold an
+        affine other than the identity.
     data : array_like, shape (I, J, K), or (I, J, K, 3|4) uint8 for colours
         Values; the type is kept, except that bool becomes uint8 in image formats.
     affine : array_like, shape (4, 4)
-        Voxel index to RAS+ mm.
+        Affine from voxel indices to RAS+ mm.
     record : dict, optional
-        What made it, for NIfTI's header: an extension of code 6, a comment. No other format has a place for it.
+        Provenance record, stored in a NIfTI header as an extension of code 6 (comment). Other formats cannot hold it.
     has_unit : bool
-        Whether the affine leads to mm; if not, NIfTI's header says that the unit is unknown.
+        Whether the affine maps to mm; if not, a NIfTI header marks the unit as unknown.
 
     Raises
     ------
@@ -156,13 +194,17 @@ def write_volume(
     OSError
         The file cannot be written.
 
+    See Also
+    --------
+    read_volume : Read a volume from a file.
+
     Examples
     --------
     >>> voxflat.io.write_volume("ball.nii.gz", voxflat.samples.ball(), np.eye(4))
     """
     path = checked_path(path)
     write = check_volume_name(path)
-    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
+    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
         volume = Volume(array_of(data, "values"), check_affine(affine))
         if has_unit or write is not _write_nifti:
             write(temporary, volume, record)
@@ -171,18 +213,20 @@ def write_volume(
 
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
-    """Refuse a name of no format that a volume can be written in; return what writes it."""
-    with naming(path, "can this format hold it?"):
-        return by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
+    """Return the writer for a file name; raise an error if no format of volumes matches."""
+    with naming(path, "check that this format can hold it"):
+        return by_ending(
+            path, _WRITERS, "written. The formats .mhd and .nhdr consist of two files; use .mha or .nrrd instead"
+        )
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
-    """Check type and shape, drop trailing axes of length 1, take the native byte order; chunks stay where they are."""
+    """Check type and shape, drop trailing axes of length 1, convert to native byte order; keep chunked arrays."""
     if isinstance(data, Chunked) or is_chunked(data):
         return data
     data = array_of(data, "values")
     if data.dtype.kind not in "biuf":
-        raise InputError(f"values of type {data.dtype} are no bool, integer or float: convert them")
+        raise InputError(f"values have type {data.dtype}. Convert them to bool, integer or float")
     shape = volume_shape(data.shape, data.dtype)
     data = data if data.shape == shape else data.reshape(shape)
     return data.astype(data.dtype.newbyteorder("="), copy=False)
@@ -190,7 +234,7 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
 
 def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
     if not np.array_equal(volume.affine, np.eye(4)):
-        raise InputError("a .npy file keeps no affine: use .npz or an image format")
+        raise InputError("a .npy file cannot hold an affine. Use .npz or an image format")
     save_array(path, volume.data)
 
 
@@ -202,7 +246,7 @@ def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
     if data.ndim != 3:
-        raise InputError("an MGH file holds no colours: use .nii.gz or .nrrd")
+        raise InputError("an MGH file cannot hold colours. Use .nii.gz or .nrrd")
     nibabel.save(nibabel.MGHImage(data, volume.affine), path)
 
 
@@ -215,8 +259,8 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
     if data.ndim == 4:
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
         data = np.ascontiguousarray(data).view(colour)[..., 0]
-    if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write what only FreeSurfer reads
-        raise InputError(f"shape {data.shape} is too long for NIfTI-1: use .nrrd or .npz")
+    if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write a file that only FreeSurfer can read
+        raise InputError(f"shape {data.shape} is too long for NIfTI-1. Use .nrrd or .npz")
     image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
     image.set_sform(volume.affine, "scanner")
     image.set_qform(volume.affine, "scanner")
@@ -229,7 +273,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
 
 def _write_metaimage(path: Path, volume: Volume, _: Record | None) -> None:
     if volume.data.ndim != 3:
-        raise InputError("a MetaImage does not say that its channels are colours: use .nii.gz or .nrrd")
+        raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
     _write_itk(path, volume, None)
 
 
@@ -237,7 +281,7 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk = require("itk")
     data = _storable(volume.data)
     if data.dtype.name not in ITK_TYPES:
-        raise InputError(f"ITK writes no {data.dtype}: convert to one of {', '.join(ITK_TYPES)}")
+        raise InputError(f"ITK cannot write {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
     kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
     pixel = {3: itk.RGBPixel, 4: itk.RGBAPixel}.get(data.shape[3] if data.ndim == 4 else 0)
     image = itk.image_view_from_array(kji, ttype=pixel and itk.Image[pixel[itk.UC], 3])
@@ -249,7 +293,7 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
 
 
 def _storable(data: NDArray[Any]) -> NDArray[Any]:
-    """Take the types that no image format knows as the next one that keeps their values."""
+    """Convert types that image formats lack to the next type that keeps their values."""
     wider = {"bool": np.uint8, "float16": np.float32}.get(data.dtype.name)
     return data if wider is None else data.astype(wider)
 

@@ -28,7 +28,7 @@ from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample_mean
 from voxflat.pipeline.surface import Surface, surface
-from voxflat.surfaces.lips import one_point_a_vertex
+from voxflat.surfaces.cut_sides import one_point_a_vertex
 
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
 _ONE = "Pass a file with one map; draw series with voxflat image or voxflat movie"

@@ -29,7 +29,7 @@ from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.io.spaces import Space
 from voxflat.maps.sampler import check_origin
-from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
+from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 
 _FORMAT = 5
 

@@ -1,1 +1,1 @@
-"""Surfaces: what volumes, range images and meshes become, which part of them is flattened, and where it is cut."""
+"""Create surfaces from volumes, range images and meshes, select the part to flatten, and cut it."""

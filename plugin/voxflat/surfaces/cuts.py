@@ -1,4 +1,4 @@
-"""Cuts: those that are given, as paths or in a file, those that make a disk, and those that relieve the map."""
+"""Make cuts: given cuts (paths or a file), cuts that open a surface to a disk, and relaxation cuts."""
 
 import math
 import os
@@ -17,19 +17,19 @@ from voxflat.io.grid import in_unit
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-_SMALL_HOLE = 15.0  # mm around, that is closed for measuring
-_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
-_SMALL_HOLE_SHARE = 0.3  # at most, of the longest side of a surface in unknown units: a hole a tenth as wide
-_LEAST_RELIEF = 0.1  # share of the error of distances that cuts take off which nobody asked for
-_FINE = 0.04  # error of distances up to which no more is asked for
-_BEARABLE = 0.15  # and up to which a disk is left as it was given
+_SMALL_HOLE = 15.0  # mm, largest circumference of a hole that is closed to measure distances
+_SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unknown
+_SMALL_HOLE_SHARE = 0.3  # upper limit for unknown units, relative to the surface's extent
+_LEAST_RELIEF = 0.1  # least relative gain of automatic relaxation cuts
+_FINE = 0.04  # distance error below which no more cuts are added
+_BEARABLE = 0.15  # distance error below which a given disk stays as it is
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
 
 
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
-    """Take what is given as cuts as paths of neighbours, and what a file of cuts leaves out, by ids of the input."""
+    """Return given cuts as paths of neighbours, and the vertices that a file of cuts excludes, by ids of the input."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):
@@ -41,24 +41,26 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
         cuts = [cuts]
     if not isinstance(cuts, list | tuple):
         raise InputError(
-            f"cuts are {type(cuts).__name__}; give a list of paths, each a list of vertices one after another, or the "
-            "path of a file of cuts"
+            f"cuts have type {type(cuts).__name__}. Pass a list of paths, each a list of consecutive vertices, or "
+            "the path of a file of cuts"
         )
     return list(cuts), None
 
 
 def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]], NDArray[np.int64] | None]:
-    """Read a file of cuts: lists of vertices, and those that are left out."""
+    """Read a file of cuts: lists of vertices, and the excluded vertices."""
     try:
         content = from_json(contents(path))
     except OSError as error:
         raise InputError(
-            f"cannot read the cuts {path}: {error.strerror}; give 'standard', 'automatic', a file or paths"
+            f"cannot read the cuts {path}: {error.strerror}. Pass 'standard', 'automatic', a file or paths"
         ) from error
     except ValueError as error:
-        raise InputError(f"{path} is no file of cuts: {error}") from error
+        raise InputError(f"{path} is not a file of cuts: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):
-        raise InputError(f'{path} is no file of cuts; give {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}')
+        raise InputError(
+            f'{path} is not a file of cuts. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}'
+        )
     lists = [_vertices(path, values, indices) for values in content["cuts"]]
     left_out = _vertices(path, content.get("drop", []), indices)
     return [cut for cut in lists if len(cut)], left_out if len(left_out) else None
@@ -73,12 +75,12 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
         return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
     if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
         what = "vertex numbers" if indices is None else "voxel indices"
-        raise InputError(f"{path} lists {array.dtype} of shape {array.shape}; give lists of {what}")
+        raise InputError(f"{path} contains {array.dtype} values of shape {array.shape}. Provide lists of {what}")
     return array.astype(np.int64)
 
 
 def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
-    """Fill in what lies between vertices that are no neighbours, the shortest way along edges."""
+    """Connect vertices that are not neighbours by shortest paths along edges."""
     vertices = _vertices_along(whole, path, f"cut {number}").tolist()
     passed = vertices[:1]
     if _are_linked(whole, np.asarray(vertices)):
@@ -88,13 +90,13 @@ def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np
             steps, _ = whole.core.edge_path(a, b)
         except InputError:
             ends = [whole.ids[end].tolist() for end in (a, b)]
-            raise InputError(f"cut {number}: no path leads from {ends[0]} to {ends[1]}") from None
+            raise InputError(f"cut {number}: the surface has no path from {ends[0]} to {ends[1]}") from None
         passed += steps[1:].tolist()
     return np.asarray(whole.ids[passed])
 
 
 def _vertices_along(part: Manifold, path: Any, name: str) -> NDArray[np.uint32]:
-    """Find the vertices of a path; where a voxel has several, those that are neighbours one after another."""
+    """Find the vertices of a path; if a voxel has several, choose those that are consecutive neighbours."""
     found = part.find(path, name)
     if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
         return found
@@ -114,13 +116,13 @@ def _vertices_along(part: Manifold, path: Any, name: str) -> NDArray[np.uint32]:
 
 
 def _are_linked(part: Manifold, vertices: NDArray[Any]) -> bool:
-    """Tell whether vertices are neighbours, one after another."""
+    """Return whether consecutive vertices are neighbours."""
     links = _links(part, vertices)
     return all(pair in links for pair in pairwise(vertices.tolist()))
 
 
 def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
-    """Return the edges, either way, between any of the given vertices."""
+    """Return the edges between any of the given vertices, in both directions."""
     is_given = np.zeros(len(part), dtype=np.bool_)
     is_given[vertices] = True
     ends = np.concatenate([part.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
@@ -129,7 +131,7 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
 
 
 def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
-    """Cut along paths of neighbours, by ids of the input; return these as lists, and their length, mm, too."""
+    """Cut along paths of neighbours, by ids of the input; also return the paths as lists, and their length in mm."""
     found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
     if found:
@@ -141,20 +143,18 @@ def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[A
 
 
 def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
-    """Refuse what says not how far to relax."""
+    """Raise an error for invalid values of `relax` or `adapt`."""
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
-            raise InputError(
-                f"adapt is {shown(adapt)}; give how far from the template's cuts further ones may lie, in mm"
-            )
+            raise InputError(f"adapt is {shown(adapt)}. Pass the greatest distance from the template's cuts, in mm")
         if relax is False:
-            raise InputError("adapt relaxes near the template's cuts, relax=False forbids it: give one of them")
+            raise InputError("adapt adds relaxation cuts, but relax=False disables them. Pass only one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
-        raise InputError(f"relax is {shown(relax)}; give True, False, or the length of the cuts in mm")
+        raise InputError(f"relax is {shown(relax)}. Pass True, False, or the total length of the cuts in mm")
 
 
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
-    """Close small holes, so that distances lead across them; the map's faces, which come first, stay the input's."""
+    """Close small holes, so that distances can cross them; the faces of the input stay the first ones of the result."""
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
@@ -167,7 +167,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     return (
         part._with_core(core),
         part.faces,
-        [in_unit(f"{filled} hole(s) up to {longest:g} mm around were closed for measuring", part.metadata)],
+        [in_unit(f"closed {filled} hole(s) of up to {longest:g} mm circumference to measure distances", part.metadata)],
     )
 
 
@@ -183,11 +183,12 @@ def opened(
     is_given: bool = False,
     adapt: float | None = None,
 ) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
-    """Cut open what is no disk, and further where that relieves the map; tell ``ids``, ``length``, ``reason`` of cuts.
+    """Cut a surface open to a disk, and add relaxation cuts; return ``ids``, ``length`` and ``reason`` of each cut.
 
-    `given` is the length of the cuts that were given, mm, which count. What is fixed is left as it is if it is no disk.
-    What someone has cut is relaxed on demand only; a disk that was handed over, on demand or in need only. `adapt`: how
-    far from the cuts that it has further ones may lie, mm: then they are made.
+    `given` is the total length of the given cuts in mm, which count towards `relax`. If `is_fixed`, a surface that is
+    not a disk stays as it is. A surface that the user has cut gets relaxation cuts on request only; a disk that the
+    user passed gets them on request, or if its distance error is large. `adapt` requests them, up to this distance (mm)
+    from existing cuts.
     """
     topology = part.core.topology()["components"][0]
     cuts: list[dict[str, Any]] = []
@@ -214,8 +215,8 @@ def opened(
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)
         remarks.append(
-            f"added {paths} ({total:.0f} mm in total), which reduce the estimated distance error from {before:.1f} % "
-            f"to {after:.1f} %. Use relax=False to leave them out"
+            f"added {paths} ({total:.0f} mm in total), which reduce the estimated distance error from "
+            f"{before:.1f} % to {after:.1f} %. Use relax=False to disable them"
         )
     _name(part, further)
     return part._with_core(core), cuts + further, [in_unit(remark, part.metadata) for remark in remarks]

@@ -1,4 +1,4 @@
-"""From a surface, or a part of one, to the disk that is flattened: cuts, holes, and remarks on each of them."""
+"""Turn a surface, or a part of it, into the disk that is flattened: cuts, holes, and remarks on both."""
 
 import os
 from collections.abc import Sequence
@@ -19,29 +19,29 @@ from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
 
-_COVERED = 0.5  # share of what a template leaves out that must be left out for a region to stand in its place
-_NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
+_COVERED = 0.5  # share of a template's excluded region that a user's excluded region must cover to replace it
+_NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is tried
 
 
 @dataclass(frozen=True)
 class Cutout:
-    """What is flattened, what it was cut from, and what was done."""
+    """Store the part that is flattened, the surface that it was cut from, and the steps."""
 
     whole: Manifold
     part: Manifold
     faces: NDArray[np.uint32]
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
-    given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
-    is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
-    is_whole: bool  # whether nothing was left out of what was handed over
-    sphere: Sphere | None = None  # that of the whole surface, if it is known
-    traced: tuple[TracedCut, ...] = ()  # cuts of a template, which are those in the metadata
+    given_length: float | None  # of the given cuts, mm; None if no cuts were given
+    is_cut: bool  # whether the user defined cuts, directly or by a patch's triangles
+    is_whole: bool  # whether nothing of the input was excluded
+    sphere: Sphere | None = None  # sphere of the complete surface, if known
+    traced: tuple[TracedCut, ...] = ()  # cuts of a template, as in the metadata
     is_standard: bool = False  # whether a template's cuts were chosen
     is_told: bool = False  # whether its remarks were logged
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
-        """Return curvature and sulcal depth of the part's vertices, as they are on the whole surface."""
+        """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""
         of_whole = {"curvature": self.whole.mean_curvature, "sulcal_depth": self.whole.sulcal_depth}
         found = {}
         for name, of in of_whole.items():
@@ -53,7 +53,7 @@ class Cutout:
 
 @dataclass(frozen=True)
 class Where:
-    """Where a surface is cut, as `voxflat.Surface.cut` takes it."""
+    """Store where to cut a surface, with the arguments of `voxflat.Surface.cut`."""
 
     cuts: object | None = None
     sphere: object | None = None
@@ -62,14 +62,14 @@ class Where:
 
     @property
     def is_given(self) -> bool:
-        """Whether anybody has said where to cut."""
+        """Whether the user defined where to cut."""
         return any(value is not None for value in (self.cuts, self.sphere, self.relax, self.adapt))
 
 
 def cut_open(
     part: Manifold, where: Where, threads: int | None = None, progress: Progress | None = None, *, to_disk: bool = True
 ) -> Cutout:
-    """Cut a surface, or a part of one, open; without `to_disk` only as was asked for, and small holes stay."""
+    """Cut a surface or a part open; without `to_disk`, make only the requested cuts and keep small holes."""
     cuts, relax, adapt = where.cuts, where.relax, where.adapt
     whole = part if part.whole is None else part.whole
     check_relax(relax, adapt)
@@ -111,12 +111,12 @@ def cut_open(
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
     cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
     if adapt is not None and not is_standard:
-        raise InputError("adapt is for the cuts of a template: give cuts='standard' or a template, or leave it out")
+        raise InputError("adapt requires the cuts of a template. Pass cuts='standard' or a template, or omit adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
 def _chosen_part(part: Manifold) -> dict[str, Any]:
-    """Return what a map's metadata say of how the part was chosen."""
+    """Return how the part was selected, for the metadata of a map."""
     verbs = {step.verb: step for step in part.steps}
     disk, corners = verbs.get("disk"), verbs.get("polygon")
     return {
@@ -130,7 +130,7 @@ def _chosen_part(part: Manifold) -> dict[str, Any]:
 
 
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
-    """Take a part of a surface whose cuts, paths of its vertices, are known: as `cut_open` without `to_disk`."""
+    """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
     named = [part.ids[path] for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
@@ -155,7 +155,7 @@ def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]
 def opened_to_disk(
     cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None, adapt: float | None = None
 ) -> Cutout:
-    """Close small holes, and cut the rest open to a disk."""
+    """Close small holes, and cut the surface open to a disk."""
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
     automatic: list[dict[str, Any]] = []
@@ -170,18 +170,18 @@ def opened_to_disk(
     if cut.is_standard:
         error = sketch_error(part, threads, progress)
         metadata["sketch_error"] = error
-        remarks.append(_told_of_standard(cut, error))
+        remarks.append(_standard_remark(cut, error))
     return replace(cut, part=part, faces=faces, metadata=metadata, remarks=tuple(remarks))
 
 
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
-    """Return the mean relative error of distances in a sketch of a disk's map, at the best scale; NaN if too small."""
+    """Return the mean relative distance error of a coarse preview map at the best scale; NaN for tiny disks."""
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)
 
 
 def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Manifold, list[str]]:
-    """Return a part without what a template leaves out, unless the user has left out most of that already."""
+    """Return a part without the region that a template excludes, unless the user has excluded most of it already."""
     assert choice.template is not None
     assert choice.sphere is not None
     kept = kept_by(choice.template, whole, choice.sphere)
@@ -194,8 +194,8 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
             return part, []
         names = ", ".join(line.name for line in choice.template.outlines)
         told = [
-            f"the region that is left out holds {100 * covered:.0f} % of what the template leaves out ({names}): the "
-            "template's is left out, too"
+            f"the excluded region covers {100 * covered:.0f} % of the region that the template excludes "
+            f"({names}), so the template's region is excluded, too"
         ]
         kept &= region
     left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
@@ -203,14 +203,14 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
 
 
 def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[Manifold, list[TracedCut], list[str]]:
-    """Cut along a template's lines."""
+    """Cut a part along the lines of a template."""
     assert choice.template is not None
     assert choice.sphere is not None
     topology = part.core.topology()
     if topology["handles"]:
         raise InputError(
-            f"the surface has {topology['handles']} handles, and a sphere none: a template needs a surface that was "
-            "repaired; give cuts='automatic', or repair='cuts'"
+            f"the surface has {topology['handles']} handles, but a template requires a surface without handles. "
+            "Pass cuts='automatic' or repair='cuts'"
         )
     cuts, remarks = traced(choice.template, part, choice.sphere, progress)
     if not cuts:
@@ -219,35 +219,35 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     after = opened_part.core.topology()
     if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
         raise InputError(
-            f"cut along the template the surface has Euler characteristic {after['euler']} and "
-            f"{len(after['loops'])} borders: its lines do not fit; give cuts='automatic'"
+            "the lines of the template do not fit: after cutting, the surface has Euler characteristic "
+            f"{after['euler']} and {len(after['loops'])} boundary loops. Pass cuts='automatic'"
         )
     return opened_part, cuts, remarks
 
 
-def _told_of_standard(cut: Cutout, error: float) -> str:
-    """Say which cuts were made, why, and what else there is."""
+def _standard_remark(cut: Cutout, error: float) -> str:
+    """Return a remark on the cuts of a template, their reason, and the alternative."""
     names = ", ".join(cut.metadata["cut_names"])
     if not names:
-        return f"no cut of {cut.metadata['cuts_by']} lies in what is flattened"
+        return f"no cut of {cut.metadata['cuts_by']} lies in the flattened region"
     length = sum(one.length for one in cut.traced)
     by = os.path.basename(cut.metadata["sphere"]["input"])
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
-        f"cut along {what} ({names}; {length:.0f} mm), located by {by}, so that maps of different brains can be "
-        f"compared.{estimate} For less distortion use cuts='automatic', which voxflat check compares"
+        f"cut along {what} ({names}; {length:.0f} mm), located with {by}, so that maps of different brains "
+        f"can be compared.{estimate} For less distortion use cuts='automatic'; voxflat check compares both"
     )
     return in_unit(told, cut.metadata)
 
 
 def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
-    """Cut all handles open along short loops, and say so."""
+    """Cut all handles open along short loops, and add a remark."""
     core, handles = whole.core.cut_handles(threads, progress)
     if not handles:
         return whole
     lengths = [handle["length"] for handle in handles]
-    remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
+    remark = f"cut {len(handles)} handle(s) open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
     remark = in_unit(remark, whole.metadata)
     metadata = {**whole.metadata, "handles_cut": handles}
     return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

@@ -1,4 +1,4 @@
-"""Whether a surface can be flattened, and what each remedy would change."""
+"""Check whether a surface can be flattened, and what each remedy would change."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,63 +14,69 @@ from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.choice import AUTOMATIC
 
-_SHOWN = 5  # handles, holes and loops that a table names one by one
+_SHOWN = 5  # most handles, holes and loops that a table lists
 
 
 @dataclass(frozen=True)
 class Check:
-    """What was read, and whether its surface can be flattened.
+    """Store the findings about an input and its surface.
+
+    `voxflat.check` and `Surface.check` return it.
 
     Parameters
     ----------
     path : str or None
-        The file.
+        The input file.
     kind : {"volume", "mesh"}
-        What it is.
+        Kind of the input.
     contents : dict
-        What it holds. Of a volume ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"), ``affine``,
-        ``labels`` (numbers of voxels by label; None for intensities), ``range``; of a mesh ``vertices``, ``triangles``,
-        ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or "unknown") and ``to_scanner``, the
-        matrix from the coordinates to scanner RAS.
+        Content of the input. For a volume: ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"),
+        ``affine``, ``labels`` (number of voxels by label; None for intensities) and ``range``. For a mesh:
+        ``vertices``, ``triangles``, ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or
+        "unknown") and ``to_scanner``, the matrix from the coordinates to scanner RAS.
     defects : dict of str to list
-        What keeps a mesh from being a surface, and where: numbers of triangles or vertices. What of it was mended
-        stands in `advice`.
+        Defects that make a mesh invalid as a surface, as numbers of triangles or vertices. `advice` lists the defects
+        that were repaired.
     foreground : int or None
-        Number of foreground voxels; None for meshes, and if label or threshold are still to be chosen.
+        Number of foreground voxels; None for meshes, and if neither label nor threshold is chosen yet.
     surface_points : int or None
-        Number of the surface's vertices.
+        Number of vertices of the surface.
     sheet : bool or None
-        Whether the foreground is a sheet one voxel thick, of which one surface is made.
+        Whether the foreground is a sheet one voxel thick, which becomes one surface.
     split_vertices : int or None
-        Vertices that were added because a voxel carries several sheets.
+        Number of vertices that were added because a voxel belongs to several layers.
     components : tuple of int
-        Numbers of vertices of the surface's components, the one of the largest area first.
+        Number of vertices of each component of the surface, starting with the component of the largest area.
     used : int or None
         Number of vertices of the part that would be flattened.
     euler_characteristic : int or None
-        χ of that part before it is cut open: 1 is a disk, 2 a closed sphere.
+        Euler characteristic χ of that part before it is cut open: 1 for a disk, 2 for a closed sphere.
     closed : bool or None
-        Whether it has no boundary.
+        Whether that part has no boundary.
     boundary : tuple of float
-        Lengths of its boundary loops, mm, longest first; all but one are holes.
+        Lengths of its boundary loops in mm, longest first; all but one are holes.
     handles : tuple of dict
         Its handles: ``length`` (mm) of a short loop around each, and its ``centre`` (RAS+ mm).
     thin : dict or None
-        Places where the solid is thinner than ``thickness`` (1.2 voxels; of a mesh its median edge), mm: how many
-        ``points`` lie there, and the ``worst`` thickness and its ``place`` (RAS+ mm).
+        Regions where the solid is thinner than ``thickness`` (mm; 1.2 voxels, for a mesh its median edge): the number
+        of ``points``, and the ``worst`` thickness and its ``place`` (RAS+ mm).
     automatic_cuts : tuple of dict
-        What it would be cut open along: ``length`` (mm), ``reason``, ``ids``.
+        Automatic cuts that would open the surface: ``length`` (mm), ``reason``, ``ids``.
     named_cuts : tuple of dict
-        The cuts of a template before: ``name``, ``length`` (mm), ``ids``.
+        Cuts of a template, made before the automatic ones: ``name``, ``length`` (mm), ``ids``.
     cuts_by : str or None
-        What says where it is cut: "standard", a template's file, "given" or "automatic".
+        Origin of the cuts: "standard", the file of a template, "given" or "automatic".
     sketch_errors : dict of str to float
-        Where a template says it: by how much a sketch of the map gets distances wrong (mean relative error), by
-        `cuts_by`, and for "automatic" cuts, which would be found otherwise.
+        If a template defines the cuts: estimated mean relative distance error with the cuts of `cuts_by` and with
+        "automatic" cuts.
     can_flatten : bool
-        The verdict.
+        Whether the surface can be flattened.
     advice : tuple of str
-        What to know and what to do.
+        Remarks and remedies.
+
+    See Also
+    --------
+    voxflat.check : Check whether an input can be flattened.
 
     Examples
     --------
@@ -106,7 +112,18 @@ class Check:
         return f"<Check of {self.path or 'an array'}: {self.kind}, {size}{verdict} be flattened>"
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return the findings, a name and what was found each, without the advice.
+        """Return the findings as pairs of a name and a value.
+
+        The pairs do not include the advice.
+
+        Returns
+        -------
+        list of tuple of str
+            Pairs of a name and the finding as text.
+
+        See Also
+        --------
+        Check.table : Return the findings as a table.
 
         Examples
         --------
@@ -121,7 +138,18 @@ class Check:
         return rows
 
     def table(self) -> str:
-        """Return the findings as a table of text.
+        """Return the findings as a table.
+
+        The advice follows the table, one item per line.
+
+        Returns
+        -------
+        str
+            The table as text.
+
+        See Also
+        --------
+        Check.rows : Return the findings as pairs.
 
         Examples
         --------
@@ -158,7 +186,7 @@ class Check:
     def _surface(self) -> list[tuple[str, str]]:
         rows = []
         if self.foreground is not None:
-            rows.append(("foreground", f"{self.foreground} voxels" + (", a sheet" if self.sheet else "")))
+            rows.append(("foreground", f"{self.foreground} voxels" + (", one voxel thick" if self.sheet else "")))
         split = f", {self.split_vertices} of them split" if self.split_vertices else ""
         rows += [
             ("surface", f"{self.surface_points} vertices{split}"),
@@ -169,7 +197,7 @@ class Check:
             ("handles", f"{len(self.handles)}: {_shortened([_place(handle) for handle in self.handles])}"),
         ]
         if self.thin is not None and self.thin["points"]:
-            rows.append(("thin places", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
+            rows.append(("thin regions", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
         if self.named_cuts:
             cuts = ", ".join(f"{cut['name']} {cut['length']:.0f} mm" for cut in self.named_cuts)
             rows.append(("cuts", f"{self.cuts_by}: {cuts}"))
@@ -194,7 +222,7 @@ def check_surface(
     progress: Progress | None = None,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
-    """Say whether a surface, or a part, can be flattened; `repaired` makes the same of the repaired surface."""
+    """Return whether a surface or a part can be flattened; `repaired` returns the same part of the repaired surface."""
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()
     found = replace(
@@ -226,13 +254,13 @@ def check_surface(
     if opened is not None:
         advice += [remark for remark in opened.remarks if remark not in advice]
         if len(opened.part) < 3:
-            advice.append(f"only {len(opened.part)} vertices: take a larger label or patch")
+            advice.append(f"the patch has only {len(opened.part)} vertices. Choose a larger label or patch")
     errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, threads, progress)
     if len(errors) == 2:
         (by, named), (_, automatic) = errors.items()
         advice.append(
-            f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
-            f"with automatic cuts {100 * automatic:.1f} %"
+            f"the same cuts for every brain ({by}) reduce accuracy: the estimated distance error is "
+            f"{100 * named:.1f} %, with automatic cuts {100 * automatic:.1f} %"
         )
     return replace(
         found,
@@ -255,13 +283,13 @@ def check_surface(
 
 
 def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, float]:
-    """Return the error of the sketch with a template's cuts, and with those that would be found otherwise."""
+    """Return the estimated distance error with a template's cuts, and with automatic cuts."""
     found = {opened.metadata["cuts_by"]: opened.metadata["sketch_error"]}
     try:
         other = cut_open(part, Where(AUTOMATIC), threads, progress)
         found[AUTOMATIC] = sketch_error(other.part, threads, progress)
     except InputError:
-        pass  # they are advice
+        pass  # they appear in the advice
     return {by: error for by, error in found.items() if np.isfinite(error)}
 
 

@@ -1,4 +1,4 @@
-"""Which voxels of a volume are foreground: a label, or what lies above a threshold."""
+"""Select the foreground voxels of a volume: a label, or the values above a threshold."""
 
 import hashlib
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
 
-_SHOWN = 20  # labels named in a message
-_WIDEST = 2**16  # range of integers that are counted one by one
+_SHOWN = 20  # most labels in a message
+_WIDEST = 2**16  # largest range of integers for bincount
 
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """A volume and which of its voxels are foreground."""
+    """Store a volume and its foreground."""
 
     volume: Volume
     mask: NDArray[np.bool_]
-    metadata: dict[str, Any]  # what was given, and how the foreground was chosen
+    metadata: dict[str, Any]  # input and choice of the foreground
 
 
 @dataclass(frozen=True, eq=False)
 class PackedMask:
-    """The foreground of a volume, a bit a voxel (`numpy.packbits`): what a surface keeps of it."""
+    """Store the foreground of a volume with one bit per voxel (`numpy.packbits`), as surfaces keep it."""
 
     bits: NDArray[np.uint8]
     metadata: dict[str, Any]  # as in `Foreground`
@@ -40,10 +40,10 @@ class PackedMask:
 
 
 def foreground_of(volume: Volume, *, label: int | None = None, threshold: float | None = None) -> Foreground:
-    """Choose the foreground of a volume: where every way from one begins."""
+    """Select the foreground of a volume, the first step for every volume."""
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
-        raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
+        raise InputError(f"the label is {shown(label)}. Pass a whole number, or a threshold for intensities")
     check_scalar(volume)
     mask = foreground(volume.data, label=label, threshold=threshold)
     metadata = {
@@ -61,48 +61,46 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
 
 
 def check_scalar(volume: Volume) -> None:
-    """Refuse what has not one value a voxel."""
+    """Raise an error unless there is one value per voxel."""
     if volume.data.ndim != 3:
-        raise InputError(f"the volume has shape {volume.data.shape}: colours have no label; give one value a voxel")
+        raise InputError(f"the volume has shape {volume.data.shape}: colours have no label. Pass one value per voxel")
     if volume.data.size == 0:
-        raise InputError(f"the volume has shape {volume.data.shape}: it holds no voxel")
+        raise InputError(f"the volume has shape {volume.data.shape} and contains no voxels")
 
 
 def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
-    """Return a mask of what to keep that lies on a volume's grid."""
+    """Return a mask of the voxels to keep, on the grid of a volume."""
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
-        raise InputError(
-            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}: they must agree"
-        )
+        raise InputError(f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}. Resample it")
     if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
-        raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")
+        raise InputError("the affines of the mask to keep and the volume differ. Resample the mask")
     if np.isnan(mask.data).any():
-        raise InputError("the mask to keep has NaN; write 0 where nothing is kept and 1 elsewhere")
+        raise InputError("the mask to keep contains NaN. Set voxels to 1 to keep them and to 0 otherwise")
     if not mask.data.any():
         raise InputError("the mask to keep is empty: every voxel is 0")
     return np.asarray(mask.data != 0)
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
-    """Select where a volume equals a label or is greater than a threshold, or what is not 0 in a mask of one label."""
+    """Select where a volume equals a label or exceeds a threshold, or is not 0 if it is a mask with one label."""
     if data.ndim != 3:
-        raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
+        raise InputError(f"the volume has shape {data.shape}. Pass one value per voxel, shape (I, J, K)")
     if data.size == 0:
-        raise InputError(f"the volume has shape {data.shape}: it holds no voxel")
+        raise InputError(f"the volume has shape {data.shape} and contains no voxels")
     if label is not None and threshold is not None:
-        raise InputError(f"both label={label} and threshold={threshold} are given; give one of them")
+        raise InputError(f"both label={label} and threshold={threshold} are given. Pass only one of them")
     if data.dtype.kind == "f" and not np.isfinite(data).all():
         count = int(np.size(data) - np.isfinite(data).sum())
         voxels = "1 voxel is" if count == 1 else f"{count} voxels are"
-        raise InputError(f"{voxels} NaN or infinite; replace them, for example with numpy.nan_to_num")
+        raise InputError(f"{voxels} NaN or infinite. Replace them, for example with numpy.nan_to_num")
     if threshold is not None:
         return _above(data, threshold)
     return _labelled(data, _only_label(data) if label is None else label)
 
 
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
-    """Labels other than 0 and how many voxels each has; None where the values, many or not whole, are no labels."""
+    """Return the number of voxels of each label other than 0; None if the values are too many or fractional."""
     if data.dtype.kind == "f":
         sample = data.ravel()[:: max(1, data.size // 10_000)]
         if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):
@@ -116,7 +114,7 @@ def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
 
 
 def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the different values and how often each occurs; much faster than numpy.unique for few integers."""
+    """Return the distinct values and their counts; much faster than numpy.unique for few integers."""
     if data.dtype.kind == "b":
         data = data.view(np.uint8)
     low, high = data.min(), data.max()
@@ -134,8 +132,8 @@ def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
 
 def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
     if not np.isfinite(threshold):
-        raise InputError(f"the threshold is {threshold}; give a finite number")
-    with np.errstate(over="ignore"):  # beyond what half precision holds nothing is
+        raise InputError(f"the threshold is {threshold}. Pass a finite number")
+    with np.errstate(over="ignore"):  # no value exceeds the range of half precision
         mask = np.asarray(data > threshold)
     if not mask.any():
         raise InputError(f"no voxel is above the threshold {threshold}; the largest value is {data.max()}")
@@ -146,7 +144,7 @@ def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
     try:
         with np.errstate(over="ignore"):
             mask = np.asarray(data == label)
-    except OverflowError:  # no number of the values' type
+    except OverflowError:  # not representable in the type of the values
         mask = np.zeros(data.shape, dtype=np.bool_)
     if not mask.any():
         raise InputError(f"no voxel has label {label}; {_present(data)}")
@@ -156,11 +154,11 @@ def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
 def _only_label(data: NDArray[Any]) -> int:
     if data.dtype.kind == "f" and labels_in(data) is None:
         raise InputError(
-            f"the volume holds intensities ({data.dtype}, {data.min():g} to {data.max():g}); give a threshold"
+            f"the volume has intensities ({data.dtype}, {data.min():g} to {data.max():g}). Use a threshold"
         )
     labels = labels_in(data)
     if labels is None or len(labels) > 1:
-        raise InputError(f"give a label or a threshold; {_present(data)}")
+        raise InputError(f"pass a label or a threshold; {_present(data)}")
     if not labels:
         raise InputError("the volume is empty: every voxel is 0")
     return next(iter(labels))
@@ -169,10 +167,10 @@ def _only_label(data: NDArray[Any]) -> int:
 def _present(data: NDArray[Any]) -> str:
     labels = labels_in(data)
     if labels is None:
-        return f"the values go from {data.min():g} to {data.max():g}"
+        return f"the values range from {data.min():g} to {data.max():g}"
     if not labels:
         return "every voxel is 0"
     shown = ", ".join(str(label) for label in list(labels)[:_SHOWN])
     shown += f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
-    of_freesurfer = "; label=2 is the left, label=41 the right white matter of FreeSurfer's aseg and ribbon"
+    of_freesurfer = "; in FreeSurfer's aseg and ribbon, label=2 is the left and label=41 the right white matter"
     return f"the volume has labels {shown}" + (of_freesurfer if {2, 41} <= labels.keys() else "")

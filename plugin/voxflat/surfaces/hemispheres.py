@@ -1,8 +1,8 @@
-"""A hemisphere's white matter out of that of a whole brain.
+"""Extract the white matter of one hemisphere from that of a whole brain.
 
-A template of MNI152's white matter, parted into the hemispheres and the rest, is fitted to the brain by an affine
-transform. Each voxel of white matter belongs to the part that lies nearest in the template. What lies deep in the
-hemisphere, ventricles and deep nuclei, is filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
+An affine transform aligns a template of MNI152's white matter, divided into both hemispheres and the rest, to the
+brain. Each voxel of white matter belongs to the nearest part of the template. Ventricles and deep nuclei inside the
+hemisphere are filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
 """
 
 import hashlib
@@ -24,24 +24,24 @@ from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 
 _SIDES = ("left", "right")
-_STEP = 2.0  # mm, the voxels at which brains are compared
+_STEP = 2.0  # mm, voxel size for the alignment
 _SMOOTH = (10.0, 5.0, 3.0)  # mm, from coarse to fine
-_SURE_OVERLAP = 0.75  # no further start is tried
-_STARTS = (-25.0, 25.0)  # degrees about each axis, beside no rotation
+_SURE_OVERLAP = 0.75  # overlap at which no further start is tried
+_STARTS = (-25.0, 25.0)  # degrees about each axis, in addition to no rotation
 _ITERATIONS = 40
-_LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # Dice, and the greatest stretch by the least: a ball has 0.57 and 2.3
-_NEAR = 0.1  # of what is filled: gaps around it are closed
-_CLOSED = 2.0  # mm, gaps between white matter and what is filled
-_SOFT = 1.5  # mm, of the borders between parts
+_LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # least Dice, and largest ratio of stretches: a ball has 0.57 and 2.3
+_NEAR = 0.1  # least membership of the inner parts where gaps are closed
+_CLOSED = 2.0  # mm, gaps between white matter and the filled parts
+_SOFT = 1.5  # mm, smoothing of the borders between parts
 _ROOM = 24.0  # mm around the template, within which a brain has to lie
 _SLAB = 1 << 22  # voxels at a time
 _BINS = 256
 
-_WHITE_SHARE = 0.05  # of the labelled voxels that are white matter of each side in a segmentation: 0.16 is usual
+_WHITE_SHARE = 0.05  # least share of white matter of each side among labelled voxels: 0.16 is usual
 
 # FreeSurfer's aseg and SynthSeg: white matter, lateral ventricle, deep nuclei and what lies between them
 _ASEG = {"left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78), "right": (41, 43, 49, 50, 51, 52, 58, 60, 62, 63, 79)}
-_ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum: of the side where they lie
+_ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum belong to the side where they lie
 
 
 @telling()
@@ -54,38 +54,45 @@ def hemisphere(
     affine: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Extract the white matter of one hemisphere from that of a whole brain, ready to become a closed surface.
+    """Extract the white matter of one hemisphere from that of a whole brain.
 
-    Cerebellum and brain stem are left out, and ventricles and deep nuclei are filled. The brain may lie anywhere, in
-    any orientation that its affine tells, rotated by up to some 30 degrees.
+    The result has a closed surface. Cerebellum and brain stem are excluded, and ventricles and deep nuclei are filled.
+    The brain may have any position and any orientation that its affine defines, and be rotated by up to about
+    30 degrees.
 
     Parameters
     ----------
     source : ndarray, path, image object or Volume
-        A mask or probability of white matter, or a segmentation with the labels of FreeSurfer's aseg or of SynthSeg.
+        A mask or probability map of white matter, or a segmentation with the labels of FreeSurfer's aseg or SynthSeg.
     side : {"left", "right"}
         The hemisphere.
     threshold : float, optional
-        White matter is where values are greater. By default it is found by Otsu's method; a mask needs none.
-    spacing, affine
-        As in `voxflat.surface`.
+        Values above it are white matter. By default Otsu's method determines it; masks need none.
+    spacing : sequence of 3 floats, optional
+        Voxel size, as in `voxflat.surface`.
+    affine : array_like, shape (4, 4), optional
+        Affine to RAS+ mm, as in `voxflat.surface`.
     progress : callable, optional
-        As in `flatten`.
+        Function that receives the progress, as in `flatten`.
 
     Returns
     -------
     Volume
-        uint8, on the grid of the source: 1 in the hemisphere, one component under face adjacency.
+        Mask of uint8 on the grid of the source: 1 in the hemisphere, one component under face adjacency.
 
     Raises
     ------
     HemisphereError
-        If the volume does not look like the white matter of a whole brain. The message says which step failed, and the
-        error's ``figure()`` shows it.
+        The volume does not look like the white matter of a whole brain. The message names the step that failed, and
+        ``figure()`` of the error shows it.
     InputError
-        If it is no volume of values.
+        The input is not a 3-D volume.
     Cancelled
-        If `progress` returned False.
+        `progress` returned False.
+
+    See Also
+    --------
+    voxflat.surface : Create the surface of a volume.
 
     Examples
     --------
@@ -97,9 +104,9 @@ def hemisphere(
     checked_choice(side, "side", _SIDES)
     volume = as_volume(source, spacing=spacing, affine=affine)
     if volume.data.ndim != 3:
-        raise InputError(f"a hemisphere is taken out of a volume of values, and this one has {volume.data.ndim} axes")
+        raise InputError(f"a hemisphere is extracted from a 3-D volume, but this one has {volume.data.ndim} axes")
     if not volume.is_placed:
-        log.warning("the volume does not say where left is: its first axis is taken to grow to the right")
+        log.warning("the volume does not define left and right: its first axis is assumed to point to the right")
     threshold = optional_number(threshold, "threshold")
     found = _of_labels(volume, side) if threshold is None else None
     if found is None:
@@ -107,7 +114,7 @@ def hemisphere(
         found = _of_mask(white, volume, side, _Steps(side, progress))
     if not found.any():
         raise HemisphereError(
-            f"there is no white matter of the {side} hemisphere in the volume: is it cut off?",
+            f"the volume contains no white matter of the {side} hemisphere. Check that the hemisphere is not cropped",
             _white_matter(volume, threshold),
             volume.affine,
         )
@@ -118,7 +125,7 @@ def hemisphere(
 
 
 def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the largest component of a mask, whose cavities are filled."""
+    """Return the largest component of a mask, with its cavities filled."""
     filled = scipy.ndimage.binary_fill_holes(found)
     components, _ = scipy.ndimage.label(filled)
     sizes = np.bincount(components.ravel())
@@ -127,7 +134,7 @@ def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
-    """Return where white matter is: above a threshold, which is found by Otsu's method if it is not given."""
+    """Return the mask of white matter above a threshold, by default that of Otsu's method."""
     data = volume.data
     if data.dtype == np.bool_:
         return np.asarray(data)
@@ -135,7 +142,7 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
         values = np.unique(data.ravel()[:: max(1, data.size // 100_000)])
         threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
         if len(values) > 2:
-            log.warning("white matter is taken where values are above %.4g; threshold= says otherwise", threshold)
+            log.warning("white matter is defined as values above %.4g. Pass threshold= to change this", threshold)
     white = np.asarray(data > threshold)
     if not white.any():
         said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"
@@ -144,7 +151,7 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
 
 
 def _otsu(data: NDArray[np.generic]) -> float:
-    """Return the threshold that parts values best in two, in the least sum of both variances (Otsu 1979)."""
+    """Return the threshold that minimises the sum of the variances of both classes (Otsu 1979)."""
     values = data[np.isfinite(data)] if data.dtype.kind == "f" else data
     counts, edges = np.histogram(values, _BINS)
     middles = (edges[:-1] + edges[1:]) / 2
@@ -157,7 +164,7 @@ def _otsu(data: NDArray[np.generic]) -> float:
 
 
 def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
-    """Return a hemisphere of a segmentation with FreeSurfer's labels; None if it is no such segmentation."""
+    """Return a hemisphere of a segmentation with FreeSurfer's labels; None for other volumes."""
     data = volume.data
     if data.dtype == np.bool_ or (data.dtype.kind == "f" and not np.all(data == np.round(data))):
         return None
@@ -177,10 +184,10 @@ def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Template:
-    """Parts of MNI152.
+    """Store the parts of MNI152.
 
-    `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: how much a place is of the left
-    hemisphere, the right one, and the rest, by the nearest white matter. `deep` (2, ...) float32: of the inner parts.
+    `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: membership of the left hemisphere, the
+    right one and the rest, from the nearest white matter. `deep` (2, ...) float32: membership of the inner parts.
     """
 
     affine: Affine
@@ -213,13 +220,13 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
     stretches = np.linalg.svd(fitted[:3, :3], compute_uv=False)
     if overlap < _LEAST_OVERLAP or stretches[0] > _MOST_STRETCHED * stretches[2]:
         raise HemisphereError(
-            f"the volume does not fit the white matter of a whole brain (overlap {overlap:.2f} of 1, after it was "
-            "aligned to MNI152): check the threshold and the orientation, or pass a mask of one hemisphere",
+            "the volume does not match the white matter of a whole brain (overlap with MNI152 after alignment: "
+            f"{overlap:.2f} of 1). Check the threshold and the orientation, or pass a mask of one hemisphere",
             white,
             volume.affine,
             _there(white.shape, volume.affine, fitted),
         )
-    log.info("the brain was aligned to MNI152: overlap %.2f", overlap)
+    log.info("aligned the brain to MNI152: overlap %.2f", overlap)
     back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ volume.affine
     found, is_near = np.zeros(white.shape, dtype=np.bool_), np.zeros(white.shape, dtype=np.bool_)
     step = max(1, _SLAB // max(1, white[0].size))
@@ -238,7 +245,7 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
         is_near[first : first + step] = (inner > _NEAR).reshape(white[first : first + step].shape)
     radius = max(1, round(_CLOSED / voxel_size(volume.affine)))
     box = scipy.ndimage.find_objects(is_near.astype(np.uint8))
-    for part in box:  # elsewhere banks of sulci would be joined
+    for part in box:  # elsewhere it would join banks of sulci
         found[part] |= is_near[part] & scipy.ndimage.binary_closing(found[part], iterations=radius)
     return found
 
@@ -261,7 +268,7 @@ def _at(values: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.
 
 @dataclass(frozen=True)
 class _Steps:
-    """Tells of progress, of which nobody knows how much is left, and whether to go on."""
+    """Report progress with an unknown number of steps, and stop if the user cancels."""
 
     side: str
     progress: Progress | None
@@ -272,14 +279,14 @@ class _Steps:
 
 
 _last: dict[bytes, tuple[Affine, float]] = {}
-"""The last alignment by what was aligned: both sides of a brain need the same."""
+"""Cache of the last alignment, by its input, because both hemispheres of a brain need the same one."""
 
 
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
     """Return the affine transform from the template to a brain in large voxels, RAS+ mm, and the overlap (Dice).
 
-    It makes the sum of squared differences of both masks least, from smooth to sharp, by Gauss-Newton steps. Where the
-    brain's volume ends, nothing is compared.
+    It minimises the sum of squared differences of both masks by Gauss-Newton steps, with decreasing smoothing. Places
+    outside the brain's volume are ignored.
     """
     key = hashlib.sha256(repr(coarse.shape).encode() + coarse.tobytes() + grid.tobytes()).digest()
     if (known := _last.get(key)) is not None:
@@ -303,7 +310,7 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
-    """Return a mask in larger voxels, as shares, and their affine."""
+    """Return a mask in larger voxels, as fractions, and their affine."""
     factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
     beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
     padded = np.pad(white, beyond)
@@ -315,7 +322,7 @@ def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float3
 
 
 def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Template) -> Affine:
-    """Return the move and scaling that brings the middle and the size of the template to those of a brain."""
+    """Return the translation and scaling that align centre and size of the template to a brain."""
     (middle, size), (own, own_size) = _moments(coarse, grid), _moments(template.white, template.affine)
     scale = float(np.clip(size / own_size, 0.5, 1.6))
     move = np.diag([scale, scale, scale, 1.0])
@@ -324,10 +331,10 @@ def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Templ
 
 
 def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], float]:
-    """Return the middle of a mask and its root mean square distance from there, mm."""
+    """Return the centre of a mask and the root mean square distance from it, mm."""
     places = np.argwhere(mask > 0.5)
     if len(places) == 0:
-        said = "there is hardly any white matter in the volume: check the threshold"
+        said = "the volume contains hardly any white matter. Check the threshold"
         raise HemisphereError(said, np.asarray(mask > 0.5), affine)
     points = places @ affine[:3, :3].T + affine[:3, 3]
     middle = points.mean(axis=0)
@@ -335,7 +342,7 @@ def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], f
 
 
 def _turned(axis: int, angle: float, template: _Template) -> Affine:
-    """Return a rotation about an axis through the template's middle."""
+    """Return a rotation about an axis through the template's centre."""
     middle, _ = _moments(template.white, template.affine)
     vector = np.zeros(3)
     vector[axis] = np.radians(angle)
@@ -347,7 +354,7 @@ def _turned(axis: int, angle: float, template: _Template) -> Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A brain's values, with RAS+ mm to its voxels, and what the template, smoothed alike, wants at `points` (N, 3)."""
+    """Store a brain's values, the transform from RAS+ mm to voxels, and the smoothed template at `points` (N, 3)."""
 
     values: NDArray[np.float32]
     to_index: Affine
@@ -367,7 +374,7 @@ class _Pair:
         return cls(values, np.asarray(np.linalg.inv(grid)), points, wanted[tuple(indices.T)].astype(np.float64))
 
     def descend(self, moved: Affine, iterations: int, steps: _Steps) -> tuple[Affine, float]:
-        """Return a better transform than one, and the mean squared difference there."""
+        """Return an improved transform and its mean squared difference."""
         middle = self.points.mean(axis=0)
         design = np.column_stack([self.points - middle, np.ones(len(self.points))])
         damping, (error, residual, slope) = 1e-3, self._compared(moved)
@@ -391,7 +398,7 @@ class _Pair:
         return moved, error
 
     def _compared(self, moved: Affine) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """Return the mean squared difference, the differences, and the slope of the brain at the points, per mm."""
+        """Return the mean squared difference, the differences, and the gradient of the brain at the points, per mm."""
         to_index = self.to_index @ moved
         places = (self.points @ to_index[:3, :3].T + to_index[:3, 3]).T
         ends = np.array(self.values.shape)[:, None] - 1
@@ -410,7 +417,7 @@ _AXES = np.eye(3)[:, :, None]
 
 
 def _overlap(coarse: NDArray[np.float32], grid: Affine, template: _Template, moved: Affine) -> float:
-    """Return the overlap of both masks (Dice) where the brain's volume has voxels."""
+    """Return the overlap of both masks (Dice) within the brain's volume."""
     indices = np.argwhere(np.ones(coarse.shape, dtype=np.bool_))
     back = np.linalg.inv(template.affine) @ np.linalg.inv(moved) @ grid
     places = (indices @ back[:3, :3].T + back[:3, 3]).T

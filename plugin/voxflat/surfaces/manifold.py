@@ -1,4 +1,4 @@
-"""Surfaces: what voxels and meshes both become, and what everything else works on."""
+"""Define surfaces: voxels and meshes become surfaces, and all other modules work on them."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
+from voxflat.surfaces.cut_sides import listed_points, triangles_of
 from voxflat.surfaces.foreground import PackedMask
-from voxflat.surfaces.lips import listed_points, triangles_of
 from voxflat.unique_rows import distinct, in_rows
 
 if TYPE_CHECKING:
@@ -41,43 +41,54 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One choice by which a part came about: what `Surface.keep`, `drop`, `disk` and `polygon` were given."""
+    """Store one step that selected a part of a surface, such as `Surface.keep` or `Surface.disk`."""
 
-    verb: str  # what was called; "outlines" is what a template leaves out
-    mask: NDArray[np.bool_] | None = None  # the voxels that may stay, of a region of a volume
-    by_triangles: bool = False  # whether the region was given by triangles
-    seed_point: Any = None  # the middle of a disk: voxel indices or number of a vertex
-    seed_found: Any = None  # what stands for it on the surface
+    verb: str  # name of the method; "outlines" for a template's excluded region
+    mask: NDArray[np.bool_] | None = None  # voxels to keep, for a region of a volume
+    by_triangles: bool = False  # whether triangles defined the region
+    seed_point: Any = None  # centre of a disk: voxel indices or vertex number
+    seed_found: Any = None  # nearest voxel or vertex on the surface
     radius: float | None = None  # of the disk, mm
     corners: Any = None  # of a polygon
 
 
 @dataclass(frozen=True, eq=False)
 class Manifold:
-    """A surface of triangles: a manifold, with or without a boundary, whose faces run counterclockwise from outside.
+    """Store a surface of triangles.
+
+    It is a manifold, with or without a boundary, whose faces run counterclockwise as seen from outside.
 
     Parameters
     ----------
     core : _core.Surface
-        The compiled core's surface.
+        Surface of the compiled core.
     voxels : ndarray of int64, shape (V, 3), or None
-        The voxel of each vertex of the whole surface, where it came from a volume.
+        Voxel of each vertex of the complete surface, if it came from a volume.
     metadata : dict
-        Where it came from and how it was made.
+        Origin and options of the surface.
     remarks : tuple of str
-        What the user should know of it.
+        Remarks for the user.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
-        The white and the pial surface at each vertex of the whole surface, RAS+ mm in `space`, where both were given.
+        White and pial surface at each vertex of the complete surface, RAS+ mm in `space`, if both were given.
     mesh_faces : ndarray of int64, shape (G, 3), or None
-        The triangles of the whole mesh as they were given, or mended, as vertex numbers; None if it was no mesh.
+        Triangles of the complete mesh as given or repaired, as vertex numbers; None if it was not a mesh.
     merged : ndarray of int64, shape (M, 2)
-        Vertices of the whole surface that are one with another, since they lie where that does, and which that is.
+        Pairs of vertices of the complete surface: a vertex, and the vertex at the same position that replaces it.
     foreground : PackedMask or None
-        The voxels that it was made of.
+        The voxels that the surface was made of.
     whole : Manifold or None
-        What it is a part of.
+        The surface that this one is a part of.
     steps : tuple of Step
-        How the part was chosen.
+        The steps that selected the part.
+
+    See Also
+    --------
+    voxflat.surface : Create a surface.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill()
+    <Surface from a mesh: 441 vertices, 800 triangles>
     """
 
     core: _core.Surface
@@ -101,7 +112,7 @@ class Manifold:
         return f"<{type(self).__name__} from {kind}: {len(self)} vertices, {len(self.faces)} triangles>"
 
     def _repr_html_(self) -> str:
-        """Return what the surface is and where it lies, for Jupyter."""
+        """Return a description of the surface and its position, for Jupyter."""
         facts = {"space": self.space.name, "structure": self.metadata.get("structure"), "file": self.metadata["input"]}
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         ranges = (f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
@@ -110,78 +121,204 @@ class Manifold:
 
     @property
     def is_voxels(self) -> bool:
-        """Whether it came from a volume."""
+        """Whether the surface came from a volume.
+
+        A surface from a mesh has no voxels.
+
+        See Also
+        --------
+        Surface.voxel_size : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().is_voxels
+        False
+        """
         return self.voxels is not None
 
     @property
     def voxel_size(self) -> float | None:
-        """Geometric mean of the voxels' three spacings, mm, where it came from a volume."""
+        """Geometric mean of the three voxel spacings, mm.
+
+        It is None for a surface from a mesh.
+
+        See Also
+        --------
+        Surface.is_voxels : Whether the surface came from a volume.
+
+        Examples
+        --------
+        >>> voxflat.surface(voxflat.samples.ball()).voxel_size
+        1.0
+        """
         if not self.is_voxels:
             return None
         return voxel_size(self.metadata["affine"])
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The vertices, RAS+ mm in `space`, shape (N, 3)."""
+        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3).
+
+        The two sides of a cut have separate vertices.
+
+        See Also
+        --------
+        Surface.ids : The vertices in the input.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().points.shape
+        (441, 3)
+        """
         return self.core.points
 
     @property
     def space(self) -> Space:
-        """The space of its points: that of the volume, or what the mesh's file says."""
+        """Coordinate space of the points.
+
+        It is the space of the volume, or the space that the file of the mesh defines.
+
+        See Also
+        --------
+        voxflat.io.Space : The spaces of coordinates.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().space.name
+        'unknown'
+        """
         return Space._of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
-        """Triangles, shape (F, 3)."""
+        """Triangles as vertex numbers, shape (F, 3).
+
+        Their corners run counterclockwise as seen from outside.
+
+        See Also
+        --------
+        Surface.points : Coordinates of the vertices.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().faces.shape
+        (800, 3)
+        """
         return self.core.faces
 
     @property
     def thickness(self) -> NDArray[np.float64] | None:
-        """From white to pial surface at each vertex of the whole surface, mm, shape (V,); None if not known."""
+        """Distance from the white to the pial surface at each vertex of the complete surface, mm, shape (V,).
+
+        It is None if the white or the pial surface is not known.
+
+        See Also
+        --------
+        Surface.count : Number of vertices of the complete surface.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().thickness is None
+        True
+        """
         if self.white_points is None or self.pial_points is None:
             return None
         return np.asarray(np.linalg.norm(self.pial_points - self.white_points, axis=1))
 
     @property
     def usual_edge(self) -> float:
-        """Median length of the triangles' edges, mm."""
+        """Median length of the triangle edges, mm.
+
+        It is a measure of the resolution of the surface.
+
+        See Also
+        --------
+        Surface.voxel_size : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().usual_edge > 0
+        True
+        """
         corners = self.points[self.faces]
         return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
     @property
     def count(self) -> int:
-        """Number of vertices of the whole surface, those that no triangle uses among them."""
+        """Number of vertices of the complete surface.
+
+        It includes vertices without a triangle.
+
+        See Also
+        --------
+        Surface.vertices : The vertices in the complete surface.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().count
+        441
+        """
         return len(self.voxels) if self.voxels is not None else int(self.metadata["vertices"])
 
     @property
     def vertices(self) -> NDArray[np.int64]:
-        """The vertex of the whole surface that each vertex is, shape (N,); the two sides of a cut share one."""
+        """Number of each vertex in the complete surface, shape (N,).
+
+        The two sides of a cut share a number.
+
+        See Also
+        --------
+        Surface.ids : The vertices in the input.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().vertices.shape
+        (441,)
+        """
         return self.core.ids.astype(np.int64)
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """What each vertex is in the input: voxel indices of shape (N, 3), or vertex numbers of shape (N,)."""
+        """Voxel or vertex of the input for each vertex.
+
+        These are voxel indices of shape (N, 3), or vertex numbers of shape (N,) if the input was a mesh.
+
+        See Also
+        --------
+        Surface.find : Find vertices by their ids.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().ids.shape
+        (441,)
+        """
         return self.vertices if self.voxels is None else self.voxels[self.core.ids]
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
-        """Find vertices by what they are in the input.
+        """Find vertices by their voxels or vertex numbers in the input.
+
+        It is the inverse of `ids`.
 
         Parameters
         ----------
         ids : array_like of int, shape (m, 3) for voxels, (m,) for a mesh
             Voxel indices or vertex numbers.
         name : str
-            What they are, for messages.
+            Name of the ids in error messages.
 
         Returns
         -------
         ndarray of uint32, shape (m,)
-            Numbers of vertices; where a voxel or a cut has several, the first.
+            Vertex numbers; the first one if a voxel or a cut has several vertices.
 
         Raises
         ------
         InputError
-            If one of them is not on this surface.
+            One of the ids is not on this surface.
+
+        See Also
+        --------
+        Surface.nearest : Find the vertex nearest to a voxel.
 
         Examples
         --------
@@ -200,7 +337,7 @@ class Manifold:
             of, one = self.merged.astype(np.int64).T
             own, aliases = np.concatenate([own, of[np.isin(one, own)]]), one[np.isin(one, own)]
         keys = _keys(own, own)
-        order = np.argsort(keys, kind="stable")  # so that of several the first is found
+        order = np.argsort(keys, kind="stable")  # stable, so that the first of several is found
         sought = _keys(wanted, own)
         place = np.minimum(np.searchsorted(keys, sought, sorter=order), len(order) - 1)
         found = order[place]
@@ -225,6 +362,8 @@ class Manifold:
     def nearest(self, place: Sequence[int]) -> tuple[int, float]:
         """Find the vertex nearest to a voxel.
 
+        Only surfaces from volumes have voxels.
+
         Parameters
         ----------
         place : sequence of 3 ints
@@ -233,8 +372,13 @@ class Manifold:
         Returns
         -------
         vertex : int
+            Vertex number.
         distance : float
-            From the voxel's centre to that of the vertex's voxel, mm.
+            Distance from the centre of the voxel to the centre of the vertex's voxel, mm.
+
+        See Also
+        --------
+        Surface.find : Find vertices by their ids.
 
         Examples
         --------
@@ -244,10 +388,10 @@ class Manifold:
         0.0
         """
         if not self.is_voxels:
-            raise InputError("a surface from a mesh has no voxels; give the number of a vertex where one is wanted")
+            raise InputError("a surface from a mesh has no voxels. Pass the number of a vertex instead")
         wanted = numbers_of(place, "voxel")
         if wanted.shape != (3,):
-            raise InputError(f"the voxel is {shown(place)}; give its three indices")
+            raise InputError(f"the voxel is {shown(place)}. Pass its three indices")
         linear = np.asarray(self.metadata["affine"])[:3, :3]
         apart = np.linalg.norm((self.ids - wanted) @ linear.T, axis=1)
         vertex = int(apart.argmin())
@@ -256,27 +400,35 @@ class Manifold:
     def mean_curvature(
         self, smoothing: float = 2.0, *, threads: int | None = None, progress: Progress | None = None
     ) -> NDArray[np.float64]:
-        """Return how much the surface bends at each vertex: outwards on gyri, inwards in sulci.
+        """Return the mean curvature at each vertex.
+
+        The mean curvature is ½ (κ₁ + κ₂) (Cohen-Steiner and Morvan, 2003), positive on gyri and negative in sulci.
 
         Parameters
         ----------
         smoothing : float
-            Standard deviation of a Gaussian along the surface by which it is averaged, mm; 0 for none. 2 mm are about
-            what FreeSurfer's ``curv`` has, whose sign is the other one.
-        threads, progress
-            As in `voxflat.flatten`.
+            Standard deviation in mm of a Gaussian that smooths the curvature along the surface; 0 for no smoothing.
+            A value of 2 mm is similar to FreeSurfer's ``curv``, which has the opposite sign.
+        threads : int, optional
+            Number of threads, as in `voxflat.flatten`.
+        progress : callable, optional
+            Function that receives the progress, as in `voxflat.flatten`.
 
         Returns
         -------
         ndarray of float64, shape (N,)
-            1/mm: ½ (κ₁ + κ₂), positive where it bulges outwards (Cohen-Steiner, Morvan 2003).
+            Mean curvature in 1/mm, positive where the surface bulges outwards.
 
         Raises
         ------
         InputError
-            If the smoothing is negative or not finite.
+            The smoothing is negative or not finite.
         Cancelled
-            If `progress` returned False.
+            `progress` returned False.
+
+        See Also
+        --------
+        Surface.sulcal_depth : Return the depth of each vertex in a sulcus.
 
         Examples
         --------
@@ -285,36 +437,42 @@ class Manifold:
         (441,)
         """
         if not (is_number(smoothing) and 0 <= smoothing < np.inf):
-            raise InputError(f"smoothing is {shown(smoothing)}; give a length in mm, 0 for none")
+            raise InputError(f"smoothing is {shown(smoothing)}. Pass a length in mm, or 0 for no smoothing")
         return self.core.mean_curvature(float(smoothing), checked_threads(threads), progress)
 
     def sulcal_depth(
         self, flow: float = 70.0, *, threads: int | None = None, progress: Progress | None = None
     ) -> NDArray[np.float64]:
-        """Return how deep in a fold each vertex lies: how far it moves outwards while the surface unfolds.
+        """Return how far each vertex moves outwards while the surface unfolds.
 
-        As FreeSurfer's ``sulc`` it is the displacement along the outer normal, added up; the surface unfolds by a mean
-        curvature flow that cannot tear it (Kazhdan, Solomon, Ben-Chen 2012).
+        Like FreeSurfer's ``sulc``, it is the accumulated displacement along the outer normal. The surface unfolds by a
+        mean curvature flow that cannot tear it (Kazhdan, Solomon and Ben-Chen, 2012).
 
         Parameters
         ----------
         flow : float
-            How long it flows, mm²: folds of a wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² are for the human
-            cortex; for others, as the square of their size.
-        threads, progress
-            As in `voxflat.flatten`.
+            Duration of the flow in mm²: folds of wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² suit the human
+            cortex; for other surfaces, scale it with the square of their size.
+        threads : int, optional
+            Number of threads, as in `voxflat.flatten`.
+        progress : callable, optional
+            Function that receives the progress, as in `voxflat.flatten`.
 
         Returns
         -------
         ndarray of float64, shape (N,)
-            mm: positive in sulci, negative on gyri, 0 on average over the area of each component.
+            Depth in mm: positive in sulci, negative on gyri, 0 on average over the area of each component.
 
         Raises
         ------
         InputError
-            If the flow is not positive.
+            The flow is not positive.
         Cancelled
-            If `progress` returned False.
+            `progress` returned False.
+
+        See Also
+        --------
+        Surface.mean_curvature : Return the mean curvature at each vertex.
 
         Examples
         --------
@@ -323,17 +481,17 @@ class Manifold:
         (632,)
         """
         if not (is_number(flow) and 0 < flow < np.inf):
-            raise InputError(f"flow is {shown(flow)}; give a positive number of mm²")
+            raise InputError(f"flow is {shown(flow)}. Pass a positive number of mm²")
         return self.core.sulcal_depth(float(flow), checked_threads(threads), progress)
 
     def _merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return vertices of the whole surface, each replaced by the one that it was merged with."""
+        """Return vertices of the complete surface, each replaced by the vertex that it was merged with."""
         one = np.arange(self.count)
         one[self.merged[:, 0]] = self.merged[:, 1]
         return np.asarray(one[vertices])
 
     def _also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Find the vertices of the whole surface that were merged with one of this surface."""
+        """Find the vertices of the complete surface that were merged with a vertex of this surface."""
         order = np.argsort(self.vertices, kind="stable")
         sides = [np.searchsorted(self.vertices, self.merged[:, 1], side, order) for side in ("left", "right")]
         counts = sides[1] - sides[0]
@@ -341,7 +499,7 @@ class Manifold:
         return np.repeat(self.merged[:, 0], counts), order[np.repeat(sides[0], counts) + within]
 
     def _has_triangles(self, faces: NDArray[np.int64]) -> NDArray[np.bool_] | None:
-        """Find triangles that are given by vertices of the whole surface."""
+        """Find triangles that are given by vertices of the complete surface."""
         faces = self._merged_in(faces)
         a, b, c = faces.T
         wanted = distinct(np.sort(faces[(a != b) & (b != c) & (c != a)], axis=1)).rows
@@ -349,14 +507,14 @@ class Manifold:
         return found if found.sum() == len(wanted) else None
 
     def _in_patch(self, patch: Patch) -> NDArray[np.bool_]:
-        """Find the triangles of a FreeSurfer patch: as its other readers do, those whose corners are all listed."""
+        """Find the triangles of a FreeSurfer patch: like other programs, take those whose corners are all listed."""
         checked_kind(patch, "patch", "vertex_ids", "a Patch, as read_patch returns it")
         is_listed = np.isin(self.merged[:, 0], patch.vertex_ids)
         listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
         return in_patch(self.vertices[self.faces], np.unique(listed), self.count)
 
     def _bridges(self, faces: NDArray[Any] | None = None) -> NDArray[np.int64]:
-        """Find the triangles of the mesh that were left out although all their corners are there."""
+        """Find excluded triangles of the mesh whose corners are all on the surface."""
         if self.mesh_faces is None:
             return np.zeros((0, 3), dtype=np.int64)
         own = self.vertices[self.faces if faces is None else check_faces(faces, len(self))]
@@ -364,17 +522,23 @@ class Manifold:
         return among[~are_triangles(among, own)]
 
     def changed_voxels(self) -> NDArray[np.uint8]:
-        """Return which voxels the repair changed, as labels: 1 removed, 2 added.
+        """Return which voxels the repair changed.
+
+        Only surfaces from volumes have voxels.
 
         Returns
         -------
         ndarray of uint8, shape (I, J, K)
-            All 0 where nothing was repaired.
+            Labels: 1 for removed voxels, 2 for added voxels, 0 for all others.
 
         Raises
         ------
         InputError
-            If the surface came from a mesh.
+            The surface came from a mesh.
+
+        See Also
+        --------
+        voxflat.surface : Create a surface.
 
         Examples
         --------
@@ -383,7 +547,7 @@ class Manifold:
         0
         """
         if not self.is_voxels:
-            raise InputError("the surface came from a mesh, which has no voxels to change")
+            raise InputError("the surface came from a mesh and has no voxels to change")
         labels = np.zeros(self.metadata["shape"], dtype=np.uint8)
         report = self.metadata.get("repair", {})
         for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
@@ -392,40 +556,58 @@ class Manifold:
         return labels
 
     def _with_core(self, core: _core.Surface) -> Self:
-        """Return a part of this surface, or a cut one, that is the same otherwise."""
+        """Return this surface with another core, such as a part or a cut surface."""
         return replace(self, core=core)
 
     @property
     def provenance(self) -> Record:
-        """What made it: version, function, parameters, and the files that were read."""
+        """Record of how the surface was made.
+
+        It holds the version, the function, its parameters, and the files that were read.
+
+        See Also
+        --------
+        Surface.save : Write the surface to a file.
+
+        Examples
+        --------
+        >>> voxflat.surface(voxflat.samples.ball()).provenance["function"]
+        'surface'
+        """
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self, record: Record) -> Self:
-        """Return the same surface with a record of what made it."""
+        """Return the same surface with a provenance record."""
         return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the surface to a file, all of it or nothing.
+        """Write the surface to a file.
+
+        The file is written completely or not at all. FreeSurfer files are in tkRAS, the others in scanner RAS, as in
+        `io.write_mesh`.
 
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. FreeSurfer's
-            have tkRAS, the others scanner RAS, as `io.write_mesh` says. One that ends in .patch.3d is a FreeSurfer
-            patch of the mesh that this is a part of: what ``mris_flatten`` takes. It has the mesh's own vertex numbers
-            and one place for each, so vertices on the lips of cuts are left out, and it is said how many. GIFTI holds
-            `provenance`.
+            Ends in .surf.gii, .vtp, .ply or .obj, or is a FreeSurfer name like lh.white. A name that ends in .patch.3d
+            writes a FreeSurfer patch of the original mesh, for ``mris_flatten``. A patch uses the vertex numbers of the
+            mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a warning reports how
+            many. GIFTI files contain `provenance`.
         sidecar : bool
-            Write `provenance` to ``<path>.json``, too.
+            Whether to write `provenance` to ``<path>.json``, too.
         overwrite : bool
-            Replace a file of that name that voxflat did not write.
+            Whether to replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending, or is a file that the surface was made of.
+            The path has another ending, or the surface was made from that file.
         OSError
-            If it cannot be written.
+            The file cannot be written.
+
+        See Also
+        --------
+        voxflat.io.write_mesh : Write a mesh to a file.
 
         Examples
         --------
@@ -440,7 +622,7 @@ class Manifold:
             )
             space = Space("scanner", volume)
         if space.doubt:
-            log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
+            log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
             warn_of_unit(path, self.metadata)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
@@ -452,11 +634,9 @@ class Manifold:
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
-            raise InputError(
-                f"cannot write {path}: a surface in space is no flat patch: end its name in {PATCH_ENDING}"
-            )
+            raise InputError(f"cannot write {path}: a 3-D surface is not a flat patch. End its name in {PATCH_ENDING}")
         if self.is_voxels:
-            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+            raise InputError("a patch file requires a mesh, but this surface comes from voxels. Save it as .surf.gii")
         points, _ = in_tkras(self.points, space)
         write_patch(path, patch_of(points, self.vertices, self.faces, self._bridges(), self.count, self.merged))
 
@@ -464,14 +644,14 @@ class Manifold:
 def size_and_space(
     points: NDArray[Any], triangles: int, structure: str | None, space: Space, unit: str
 ) -> dict[str, Any]:
-    """Return what a check says of a mesh: its size, which hemisphere it is, and the space of its points."""
+    """Return size, hemisphere and coordinate space of a mesh, for a check."""
     size = tuple(float(side) for side in np.ptp(points, axis=0))
     about = {"structure": structure, "space": space._described(), "unit": unit}
     return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 
 def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Say which triangles are among others, wherever they begin and whichever way they run."""
+    """Return which triangles are among others, whatever their first corner and direction."""
     return in_rows(np.sort(faces, axis=1), np.sort(of, axis=1))
 
 
@@ -483,20 +663,20 @@ def patch_of(
     count: int,
     merged: NDArray[np.int64],
 ) -> Patch:
-    """Return points as a FreeSurfer patch whose triangles, by its readers' rule, are these; say what it cannot hold.
+    """Return points as a FreeSurfer patch with the given triangles; a warning reports those that it cannot hold.
 
-    `ids` are the vertices of a mesh of `count` that the points are, bridges as `Manifold._bridges` finds them; of
-    `merged` the former are listed where the latter are.
+    `ids` are the points' vertices in a mesh of `count` vertices, `bridges` are from `Manifold._bridges`, and the first
+    vertices of `merged` are listed together with the second ones.
     """
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]
     if len(kept) == 0:
-        raise InputError("each triangle lies at a cut: a patch cannot hold them; save as .vtp, .ply or .obj")
+        raise InputError("every triangle lies at a cut, so a patch file cannot hold them. Save as .vtp, .ply or .obj")
     vertices = len(np.unique(ids[faces]))
     if len(kept) < len(faces):
         log.warning(
-            "a patch has one place for each vertex, and its readers take all triangles whose corners it lists: at cuts "
-            "%d of %d vertices and %d of %d triangles are left out",
+            "a patch file stores one position per vertex, and programs read all triangles whose corners it "
+            "lists: at cuts, %d of %d vertices and %d of %d triangles are excluded",
             vertices - len(rows),
             vertices,
             len(faces) - len(kept),
@@ -511,7 +691,7 @@ def patch_of(
 
 
 def _keys(ids: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for each vertex number, or voxel (k, 3), -1 for voxels outside the box of others."""
+    """Return a number for each vertex number, or voxel (k, 3); -1 for voxels outside the bounding box of others."""
     if ids.ndim == 1:
         return ids
     low, high = among.min(axis=0), among.max(axis=0)

@@ -1,4 +1,4 @@
-"""A surface of a mesh: checked, turned to face outside, and midway to the pial surface where that is given."""
+"""Create a surface from a mesh: validated, oriented outwards, and halfway to the pial surface if that is given."""
 
 import hashlib
 from typing import Any
@@ -8,30 +8,30 @@ import numpy as np
 from voxflat import _core
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import check_room
+from voxflat.surfaces.correspondence import pial_of
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.partners import pial_of
 
 _A_TRIANGLE, _A_POINT = 200, 100
-"""Bytes that they take until the surface is made: 160 to 190 a triangle, with half a point, were measured."""
+"""Bytes of memory to create a surface; measured: 160 to 190 per triangle and half a point."""
 
 
 def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
-    """Make a surface of a mesh.
+    """Create a surface from a mesh.
 
-    What has one right answer is mended: triangles without area are dropped or flipped away, for which vertices that lie
-    at one place become one, of which each keeps its number; duplicates are dropped; where fans of triangles touch at a
-    vertex, each gets one of its own.
+    Defects with a unique remedy are repaired. Triangles without area are removed, directly or by flipping edges; for
+    this, vertices at the same position are merged, but keep their numbers. Duplicate triangles are removed. If several
+    fans of triangles touch at a vertex, each fan gets its own vertex.
     """
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()
     need = _A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points)
-    check_room(need, "take a part of the mesh or simplify it, or give it more memory")
+    check_room(need, "use a part of the mesh, simplify it, or allow more memory")
     core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         places, of_pial = pial_of(core, mesh, pial)
         white = np.asarray(mesh.points, dtype=np.float64)
         midway = (white + places) / 2
-        if len(told["merged"]):  # midway they may lie apart
+        if len(told["merged"]):  # halfway they may differ
             core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
         else:
             core = core.moved(midway[core.ids])
@@ -62,22 +62,22 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
-    """Say what was done with a mesh."""
+    """Return remarks on the changes to a mesh."""
     remarks = []
     if told["turned"]:
-        remarks.append(f"{told['turned']} of {faces} triangles were turned over, so that all face outside")
+        remarks.append(f"{told['turned']} of {faces} triangles were flipped so that all face outwards")
     if told["unused"]:
-        remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are left out")
+        remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are excluded")
     if told["duplicates"]:
-        remarks.append(f"{told['duplicates']} of {faces} triangles have the corners of others and were dropped")
+        remarks.append(f"{told['duplicates']} of {faces} triangles duplicate others and were removed")
     if told["dropped"] or told["flipped"]:
-        flipped = f", {told['flipped']} flipped away" if told["flipped"] else ""
-        remarks.append(f"{told['dropped']} of {faces} triangles have no area and were dropped{flipped}")
+        flipped = f"; {told['flipped']} more were removed by flipping an edge" if told["flipped"] else ""
+        remarks.append(f"{told['dropped']} of {faces} triangles have no area and were removed{flipped}")
     if len(told["merged"]):
         count = len(told["merged"])
-        remarks.append(f"{count} of {points} vertices lie where others do, and share their place in the map")
+        remarks.append(f"{count} of {points} vertices coincide with others and share their position in the map")
     if told["split"]:
         count, first = len(told["split"]), told["split"][0]
-        where = f"vertex {first}" if count == 1 else f"{count} vertices, {first} the first of them"
-        remarks.append(f"sheets touch at {where}: each sheet has a vertex of its own there, of the same number")
+        where = f"vertex {first}" if count == 1 else f"{count} vertices, the first of which is {first}"
+        remarks.append(f"parts of the surface touch at {where}: each part has its own vertex there, of the same number")
     return remarks

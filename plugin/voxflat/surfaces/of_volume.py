@@ -1,4 +1,4 @@
-"""A surface of a volume: repaired where that is asked for, placed finer than the grid."""
+"""Create a surface from a volume: repaired on request, with vertex positions finer than the grid."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask
 from voxflat.surfaces.manifold import Manifold
 
-_MOST_REPAIRED = 0.01  # of the foreground's voxels, that are changed without being asked
-_SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
+_MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
+_SHARE_BETWEEN = 0.5  # least share of border voxels with intermediate values
 
 
 _A_SURFEL = 600
-"""Bytes that a face between foreground and background takes until the surface is made: 250 to 520 were measured."""
+"""Bytes of memory per face between foreground and background to create the surface; measured: 250 to 520."""
 
 
 def of_volume(
@@ -31,7 +31,7 @@ def of_volume(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Manifold:
-    """Make a surface of a volume's foreground; see `voxflat.surface`."""
+    """Create a surface from the foreground of a volume; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
     check_room(_A_SURFEL * _surfels(mask))
@@ -52,30 +52,30 @@ def of_volume(
     metadata["kind"] = "voxels"
     if metadata["conflicts"]:
         remarks.append(
-            f"the sheet's sides do not agree at {metadata['conflicts']} pairs of voxels: it touches itself there, or "
-            "has one side only, like a Möbius strip"
+            f"the sides of the voxel sheet conflict at {metadata['conflicts']} pairs of voxels: it touches itself "
+            "there, or has only one side, like a Möbius strip"
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
-        remarks.append(f"the foreground touches the volume's border ({touched}); the surface is closed there")
+        remarks.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
     packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.metadata)
     return Manifold(core, voxels.astype(np.int64), metadata, tuple(remarks), foreground=packed)
 
 
 def _check_width(mask: NDArray[np.bool_]) -> None:
-    """Refuse points and lines: sheets whose voxels span no triangle."""
+    """Raise an error for points and lines, whose voxels do not span a triangle."""
     count = np.count_nonzero(mask)
     if count > max(mask.shape):
         return
     voxels = np.argwhere(mask)
     if np.linalg.matrix_rank(voxels - voxels[0]) < 2:
         raise InputError(
-            f"the foreground is a {'line' if count > 1 else 'point'} of {count} voxel(s), which has no surface; choose "
-            "a wider label, or a lower threshold"
+            f"the foreground is a {'line' if count > 1 else 'point'} of {count} voxel(s), which has no surface. "
+            "Choose a wider label or a lower threshold"
         )
 
 
 def _touched_sides(mask: NDArray[np.bool_]) -> str:
-    """Name the sides of the volume that the foreground touches."""
+    """Return the sides of the volume that the foreground touches, as text."""
     sides = [
         f"{'first' if end == 0 else 'last'} layer of axis {axis}"
         for axis in range(3)
@@ -88,23 +88,24 @@ def _touched_sides(mask: NDArray[np.bool_]) -> str:
 def _level(
     volume: Volume, mask: NDArray[np.bool_], threshold: float | None, probability: object | None
 ) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
-    """Return the image and the value that it has on the surface, and how to call that."""
+    """Return the image, its value on the surface, and a description of both."""
     if probability is not None:
         image = as_volume(probability)
         if image.data.shape != mask.shape:
             raise InputError(
-                f"the probability image has shape {image.data.shape}, the volume {mask.shape}; resample it"
+                f"the probability image has shape {image.data.shape}, but the volume has shape {mask.shape}. Resample "
+                "the image"
             )
         if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
-            raise InputError("the probability image lies elsewhere than the volume (their affines differ); resample it")
+            raise InputError("the affines of the probability image and of the volume differ. Resample the image")
         values = image.data.astype(np.float32)
         if not np.isfinite(values).all():
-            raise InputError("the probability image has values that are not finite; replace them by 0")
+            raise InputError("the probability image has values that are not finite. Replace them by 0")
         level = 0.5 if threshold is None else float(threshold)
         return (values, level), f"the level {level:g} of {image.path.name if image.path else 'an image'}"
     if threshold is None or volume.data.dtype.kind != "f":
         return None, "a fit to the voxels"
-    # a mask stored as numbers has its level halfway between any two voxels, which says nothing
+    # in a mask stored as numbers, the level gives no positions finer than the grid
     values = volume.data.astype(np.float32)
     border = np.zeros_like(mask)
     for axis in range(3):
@@ -120,7 +121,7 @@ def _level(
 
 
 def _surfels(mask: NDArray[np.bool_]) -> int:
-    """Return how many faces lie between foreground and background."""
+    """Return the number of faces between foreground and background."""
     between = sum(int(np.count_nonzero(np.diff(mask, axis=axis))) for axis in range(3))
     return between + sum(int(np.count_nonzero(mask.take(end, axis))) for axis in range(3) for end in (0, -1))
 
@@ -128,7 +129,7 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 def _repaired(
     mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
-    """Make the foreground's surface a sphere; with what was done."""
+    """Change the foreground so that its surface is a sphere; return a report and remarks, too."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
@@ -136,12 +137,12 @@ def _repaired(
     if removed or added:
         share = 100 * (removed + added) / np.count_nonzero(mask)
         remarks.append(
-            f"{report['handles']} handle(s) were repaired: {removed} voxels removed, {added} added ({share:.2f} %)"
+            f"repaired {report['handles']} handle(s): {removed} voxels removed, {added} added ({share:.2f} %)"
         )
     if others:
         remarks.append(
-            f"{len(report['dropped'])} voxels of smaller components were removed, {len(report['cavities'])} voxels of "
-            "enclosed cavities added"
+            f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
+            "voxels of enclosed cavities"
         )
     return repaired, told, remarks
 
@@ -149,7 +150,7 @@ def _repaired(
 def _without_handles(
     mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
-    """Close or open the handles of the largest component, and change nothing else, if that takes few voxels."""
+    """Close or open the handles of the largest component if that changes few voxels; leave the rest unchanged."""
     _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     if not report["handles"]:
         return mask, None, []
@@ -157,17 +158,20 @@ def _without_handles(
     share = (removed + added) / np.count_nonzero(mask)
     changes = f"{removed} voxels removed, {added} added ({100 * share:.2g} %)"
     if share > _MOST_REPAIRED:
-        remark = f"{report['handles']} handle(s) are left: closing them takes much ({changes}); repair='voxels' does it"
+        remark = (
+            f"{report['handles']} handle(s) remain, because closing them changes many voxels ({changes}). Use "
+            "repair='voxels' to close them"
+        )
         return mask, None, [remark]
     repaired = mask.copy()
     repaired[tuple(report["cut"].T)] = False
     repaired[tuple(report["filled"].T)] = True
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     told |= {"dropped": [], "cavities": []}
-    remark = f"{report['handles']} handle(s) were repaired: {changes}; repair='none' leaves them"
+    remark = f"repaired {report['handles']} handle(s): {changes}. Use repair='none' to keep them"
     return repaired, told, [remark]
 
 
 def _likely(level: tuple[NDArray[np.float32], float] | None) -> NDArray[np.float32] | None:
-    """Return the image as probabilities, if it can be that."""
+    """Return the image as probabilities, if its values allow it."""
     return level[0] if level is not None and level[0].min() >= 0 and level[0].max() <= 1 else None

@@ -1,4 +1,4 @@
-"""Parts of a surface: regions, geodesic disks and polygons. A part is a surface again, and knows how it was chosen."""
+"""Select parts of a surface: regions, geodesic disks and polygons. A part is a surface that stores its selection."""
 
 import os
 from collections.abc import Sequence
@@ -18,21 +18,21 @@ from voxflat.io.overlays import read_region, region_of
 from voxflat.io.patches import Patch, is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
+from voxflat.surfaces.correspondence import check_region
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
-from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
-_STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
+_STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
-_SHARES = (0.01, 0.2)  # of a hemisphere's area that the wall may have; 7 % are usual
-_CLEAR = 10  # times as large as the next such place
+_SHARES = (0.01, 0.2)  # limits of the wall's share of a hemisphere; 7 % is usual
+_CLEAR = 10  # least size relative to the next such region
 
 _Part = TypeVar("_Part", bound=Manifold)
 
 
 def kept(of: _Part, region: object) -> _Part:
-    """Return the part of a surface that lies in a region; see `voxflat.Surface.keep`."""
+    """Return the part of a surface inside a region; see `voxflat.Surface.keep`."""
     faces = of.faces
     by_triangles = None if of.is_voxels else _triangles(of, region)
     mask = None
@@ -45,7 +45,7 @@ def kept(of: _Part, region: object) -> _Part:
 
 
 def dropped(of: _Part, region: object) -> _Part:
-    """Return the part of a surface that lies outside a region; see `voxflat.Surface.drop`."""
+    """Return the part of a surface outside a region; see `voxflat.Surface.drop`."""
     mask = None
     if is_medial_wall(region):
         vertices = medial_wall_of(of)
@@ -63,19 +63,19 @@ def disk(
     seed, told = _seed(of, seed_point)
     core, filled = of.core.disk(seed, radius, threads, progress)
     if filled:
-        told.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
+        told.append(f"the disk includes {filled} triangles beyond the radius that it encloses")
     given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
     return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
 
 
 def polygon(of: _Part, corners: ArrayLike, progress: Progress | None) -> _Part:
-    """Return what a closed shortest path encloses; see `voxflat.Surface.polygon`."""
+    """Return the part enclosed by a closed shortest path; see `voxflat.Surface.polygon`."""
     core, _ = of.core.polygon(of.find(corners, "the polygon's corners"), progress)
     return _part(of, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
 
 
 def largest_piece(part: _Part) -> _Part:
-    """Return the piece with the largest area, if that is what the user can have meant; say so."""
+    """Return the piece with the largest area and add a remark; raise an error if the choice is not clear."""
     areas = [piece["area"] for piece in part.core.topology()["components"]]
     if len(areas) == 1:
         return part
@@ -83,16 +83,16 @@ def largest_piece(part: _Part) -> _Part:
     if part.steps and 1 - share > _STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         raise InputError(
-            f"the patch falls into {len(areas)} pieces that do not touch (of {sizes} mm²): keep one piece, or "
-            "give a seed point and a radius"
+            f"the patch consists of {len(areas)} separate pieces (of {sizes} mm²). Keep one piece, or pass a seed "
+            "point and a radius"
         )
     what = "the patch" if part.steps else "the surface"
-    remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
+    remark = f"{what} has {len(areas)} components; only the largest is used ({100 * share:.1f} % of the area)"
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
 
 
 def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
-    """Return the piece on which vertices lie, all of them."""
+    """Return the one piece that contains all given vertices."""
     a, b = part.faces[:, :2].T, part.faces[:, 1:].T
     links = scipy.sparse.coo_array((np.ones(a.size), (a.ravel(), b.ravel())), shape=(len(part), len(part)))
     count, labels = scipy.sparse.csgraph.connected_components(links, directed=False)
@@ -100,9 +100,7 @@ def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
         return part
     wanted = np.unique(labels[vertices])
     if len(wanted) > 1:
-        raise InputError(
-            f"the sources lie on {len(wanted)} components, which no path joins: give those of one component"
-        )
+        raise InputError(f"the sources lie on {len(wanted)} separate components. Pass sources on one component")
     return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == wanted[0]))
 
 
@@ -113,7 +111,7 @@ def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:
 
 def _region(of: _Part, faces: NDArray[np.bool_], step: Step, region: object) -> _Part:
     if not faces.any():
-        raise InputError(f"the patch holds no triangle of the surface ({len(of)} vertices): does it belong to it?")
+        raise InputError(f"the patch contains no triangle of the surface ({len(of)} vertices). Does it belong to it?")
     told = check_region(of, region) if isinstance(region, str | os.PathLike) and not is_medial_wall(region) else []
     return _part(of, of.core.part_of_faces(faces), step, told)
 
@@ -123,7 +121,7 @@ def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArra
 
 
 def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
-    """Return which triangles another mesh of the same vertices has, if that is what was given."""
+    """Return which triangles another mesh of the same vertices has; None if the input is not such a mesh."""
     if isinstance(keep, str | os.PathLike):
         if not os.path.exists(keep):
             return None
@@ -139,20 +137,20 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
         return None
     if len(mesh.points) != whole.metadata["vertices"]:
         raise InputError(
-            f"the surface to keep has {len(mesh.points)} vertices, the surface {whole.metadata['vertices']}; they must "
-            "correspond one by one"
+            f"the surface to keep has {len(mesh.points)} vertices, but the surface has "
+            f"{whole.metadata['vertices']}. Their vertices must correspond one by one"
         )
     found = whole._has_triangles(mesh.faces)
     if found is None:
-        raise InputError("the surface to keep has triangles that the surface does not have: is it of this one?")
+        raise InputError("the surface to keep has triangles that the surface lacks. Check that it is a part of it")
     return found
 
 
 def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_] | None]:
-    """Return which vertices lie in a region, and of volumes the region as a mask of voxels."""
+    """Return which vertices are in a region, and for volumes the region as a mask of voxels."""
     name = f"the region to {verb}"
     if isinstance(region, str | os.PathLike) and not os.path.exists(region):
-        raise InputError(f"{name}: there is no file {os.fspath(region)}")
+        raise InputError(f"{name}: the file {os.fspath(region)} does not exist")
     if whole.is_voxels:
         shape = tuple(whole.metadata["shape"])
         if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
@@ -175,28 +173,28 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
 
 
 def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
-    """Take a mask of the vertices, or their numbers, as a mask."""
+    """Convert a mask of the vertices, or vertex numbers, to a mask."""
     if region.shape == (count,) and (region.dtype.kind == "b" or not region.any() or region.max() <= 1):
         return np.asarray(region != 0)
     if region.ndim != 1 or region.dtype.kind not in "ui":
         raise InputError(
-            f"{name} is {region.dtype} of shape {region.shape}; give a mask of shape ({count},), "
-            "vertex numbers, or a file"
+            f"{name} has type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), vertex "
+            "numbers, or a file"
         )
     bad = region[(region < 0) | (region >= count)]
     if len(bad):
-        raise InputError(f"{name} names vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
+        raise InputError(f"{name} refers to vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
     chosen = np.zeros(count, dtype=np.bool_)
     chosen[region] = True
     return chosen
 
 
 def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
-    """Return the vertex that a seed point stands for, and a remark if it lies elsewhere."""
+    """Return the vertex nearest to a seed point, and a remark if it is far away."""
     if not part.is_voxels:
         place = array_of(seed_point, "indices of the seed point")
         if place.ndim != 0 or place.dtype.kind not in "ui":
-            raise InputError(f"the seed point is {shown(seed_point)}; for a mesh give the number of a vertex")
+            raise InputError(f"the seed point is {shown(seed_point)}. Pass the number of a vertex of the mesh")
         return int(part.find(place[None], "the seed point")[0]), []
     wanted = seed_voxel(seed_point)
     vertex, distance = part.nearest(wanted)
@@ -206,27 +204,27 @@ def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[st
 
 
 def is_medial_wall(region: object) -> bool:
-    """Say whether a region is given by this name."""
+    """Return whether a region is given by the name of the medial wall."""
     name = os.fspath(region) if isinstance(region, str | os.PathLike) else ""
     return name in ("medial wall", "medial-wall")
 
 
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
-    """Find the medial wall, bool (N,): the one large place where cortex has no thickness."""
-    advice = "give its label as the region to drop, or leave it out"
+    """Find the medial wall, bool (N,): the one large region where cortex has no thickness."""
+    advice = "Pass its label as the region to drop, or omit it"
     if whole.thickness is None:
-        raise InputError(f"the medial wall is where white and pial surface touch: give pial, too; or {advice}")
+        raise InputError("finding the medial wall requires the pial surface. Pass pial, or the label of the wall")
     touching = whole.thickness[whole.vertices] < _TOUCHING
     corners = np.asarray(np.asarray(touching[whole.faces]).all(axis=1))
     if not corners.any():
-        raise InputError(f"white and pial surface touch nowhere, so the medial wall is not found: {advice}")
+        raise InputError(f"the white and pial surfaces do not touch, so the medial wall cannot be found. {advice}")
     places = whole.core.part_of_faces(corners)
     areas = [place["area"] for place in places.topology()["components"]]
     share = areas[0] / sum(piece["area"] for piece in whole.core.topology()["components"])
     if not _SHARES[0] <= share <= _SHARES[1] or (len(areas) > 1 and areas[1] * _CLEAR > areas[0]):
         raise InputError(
-            f"white and pial surface touch in {len(areas)} places, the largest {100 * share:.1f} % of the surface: "
-            f"that is not clearly the medial wall; {advice}"
+            f"the white and pial surfaces touch in {len(areas)} places, the largest of which covers "
+            f"{100 * share:.1f} % of the surface, so the medial wall is ambiguous. {advice}"
         )
     wall = np.zeros(whole.count, dtype=np.bool_)
     wall[places.largest_piece().ids] = True

@@ -1,4 +1,4 @@
-"""The surface voxels of a volume with their 26-neighbour graph: what `grossmann2002` and chain codes work on."""
+"""Link the surface voxels of a volume to a graph of 26-neighbours, for `grossmann2002` and chain codes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,17 +13,17 @@ from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
 from voxflat.surfaces.manifold import Manifold
 
-LINK_LENGTHS = "chain-code"  # how links are measured where nothing else is asked for: the paper's unbiased estimator
+LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
 
-_FAR = 2.0  # voxels between a seed point and the surface that need no remark
+_FAR = 2.0  # voxels from a seed point to the surface without a remark
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
-    """Surface voxels linked to those of their 26 neighbours that are surface voxels, too."""
+    """Store surface voxels, linked to those of their 26 neighbours that are surface voxels."""
 
-    core: _core.VoxelSurface  # the part that is worked on
-    whole: _core.VoxelSurface  # what it was cut out of
+    core: _core.VoxelSurface  # part in use
+    whole: _core.VoxelSurface  # complete surface
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -33,38 +33,38 @@ class VoxelGraph:
 
     @cached_property
     def ids(self) -> NDArray[np.int64]:
-        """Their voxel indices, shape (N, 3)."""
+        """Voxel indices, shape (N, 3)."""
         return self.core.voxels.astype(np.int64)
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Their centres, RAS+ mm, shape (N, 3)."""
+        """Centres of the voxels, RAS+ mm, shape (N, 3)."""
         return self.core.points
 
     @property
     def voxel_size(self) -> float:
-        """Geometric mean of the voxels' three spacings, mm."""
+        """Geometric mean of the three voxel spacings, mm."""
         return voxel_size(self.metadata["affine"])
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
-        """Find the numbers of voxels of the part."""
+        """Return the numbers of the given voxels in the part."""
         voxels = voxel_indices(ids, name)
-        on_surface = self.whole.find(voxels)  # names a voxel that is not on the surface at all
+        on_surface = self.whole.find(voxels)  # reports voxels that are not on the surface at all
         try:
             return self.core.find(voxels)
         except InputError:
             inside = {tuple(voxel) for voxel in self.core.voxels.tolist()}
             outside = next(v for v in self.whole.voxels[on_surface].tolist() if tuple(v) not in inside)
             raise InputError(
-                f"source {outside} is on the surface, but outside the patch or component that is used "
-                f"({len(self)} of {len(self.whole)} surface voxels); choose sources inside it"
+                f"source {outside} is on the surface, but outside the patch or component in use ({len(self)} of "
+                f"{len(self.whole)} surface voxels). Choose sources inside it"
             ) from None
 
 
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
-    """Link the surface voxels of the volume, repaired only if asked for, and take the part that the surface is."""
+    """Link the surface voxels of a volume, which is repaired only on request, and select the part of the surface."""
     if of.foreground is None:
-        raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")
+        raise InputError("chain codes need the surface voxels of a volume, but this surface has none. Pass a volume")
     affine = np.asarray(of.foreground.metadata["affine"])
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
     whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
@@ -80,7 +80,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         elif step.mask is not None:
             kept = step.mask if kept is None else kept & step.mask
         else:
-            raise InputError(f"chain codes know no part that {step.verb} chose; choose it by keep, drop or disk")
+            raise InputError(f"chain codes do not support a part chosen by {step.verb}. Use keep, drop or disk")
     if kept is not None or seed is None:
         part = part.cut_out(kept, None, None, progress)
     components = whole.component_sizes()
@@ -103,14 +103,15 @@ def seed_voxel(seed_point: object) -> list[int]:
     """Return a seed point as voxel indices."""
     place = array_of(seed_point, "indices of the seed point")
     if place.shape != (3,) or place.dtype.kind not in "ui":
-        raise InputError(f"the seed point must be whole voxel indices, shape (3,), not {place.dtype} of {place.shape}")
+        raise InputError(f"the seed point must be 3 whole voxel indices, not {place.dtype} of shape {place.shape}")
     return [int(index) for index in place]
 
 
 def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
-    """Return a remark if the surface voxel that stands for a seed point lies farther away, mm, than two voxels."""
+    """Return a remark if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
     return [
-        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; its nearest voxel {voxel} is taken"
+        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; the nearest surface voxel "
+        f"{voxel} is used"
     ]

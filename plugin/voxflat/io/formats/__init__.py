@@ -1,4 +1,4 @@
-"""Which format a file of a surface, of a part of one, or of values on one has."""
+"""Determine the format of a file of a surface, of a part of a surface, or of values at its points."""
 
 from pathlib import Path
 
@@ -11,16 +11,16 @@ PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
 HINTS = {PATCH: "read_patch reads it", MORPH: "read_overlay reads it", "FreeSurfer label": "read_region reads it"}
-"""What to do with a file that is no surface."""
+"""How to read a file that is not a surface."""
 
 
 def by_name(path: Path) -> str | None:
-    """Tell a format by the ending of a name."""
+    """Return the format that the ending of a name indicates."""
     return next((entry for ending, entry in ENDINGS.items() if path.name.lower().endswith(ending)), None)
 
 
 def by_content(data: bytes) -> str | None:
-    """Tell a format by its first bytes."""
+    """Return the format that the first bytes indicate."""
     start = data[:64].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(b"<") or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):  # the latter are UTF-16
         root, _ = gifti.xml_root(data)

@@ -1,4 +1,4 @@
-"""FreeSurfer's surfaces, values at points and labels, by nibabel once counts are compared to the length of the file."""
+"""Read FreeSurfer's surfaces, values and labels with nibabel, after comparing their counts to the file's length."""
 
 import io
 import math
@@ -17,12 +17,12 @@ from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import as_float32
 
-_SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, which nibabel does not know
-_REMEDY = "is it complete, and of this format?"
+_SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, not supported by nibabel
+_REMEDY = "Check that the file is complete and in this format"
 
 
 def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a surface file; quadrangles are split as FreeSurfer does."""
+    """Read a surface file; split quadrangles like FreeSurfer."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
@@ -30,13 +30,13 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
         check_size(data, need, f"{points} points and {quads} quadrangles")
         remarks: tuple[str, ...] = (f"{quads} quadrangles were split into triangles",)
     else:
-        start = data.index(b"\n", data.index(b"\n") + 1) + 1  # after a line on who made it, and an empty one
+        start = data.index(b"\n", data.index(b"\n") + 1) + 1  # after the line with the creator, and an empty line
         points, triangles = (int(count) for count in np.frombuffer(data[start : start + 8].ljust(8, b"\xff"), ">i4"))
         need = start + 8 + 12 * points + 12 * triangles
         check_size(data, need if min(points, triangles) >= 0 else -1, f"{points} points and {triangles} faces")
         remarks = ()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that there is no volume, or what else stands in its place
+        warnings.simplefilter("ignore")  # warnings about a missing volume geometry
         coordinates, faces, footer = nibabel.freesurfer.read_geometry(path, read_metadata=True)
     is_scanner = not is_quad and data[need : need + 8] == _SCANNER_TAG
     space = Space("scanner") if is_scanner else _space(footer)
@@ -44,22 +44,22 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _space(footer: dict[str, Any]) -> Space:
-    """Return the space of a surface by its footer: tkRAS."""
+    """Return the space of a surface according to its footer: tkRAS."""
     if not str(footer.get("valid", "")).startswith("1"):
-        doubt = "it has FreeSurfer's coordinates (tkRAS), and its file does not say where their volume lies (c_ras)"
+        doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
         return Space("tkRAS", None, doubt)
     cosines = np.column_stack([footer[axis] for axis in ("xras", "yras", "zras")])
     try:
         volume = VolumeGeometry(cosines, footer["cras"], footer["volume"], footer["voxelsize"], footer["filename"])
     except InputError as error:
-        return Space("tkRAS", None, f"it has FreeSurfer's coordinates (tkRAS), but {error}")
+        return Space("tkRAS", None, f"its coordinates are FreeSurfer's (tkRAS), but {error}")
     return Space("tkRAS", volume)
 
 
 def write_geometry(
     path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
 ) -> None:
-    """Write a surface file in tkRAS, with its volume; nibabel's array.tofile would not tell of a full disk."""
+    """Write a surface file in tkRAS with its volume geometry; nibabel's array.tofile would not report a full disk."""
     counts = np.array([len(points), len(faces)], ">i4")
     parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
     body = b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts)
@@ -67,8 +67,8 @@ def write_geometry(
 
 
 def _footer(volume: VolumeGeometry) -> bytes:
-    """Return the end of a surface file, which says where its tkRAS lies."""
-    # nibabel splits lines at =
+    """Return the footer of a surface file, which defines the position of its tkRAS."""
+    # nibabel splits lines at "="
     named = "".join(letter if letter.isprintable() and letter != "=" else "_" for letter in volume.filename)
     lines = ["valid = 1  # volume info valid", f"filename = {named or 'unknown'}"]
     lines.append("volume = " + " ".join(map(str, volume.shape)))
@@ -79,7 +79,7 @@ def _footer(volume: VolumeGeometry) -> bytes:
 
 
 def is_morph(data: bytes) -> bool:
-    """Tell whether a file that begins with ff ff ff is one of values, not a surface of quadrangles."""
+    """Return whether a file that begins with ff ff ff contains values, and not a surface of quadrangles."""
     points, _, each = (int(count) for count in np.frombuffer(data[3:15].ljust(12, b"\xff"), ">i4"))
     return each > 0 and len(data) == 15 + 4 * points * each
 
@@ -89,91 +89,91 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
     if data[:3] == b"\xff\xff\xff":
         points, _, each = (int(count) for count in np.frombuffer(data[3:15].ljust(12, b"\xff"), ">i4"))
         if each != 1:
-            raise InputError(f"has {each} values a point: give a file with one")
+            raise InputError(f"has {each} values per point. Pass a file with one value per point")
         check_size(data, 15 + 4 * points if points >= 0 else -1, f"{points} values", is_exact=True)
-    elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has nothing to know it by
-        raise InputError("is none of the files of values that are known, or is cut short: " + _REMEDY)
+    elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has no magic number
+        raise InputError("is not a known format of values, or is incomplete. " + _REMEDY)
     return np.asarray(require("nibabel").freesurfer.read_morph_data(path))
 
 
 def read_mgh(data: bytes) -> NDArray[Any]:
-    """Return the values of an MGH file, shape (N,), or (N, F) of F frames."""
+    """Return the values of an MGH file, shape (N,), or (N, F) for F frames."""
     version, *shape, kind = (int(number) for number in np.frombuffer(data[:24].ljust(24, b"\0"), ">i4"))
     if version != 1 or min(shape) < 1:
-        raise InputError(f"is no MGH file, or damaged: {_REMEDY}")
+        raise InputError(f"is not an MGH file, or is damaged. {_REMEDY}")
     check_size(data, 284 + math.prod(shape) * {0: 1, 4: 2}.get(kind, 4), f"the shape {shape}")
     if sorted(shape[:3])[:2] != [1, 1]:
-        raise InputError(f"has the shape {shape}: values at N points have (N, 1, 1)")
-    with np.errstate(all="ignore"):  # of where it lies, which is not asked
+        raise InputError(f"has shape {shape}. Values at N points must have shape (N, 1, 1)")
+    with np.errstate(all="ignore"):  # warnings about the position, which is not needed
         values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
     return values[:, 0] if values.shape[1] == 1 else values
 
 
 def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the label of each point, −1 for none, and the labels' names."""
+    """Return the label of each point, −1 for none, and the names of the labels."""
     points = int.from_bytes(data[:4], "big", signed=True)
     check_size(data, 4 + 8 * points if points >= 0 else -1, f"{points} points")
     pairs = np.frombuffer(data, ">i4", count=2 * points, offset=4).reshape(-1, 2)
     if not np.array_equal(pairs[:, 0], np.arange(points)):
-        raise InputError("does not name the points in their order: write it again by FreeSurfer")
+        raise InputError("does not list the points in order. Write it again with FreeSurfer")
     table, names = annot_table(path, data)
     if len(names) != len(table):
-        raise InputError(f"has {len(names)} names for {len(table)} colours: write it again by FreeSurfer")
+        raise InputError(f"has {len(names)} names for {len(table)} colours. Write it again with FreeSurfer")
     labels = np.full(points, -1, dtype=np.int64)
-    for index, colour in enumerate(table[:, 4]):  # nibabel's own search gives a colour not in the table its neighbour
+    for index, colour in enumerate(table[:, 4]):  # nibabel would assign a neighbour to unknown colours
         labels[pairs[:, 1] == colour] = index
     return labels, names
 
 
 def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
-    """Return the colours of an annotation, red, green, blue, transparency and their sum as a label; and the names."""
+    """Return the colours of an annotation (red, green, blue, transparency, and their sum as a label) and the names."""
     start = 8 + 8 * int.from_bytes(data[:4], "big", signed=True)
     entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
-    if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # which nibabel makes room for
-        raise InputError(f"has {max(entries, greatest)} colours by its header, which is damaged: {_REMEDY}")
+    if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # nibabel would allocate this number
+        raise InputError(f"its header is damaged: it specifies {max(entries, greatest)} colours. {_REMEDY}")
     with np.errstate(all="ignore"):
         try:
             _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
         except MemoryError:
-            raise InputError(f"has a name that is longer than memory: {_REMEDY}") from None
+            raise InputError(f"contains a name that is longer than the available memory. {_REMEDY}") from None
     return table, [name.decode("utf-8", "replace") for name in names]
 
 
-_MOST_COLOURS = 1 << 20  # FreeSurfer's own tables go to 14,175
+_MOST_COLOURS = 1 << 20  # FreeSurfer's own tables have up to 14,175
 
 
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
-    """Return which of n points a label file names."""
+    """Return which of n points a label file lists."""
     vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
-        raise InputError(f"line {bad[0] + 3} names point {vertices[bad[0]]:g}; the surface has the points 0 to {n - 1}")
+        raise InputError(f"line {bad[0] + 3} refers to point {vertices[bad[0]]:g}; the surface has points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)
     mask[vertices.astype(np.int64)] = True
     return mask
 
 
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read the vertices that a label names, and their places on its surface, tkRAS, mm: some programs write 0."""
+    """Read the vertices of a label and their positions in tkRAS, mm; some programs write 0 for the positions."""
     path = checked_path(path)
     with naming(path, _REMEDY):
         data = contents(path)
         vertices = _label_columns(data, 1)[:, 0].astype(np.int64)
         try:
             return vertices, _label_columns(data, 4)[:, 1:]
-        except ValueError:  # it has numbers only
+        except ValueError:  # the file has only vertex numbers
             return vertices, np.zeros((len(vertices), 3))
 
 
 def write_annot(
     path: Path, labels: NDArray[np.int64], keys: Sequence[int], names: Sequence[str], colours: NDArray[np.uint8]
 ) -> None:
-    """Write labels of all points, 0 for none, with names and colours, by which the format tells labels apart."""
+    """Write labels of all points, 0 for none, with names and colours; colours identify labels in this format."""
     table = np.zeros((len(keys) + 1, 5), dtype=np.int64)
     rows, taken = [(25, 5, 25), *map(tuple, colours.tolist())], set()
     for n, (red, green, blue) in enumerate(rows):
         code = red | green << 8 | blue << 16
-        while code in taken or code == 0:  # the next one that nobody has
+        while code in taken or code == 0:  # next unused code
             code = (code + 1) % (1 << 24)
         taken.add(code)
         table[n, :3] = code & 255, code >> 8 & 255, code >> 16
@@ -187,7 +187,7 @@ def write_annot(
 
 
 def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.float64], name: str) -> None:
-    """Write a label: numbers of points, and where they lie in tkRAS."""
+    """Write a label: point numbers and their positions in tkRAS."""
     shown = "".join(letter if letter.isprintable() else "_" for letter in name)
     rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]
     text = f"#!ascii label {shown}, from voxflat vox2ras=TkReg\n{len(vertices)}\n" + "".join(rows)
@@ -198,8 +198,8 @@ def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:
     """Return the first columns of a label file's points: number, x, y, z."""
     lines = data.decode("utf-8", "replace").splitlines()
     if len(lines) < 2 or not lines[1].strip().isdigit():
-        raise InputError("is no label file: its second line must be the number of points")
+        raise InputError("is not a label file: its second line must be the number of points")
     named, rows = int(lines[1]), [line for line in lines[2:] if line.strip()]
     if named != len(rows):
-        raise InputError(f"names {len(rows)} points, by its header {named}: {AGAIN}")
+        raise InputError(f"lists {len(rows)} points, but its header specifies {named}. {AGAIN}")
     return np.loadtxt(io.StringIO("\n".join(rows)), usecols=range(count), ndmin=2) if rows else np.zeros((0, count))

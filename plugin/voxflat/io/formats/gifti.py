@@ -1,7 +1,7 @@
-"""GIFTI files (https://www.nitrc.org/projects/gifti): surfaces, and values and labels on their points.
+"""Read and write GIFTI files (https://www.nitrc.org/projects/gifti): surfaces, and values and labels at their points.
 
-nibabel parses them. It takes any XML on trust (entities that multiply, data in other files, data that inflate without
-end) and fills no gap that it could name, so each file is walked through once before, and refused with a reason.
+nibabel parses the files. It trusts any XML (entities that multiply, data in other files, data that inflate without end)
+and does not report gaps clearly, so each file is checked once beforehand.
 """
 
 import base64
@@ -32,10 +32,10 @@ class _RootFound(Exception):  # noqa: N818  (nothing went wrong: it ends the par
 
 
 def _parser() -> Any:
-    """Return an XML parser that refuses to define entities."""
+    """Return an XML parser that rejects entity definitions."""
 
     def refuse(name: str, *_: object) -> None:
-        raise InputError(f"defines the XML entity {name!r}, which no mesh needs and attacks use: write it again")
+        raise InputError(f"defines the XML entity {name!r}, which is not allowed. Write it without entities")
 
     parser = ParserCreate()
     parser.buffer_text = True
@@ -44,7 +44,7 @@ def _parser() -> Any:
 
 
 def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
-    """Return name and attributes of the root element; refuse entities, which can only be defined before it."""
+    """Return name and attributes of the root element; reject entities, which can only be defined before it."""
 
     def start(name: str, attributes: dict[str, str]) -> None:
         raise _RootFound(name, attributes)
@@ -58,7 +58,7 @@ def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
     except _RootFound as root:
         name, attributes = root.args
         return name, attributes
-    return "", {}  # not reached: XML without an element is an error of the parser
+    return "", {}  # not reached: the parser rejects XML without an element
 
 
 class _DataFound(Exception):  # noqa: N818  (as above)
@@ -66,7 +66,7 @@ class _DataFound(Exception):  # noqa: N818  (as above)
 
 
 def first_metadata(data: bytes) -> dict[str, str]:
-    """Return the metadata of a file and of its first array, whose data are not read."""
+    """Return the metadata of a file and of its first array without reading its data."""
     found: dict[str, str] = {}
     texts = {"Name": "", "Value": ""}
     at: list[str] = []
@@ -98,7 +98,7 @@ def first_metadata(data: bytes) -> dict[str, str]:
 
 
 class _Walk:
-    """Goes through the data arrays of a file, and refuses what nibabel would take on trust."""
+    """Check the data arrays of a file, which nibabel would trust."""
 
     def __init__(self) -> None:
         self.arrays = 0
@@ -114,9 +114,9 @@ class _Walk:
             self.arrays += 1
             self.array = attributes
             if not 1 <= int(attributes.get("Dimensionality", 1)) <= _MOST_DIMENSIONS:
-                raise InputError(f"array {self.arrays} has {attributes['Dimensionality']} dimensions: is it damaged?")
+                raise InputError(f"array {self.arrays} has {attributes['Dimensionality']} dimensions. Check the file")
         elif self.text is not None:
-            raise InputError(f"array {self.arrays} has <{name}> within its data: copy or download it again")
+            raise InputError(f"array {self.arrays} has <{name}> within its data. Copy or download the file again")
         elif name == "Data":
             self.text = []
 
@@ -135,35 +135,33 @@ class _Walk:
         types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(f"keeps data in another file, {self.array.get('ExternalFileName')!r}: write one file")
+            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Write one file")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]
         need = int(np.prod(dims, dtype=object)) * types.dtype[self.array.get("DataType", "")].itemsize
         self.room -= need
         if min(dims, default=0) < 0 or self.room < 0:
-            raise InputError(
-                f"array {self.arrays} has the dimensions {dims}, more than memory may hold: is it damaged?"
-            )
+            raise InputError(f"array {self.arrays}, of dimensions {dims}, exceeds the memory. Check the file")
         stored = base64.b64decode(text.encode("ascii"))
         if encoding == "B64GZ":
             stream = zlib.decompressobj()
-            stored = stream.decompress(stored, need + 1)  # one byte too many is enough to know
+            stored = stream.decompress(stored, need + 1)  # one additional byte suffices
         if len(stored) != need:
-            relation = "ends after" if len(stored) < need else "goes on after"
+            relation = "ends after" if len(stored) < need else "is longer than its header specifies:"
             have = f"{len(stored)} of {need}" if len(stored) < need else f"{need}"
-            raise InputError(f"array {self.arrays} {relation} {have} bytes: copy or download it again")
+            raise InputError(f"array {self.arrays} {relation} {have} bytes. Copy or download the file again")
 
 
 def load(data: bytes) -> Any:
-    """Parse GIFTI into nibabel's image."""
+    """Parse GIFTI data into a nibabel image."""
     nibabel = require("nibabel")
     walk, parser = _Walk(), _parser()
     parser.StartElementHandler, parser.EndElementHandler = walk.start, walk.end
     parser.CharacterDataHandler = walk.characters
     parser.Parse(data, True)
     if walk.named is not None and walk.named.strip() != str(walk.arrays):
-        raise InputError(f"has {walk.arrays} arrays, by its header {walk.named}: copy or download it again")
+        raise InputError(f"has {walk.arrays} arrays, but its header specifies {walk.named}. Copy or download it again")
     return nibabel.gifti.GiftiImage.from_bytes(data)
 
 
@@ -171,7 +169,7 @@ def load(data: bytes) -> Any:
 
 
 def surface(image: Any) -> dict[str, Any]:
-    """Return parts of a `Mesh`."""
+    """Return the parts of a `Mesh`."""
     points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "set of triangles")
     structure = points.meta.get("AnatomicalStructurePrimary") or image.meta.get("AnatomicalStructurePrimary")
     more = {"structure": structure or None, "space": _space(points), "remarks": _remarks(points)}
@@ -179,7 +177,7 @@ def surface(image: Any) -> dict[str, Any]:
 
 
 def _has_triangles(image: Any) -> bool:
-    """Tell whether a file holds a surface."""
+    """Return whether a file contains a surface."""
     return bool(image.get_arrays_from_intent(_TRIANGLES))
 
 
@@ -187,46 +185,46 @@ def _only(image: Any, intent: str, name: str) -> Any:
     found = image.get_arrays_from_intent(intent)
     if len(found) != 1:
         others = ", ".join(sorted({require("nibabel").nifti1.intent_codes.niistring[a.intent] for a in image.darrays}))
-        raise InputError(
-            f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}): a surface has one"
-        )
+        raise InputError(f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}) instead of one")
     return found[0]
 
 
 def _remarks(points: Any) -> tuple[str, ...]:
-    """Tell of a transform to a template, which neither Workbench nor voxflat applies."""
+    """Return a remark on a transformation to a template, which neither Workbench nor voxflat applies."""
     system, matrix = points.coordsys, _transform(points)
     if np.array_equal(matrix, np.eye(4)) or _SCANNER in (system.dataspace, system.xformspace):
         return ()
     space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
     shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
-    return (f"has a transform to {space} (shift {shift} mm), which is not applied: coordinates are as stored",)
+    return (
+        f"has a transformation to {space} (shift {shift} mm), which is not applied: the coordinates are used as stored",
+    )
 
 
 def _transform(points: Any) -> NDArray[np.float64]:
-    """Return the matrix of the coordinate system, the identity if there is none."""
+    """Return the matrix of the coordinate system; the identity if there is none."""
     system = points.coordsys
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
-        raise InputError(f"has a transform of {matrix.size} numbers, which needs 16: copy or download it again")
-    return matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
+        raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. Copy or download it again")
+    return matrix.reshape(4, 4)  # nibabel returns a flat matrix if it was on one line
 
 
 def _space(points: Any) -> Space:
-    """Find the space of the coordinates.
+    """Determine the space of the coordinates.
 
-    Workbench and nilearn take coordinates as stored, in the world of the volumes; so is written what sMRIPrep and
-    Workbench made. FreeSurfer's mris_convert writes tkRAS unless it is told ``--to-scanner``, and the volume geometry
-    (VolGeom...) of both. Which one it is
+    Workbench and nilearn use coordinates as stored, in the world space of volumes; sMRIPrep and Workbench write them
+    this way. FreeSurfer's mris_convert writes tkRAS unless ``--to-scanner`` is given, and the volume geometry
+    (VolGeom...) in both cases. The space is determined as follows:
 
-    - the coordinate system says where FreeSurfer 7.4 or later wrote it: SCANNER_ANAT is scanner RAS, and a matrix from
-      UNKNOWN to SCANNER_ANAT leads there from tkRAS;
-    - else SurfaceCenterX, Y, Z do: mris_convert writes the middle of the box around the surface *as it was read*, which
-      neither ``--to-scanner`` nor Workbench changes when they move the points;
-    - else nothing does: what mris_convert writes by default is tkRAS, what Workbench wrote (it names its own coordinate
-      system, TALAIRACH to TALAIRACH) is taken as stored, both with a doubt.
+    - FreeSurfer 7.4 and later store the coordinate system: SCANNER_ANAT is scanner RAS, and a matrix from UNKNOWN to
+      SCANNER_ANAT maps tkRAS to scanner RAS.
+    - Otherwise SurfaceCenterX, Y, Z decide. mris_convert writes the centre of the box around the surface *as it was
+      read*; neither ``--to-scanner`` nor Workbench changes this centre when they move the points.
+    - Otherwise the space is doubtful: mris_convert writes tkRAS by default, and coordinates written by Workbench (with
+      its own coordinate system, TALAIRACH to TALAIRACH) are used as stored.
 
-    Without c_ras there is no tkRAS: sMRIPrep, which moves surfaces to scanner RAS, sets it to 0 or leaves it out.
+    Without c_ras, tkRAS is undefined: sMRIPrep moves surfaces to scanner RAS and sets c_ras to 0 or omits it.
     """
     meta, system = points.meta, points.coordsys
     dataspace, xformspace = (0, 0) if system is None else (system.dataspace, system.xformspace)
@@ -254,21 +252,25 @@ def _space(points: Any) -> Space:
     if min(from_stored, from_moved) < far / 4:
         return Space("tkRAS" if from_stored < from_moved else "scanner", volume)
     c_ras = ", ".join(f"{value:g}" for value in volume.c_ras)
-    doubt = f"its file has FreeSurfer's c_ras ({c_ras}) mm and does not say whether its coordinates include it: "
+    doubt = f"its file has FreeSurfer's c_ras ({c_ras}) mm, but does not say whether its coordinates include it: "
     if dataspace:
         return Space(
             "scanner",
             volume,
-            doubt + "they are taken to (scanner RAS), since its coordinate system is not FreeSurfer's",
+            doubt + "they are assumed to include it (scanner RAS), since its coordinate system is not FreeSurfer's",
         )
-    return Space("tkRAS", volume, doubt + "they are taken not to (tkRAS), as mris_convert writes without --to-scanner")
+    return Space(
+        "tkRAS",
+        volume,
+        doubt + "they are assumed not to include it (tkRAS), as mris_convert writes them without --to-scanner",
+    )
 
 
 _SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
 
 
 def _surface_centre(meta: Any) -> NDArray[np.float64]:
-    """Return the middle of the surface as mris_convert read it; NaN if it is not told."""
+    """Return the centre of the surface as mris_convert read it; NaN if it is not stored."""
     try:
         return np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
     except ValueError:
@@ -276,7 +278,7 @@ def _surface_centre(meta: Any) -> NDArray[np.float64]:
 
 
 def _volume_geometry(meta: Any) -> VolumeGeometry | None:
-    """Return the volume geometry that FreeSurfer wrote; of a conformed volume where only c_ras is told."""
+    """Return the volume geometry that FreeSurfer wrote; if only c_ras is stored, that of a conformed volume."""
     c_ras = [float(meta.get(f"VolGeomC_{axis}") or 0) for axis in "RAS"]
     if not any(f"VolGeomC_{axis}" in meta for axis in "RAS"):
         return None
@@ -297,7 +299,7 @@ def surface_bytes(
     is_scanner: bool = False,
     record: Record | None = None,
 ) -> bytes:
-    """Write a surface, with its record, as Workbench does: coordinates as they are, scanner RAS if that is known."""
+    """Return a surface and its record in Workbench's convention: coordinates as given, scanner RAS if known."""
     nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
@@ -323,7 +325,7 @@ def label_bytes(
     structure: str | None,
     record: Record | None = None,
 ) -> bytes:
-    """Write labels at points as Workbench expects them, 0 for none, with names and colours."""
+    """Return labels at points in Workbench's convention, 0 for none, with names and colours."""
     gifti = require("nibabel").gifti
     table = gifti.GiftiLabelTable()
     rows = [(0, "???", (0.0, 0.0, 0.0, 0.0))]
@@ -350,7 +352,7 @@ def _metadata(structure: str | None, record: Record | None) -> Any:
 def value_bytes(
     values: Mapping[str, NDArray[np.floating[Any]]], structure: str | None, record: Record | None = None
 ) -> bytes:
-    """Write values at points as Workbench expects them, a map for each name; NaN where there is none."""
+    """Return values at points in Workbench's convention, one map per name; NaN for missing values."""
     gifti = require("nibabel").gifti
     arrays = [
         gifti.GiftiDataArray(
@@ -362,7 +364,7 @@ def value_bytes(
 
 
 def _is_closed(faces: NDArray[np.int64]) -> bool:
-    """Tell whether each edge lies between two faces."""
+    """Return whether each edge lies between two faces."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
     return bool((counts == 2).all())
@@ -372,13 +374,13 @@ def _is_closed(faces: NDArray[np.int64]) -> bool:
 
 
 def values(image: Any) -> NDArray[Any]:
-    """Return the values at the points, shape (N,), or (N, K) of K maps."""
+    """Return the values at the points, shape (N,), or (N, K) for K maps."""
     arrays = [array.data for array in _maps(image)]
     if not arrays:
-        raise InputError("holds a surface, but no values at its points")
+        raise InputError("contains a surface, but no values at its points")
     lengths = {len(array) for array in arrays}
     if len(lengths) > 1:
-        raise InputError(f"its maps have different lengths, {sorted(lengths)}: write each as a file")
+        raise InputError(f"its maps have different lengths, {sorted(lengths)}. Write each map to its own file")
     maps = np.column_stack(arrays)
     return maps[:, 0] if maps.shape[1] == 1 else maps
 
@@ -389,13 +391,13 @@ def label_names(image: Any) -> dict[int, str]:
 
 
 def _maps(image: Any) -> list[Any]:
-    """Return the arrays that are no surface."""
+    """Return the arrays that are not part of a surface."""
     surface_intents = require("nibabel").nifti1.intent_codes.code[_POINTS], 1009
     return [array for array in image.darrays if array.intent not in surface_intents]
 
 
 def map_names(image: Any) -> tuple[str, ...]:
-    """Return the names of the maps, empty where there is none; a 2-D array has several maps."""
+    """Return the names of the maps, empty for maps without a name; a 2-D array has several maps."""
     names: list[str] = []
     for array in _maps(image):
         names += [str(array.meta.get("Name", ""))] * (array.data.shape[1] if array.data.ndim > 1 else 1)

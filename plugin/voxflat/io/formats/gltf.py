@@ -1,4 +1,4 @@
-"""glTF, written here after its specification (2.0): VTK's exporter writes what a window shows, and so needs one."""
+"""Write glTF 2.0 without VTK, whose exporter requires a render window."""
 
 import json
 import struct
@@ -26,7 +26,7 @@ def write_glb(
     repeat: bool,
     transparent: bool,
 ) -> None:
-    """Write a binary glTF file; the picture is PNG, its texture coordinates (s, t) begin at its bottom."""
+    """Write a binary glTF file; the picture is a PNG, and texture coordinates (s, t) begin at its bottom."""
     single = as_float32(points)
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF
     blocks = [
@@ -54,7 +54,7 @@ def _padded(block: bytes, filler: bytes) -> bytes:
 def _described(
     points: NDArray[np.float32], corners: int, views: list[Any], length: int, *, repeat: bool, transparent: bool
 ) -> dict[str, Any]:
-    """Return what a glTF file says of its binary part; its one node takes RAS+ mm to metres with y up."""
+    """Return the JSON part of a glTF file; its only node maps RAS+ mm to metres with y upwards."""
     wrap = _REPEAT if repeat else _CLAMP
     count = len(points)
     extent = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}

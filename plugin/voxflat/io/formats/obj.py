@@ -1,4 +1,4 @@
-"""OBJ files, parsed here: VTK numbers the points of files with texture coordinates anew."""
+"""Read and write OBJ files without VTK, which renumbers the points of files with texture coordinates."""
 
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,13 @@ from voxflat.io.triangles import check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OBJ file; a point with several texture coordinates, where a seam passes, keeps the first."""
+    """Read an OBJ file; a point on a seam, with several texture coordinates, keeps the first one."""
     rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None
-    remarks = cut if data.endswith(b"\n") else ("does not end with a whole line: is it complete?", *cut)
+    remarks = (
+        cut if data.endswith(b"\n") else ("does not end with a complete line. Check that the file is complete", *cut)
+    )
     if (used != -1).any():
         texture, seam = _texture(_places(rows["vt"], used), used, faces, len(points))
         remarks += seam
@@ -23,10 +25,10 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
-    """Read faces, texture coordinates of their corners (F, 3, 2), NaN for none, and what follows mtllib and usemtl."""
+    """Read faces, texture coordinates of their corners (F, 3, 2; NaN for none), and mtllib's and usemtl's names."""
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
-    places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
+    places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # index −1 refers to this row
     names: dict[str, set[str]] = {"mtllib": set(), "usemtl": set()}
     for line in data.decode("utf-8", "replace").splitlines():
         key, *rest = line.split(None, 1)[:2] or [""]
@@ -36,7 +38,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
 
 
 def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
-    """Return a file's lines, of each triangle's corners the numbers of point and texture coordinate, and remarks."""
+    """Return a file's lines, the point and texture coordinate numbers of each triangle's corners, and remarks."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
     for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
@@ -46,9 +48,9 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
             if words[0] == "f":
                 before.append((len(rows["v"]), len(rows["vt"])))
     if not rows["v"]:
-        raise InputError("has no line that begins with 'v': is it an OBJ file of a surface?")
+        raise InputError("has no line that begins with 'v'. Check that it is an OBJ file of a surface")
     if rows["l"]:
-        raise InputError(f"has {len(rows['l'])} lines beside its faces: remove them")
+        raise InputError(f"has {len(rows['l'])} lines in addition to its faces. Remove them")
     counts = np.array([len(face) for face in rows["f"]], dtype=np.int64)
     corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
     of_points, of_texture = (_numbers(corners[:, part], lines[:, part]) for part in (0, 1))
@@ -58,28 +60,28 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
 
 
 def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
-    """Return numbers of point and texture coordinate of each corner, 0 for none, shape (C, 2)."""
+    """Return the point and texture coordinate numbers of each corner, 0 for none, shape (C, 2)."""
     corners = [corner for face in faces for corner in face]
     if not corners:
-        raise InputError("has no line that begins with 'f': is it an OBJ file of a surface?")
+        raise InputError("has no line that begins with 'f'. Check that it is an OBJ file of a surface")
     if len({corner.count("/") for corner in corners}) > 1:
         corners = ["/".join([*corner.split("/"), ""][:2]) for corner in corners]
-    parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than one by one
+    parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than line by line
     numbers = np.fromiter((int(part or 0) for part in parts), np.int64, len(parts)).reshape(len(corners), -1)
     return numbers[:, :2] if numbers.shape[1] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=1)
 
 
 def _numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Count from 0: OBJ counts from 1, and backwards from the last line before if negative; 0, for none, becomes −1."""
+    """Convert numbers to count from 0: OBJ counts from 1, or backwards if negative; 0, for none, becomes −1."""
     return np.where(numbers < 0, numbers + before, numbers - 1)
 
 
 def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the texture coordinates of a file, all of whose corners must use one that is there, or none (−1)."""
+    """Return the texture coordinates of a file; all corners must refer to an existing one or to none (−1)."""
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
-        raise InputError(f"face {bad[0] // 3} names texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
+        raise InputError(f"face {bad[0] // 3} refers to texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
     return places
 
 
@@ -90,9 +92,9 @@ def _texture(
     check_faces(faces, n)
     corners, used = faces[used >= 0], used[used >= 0]
     texture = np.full((n, 2), np.nan)
-    texture[corners[::-1]] = places[used[::-1]]  # the last that is written is the first of the file
+    texture[corners[::-1]] = places[used[::-1]]  # the last assignment is the first in the file
     seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
-    text = f"{len(seam)} points lie on a seam of the texture: each keeps the first of its texture coordinates"
+    text = f"{len(seam)} points lie on a texture seam: each keeps the first of its texture coordinates"
     return texture, (text,) if len(seam) else ()
 
 
@@ -106,8 +108,8 @@ def write_obj(
 ) -> None:
     """Write an OBJ file.
 
-    A library is the name of the file beside it that holds the material `texture`. Texture faces are the triangles'
-    corners as rows of the texture, where that has seams; without, they are `faces`.
+    `library` is the name of the file beside it that defines the material `texture`. Texture faces are the triangles'
+    corners as rows of the texture coordinates if these have seams; otherwise they equal `faces`.
     """
     with path.open("w", encoding="utf-8", newline="\n") as file:
         if library is not None:
@@ -118,7 +120,7 @@ def write_obj(
             return
         bad = np.flatnonzero(~np.isfinite(texture).all(axis=1))
         if len(bad):
-            raise InputError(f"point {bad[0]} has no texture coordinate, which OBJ needs: give all, or none")
+            raise InputError(f"point {bad[0]} has no texture coordinate. OBJ requires them for all points or for none")
         np.savetxt(file, texture, "vt %.9g %.9g")
         corners = np.stack([faces, faces if texture_faces is None else texture_faces], axis=2) + 1
         np.savetxt(file, corners.reshape(-1, 6), "f %d/%d %d/%d %d/%d")

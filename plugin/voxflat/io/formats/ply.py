@@ -1,4 +1,4 @@
-"""PLY files, parsed here: on damaged ones VTK 9.7 ends the process."""
+"""Read and write PLY files without VTK, because damaged files crash VTK 9.7."""
 
 import re
 from pathlib import Path
@@ -20,13 +20,13 @@ _TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 def read_ply(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a PLY file of polygons, or of strips of triangles."""
+    """Read a PLY file of polygons or triangle strips."""
     header = re.match(rb"(?s)ply(\r?\n|\r)(.*?)\1end_header\1", data)
     if header is None:
-        raise InputError("has no header from 'ply' to 'end_header': is it a PLY file?")
+        raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
     form, elements = _header(header[2].decode("latin1"))
     body, order = data[header.end() :], _ORDERS[form]
-    if form == "ascii":  # as if it were binary, of doubles alone
+    if form == "ascii":  # treat it as binary doubles
         body = np.fromiter(map(float, body.split()), np.float64).tobytes()
     vertices: NDArray[Any] = np.empty(0)
     lists, at = None, 0
@@ -38,10 +38,10 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
             at += table.nbytes
             vertices = table if name == "vertex" else vertices
         if len(vertices) and lists is not None:
-            break  # what follows does not matter
+            break  # other elements are ignored
     names = vertices.dtype.names or ()
     if not {"x", "y", "z"} <= set(names) or lists is None:
-        raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices: {REMEDY}")
+        raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices. {REMEDY}")
     points = np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64)
     corners, counts = lists
     if any(name == "tristrips" for name, _, _ in elements):
@@ -64,15 +64,15 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
 
 
 class _UnevenError(InputError):
-    """An element's lists have different lengths."""
+    """Report that the lists of an element have different lengths."""
 
 
 _Properties: TypeAlias = list[tuple[str, str, str]]
-"""Of each property: name, type, and the type of a list's length, or ''."""
+"""Name, type, and type of a list's length (or '') of each property."""
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
-    """Return the format, and of each element name, number and properties."""
+    """Return the format, and the name, number and properties of each element."""
     form = ""
     elements: list[tuple[str, int, _Properties]] = []
     for line in text.splitlines():
@@ -86,16 +86,16 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
         elif words[:1] == ["property"] and len(words) == 3 and elements:
             elements[-1][2].append((words[2], _TYPES[words[1]], ""))
         elif words and words[0] not in ("comment", "obj_info"):
-            raise InputError(f"its header has the line {line!r}, which no PLY file has")
+            raise InputError(f"its header has the line {line!r}, which is not part of the PLY format")
     if form not in _ORDERS:
-        raise InputError(f"its format is {form!r}: write it as one of {', '.join(_ORDERS)}")
+        raise InputError(f"its format is {form!r}. Write it as one of {', '.join(_ORDERS)}")
     return form, elements
 
 
 def _table(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
 ) -> NDArray[Any]:
-    """Return an element's rows; its lists must all be as long as in the first row."""
+    """Return an element's rows; all its lists must be as long as in the first row."""
     layout: list[Any] = []
     if count == 0 or not properties:
         return np.empty(0)
@@ -113,16 +113,16 @@ def _table(
         other = np.flatnonzero(rows[key] != rows[key][:1])
         if len(other):
             here, first = (int(rows[key][row]) for row in (other[0], 0))
-            raise _UnevenError(f"{name} {other[0]} has {here} corners, {name} 0 has {first}; {TRIANGULATE}")
+            raise _UnevenError(f"{name} {other[0]} has {here} corners, but {name} 0 has {first}. {TRIANGULATE}")
     if len(rows) < count:
-        raise InputError(f"ends in {name} {len(rows)} of {count}: copy or download it again")
+        raise InputError(f"ends at {name} {len(rows)} of {count}. Copy or download it again")
     return rows
 
 
 def _lists(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]] | None, int]:
-    """Return the corners of all faces one after the other, how many each has, and where the next element begins."""
+    """Return the concatenated corners of all faces, the number of each, and the offset of the next element."""
     key = next((key for key, _, is_list in properties if is_list and key in ("vertex_indices", "vertex_index")), None)
     if key is None:
         return None, at + _table(body, at, name, count, properties, order, is_ascii).nbytes
@@ -138,7 +138,7 @@ def _lists(
 def _uneven(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool, key: str
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], int]:
-    """Read an element row by row, as its lists have different lengths."""
+    """Read an element whose lists have different lengths, row by row."""
 
     def as_stored(kind: str) -> np.dtype[Any]:
         return np.dtype("f8" if is_ascii else order + kind)
@@ -153,7 +153,7 @@ def _uneven(
                 length = int(number) if number >= 0 and number % 1 == 0 else len(body)
                 at += length_kind.itemsize
             if at + length * kind.itemsize > len(body):
-                raise InputError(f"ends in {name} {row} of {count}: copy or download it again")
+                raise InputError(f"ends at {name} {row} of {count}. Copy or download it again")
             if one == key:
                 rows.append(np.frombuffer(body, kind, length, at))
             at += length * kind.itemsize
@@ -162,7 +162,7 @@ def _uneven(
 
 
 def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of strips, which may stand in one list with −1 between them."""
+    """Return the triangles of strips, which may share one list with −1 between them."""
     strips = [
         strip[strip >= 0]
         for row in np.split(corners, np.cumsum(counts)[:-1])
@@ -170,17 +170,17 @@ def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDAr
     ]
     strips = [strip for strip in strips if len(strip)]
     faces = of_strips(strips)
-    return faces, (f"{len(strips)} strips were cut into {len(faces)} triangles",)
+    return faces, (f"{len(strips)} strips were split into {len(faces)} triangles",)
 
 
 def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Take numbers of points that were read as floating-point ones."""
+    """Convert point numbers that were read as floating-point values."""
     bad = np.flatnonzero(numbers % 1 != 0)
     if len(bad):
         face = int(np.searchsorted(np.cumsum(counts), bad[0], side="right"))
         start = int(counts[:face].sum())
         corners = numbers[start : start + counts[face]].tolist()
-        raise InputError(f"face {face} is {corners}: corners must be whole numbers")
+        raise InputError(f"face {face} is {corners}, but corners must be whole numbers")
     return np.asarray(numbers.astype(np.int64))
 
 
@@ -191,7 +191,7 @@ def write_ply(
     texture: NDArray[np.float64] | None,
     colours: NDArray[np.uint8] | None = None,
 ) -> None:
-    """Write a PLY file, little-endian; colours of the points are red, green, blue and perhaps alpha."""
+    """Write a PLY file, little-endian; colours of points are red, green, blue and optionally alpha."""
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
     if texture is not None:
         columns |= dict(zip("st", texture.T, strict=True))

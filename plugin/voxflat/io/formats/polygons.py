@@ -1,4 +1,4 @@
-"""Surfaces as OFF, FreeSurfer's ASCII and STL, parsed here (VTK reads what is cut short), and GLB, by trimesh."""
+"""Read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files, and GLB with trimesh."""
 
 import io
 import re
@@ -14,34 +14,34 @@ from voxflat.io.triangles import triangulated
 
 
 def read_off(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OFF file; colours and normals are left out."""
+    """Read an OFF file; colours and normals are ignored."""
     lines = [line for line in (raw.split("#")[0].strip() for raw in data.decode("latin1").splitlines()) if line]
     if not lines or not lines[0].upper().endswith("OFF") or "BINARY" in lines[0].upper():
-        raise InputError("does not begin with OFF: is it an ASCII OFF file?")
+        raise InputError("does not begin with OFF. Check that it is an ASCII OFF file")
     counts = [int(word) for word in lines[1].split()]
     if len(counts) < 2 or min(counts[:2]) < 0 or len(lines) < 2 + counts[0] + counts[1]:
-        raise InputError(f"has {len(lines) - 2} lines of points and faces, by its header {sum(counts[:2])}: {AGAIN}")
+        raise InputError(f"has {len(lines) - 2} lines of points and faces instead of {sum(counts[:2])}. {AGAIN}")
     points = np.array([line.split()[:3] for line in lines[2 : 2 + counts[0]]], dtype=np.float64)
     faces = [line.split() for line in lines[2 + counts[0] : 2 + counts[0] + counts[1]]]
     lengths = np.array([int(face[0]) for face in faces], dtype=np.int64)
     if any(len(face) <= length for face, length in zip(faces, lengths.tolist(), strict=True)):
-        raise InputError(f"has a face of fewer corners than it says: {AGAIN}")
+        raise InputError(f"has a face with fewer corners than it specifies. {AGAIN}")
     corners = np.array([corner for face in faces for corner in face[1 : int(face[0]) + 1]], dtype=np.int64)
     places, remarks = triangulated(points.reshape(-1, 3), corners, lengths)
     return {"points": points.reshape(-1, 3), "faces": corners[places], "remarks": remarks}
 
 
 def read_asc(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a FreeSurfer surface in ASCII, as mris_convert writes it: tkRAS without a volume."""
+    """Read an ASCII surface written by FreeSurfer's mris_convert, in tkRAS without a volume."""
     header, _, rest = data.partition(b"\n")
     if not header.startswith(b"#!ascii"):
-        raise InputError("does not begin with #!ascii: is it a surface that mris_convert wrote?")
+        raise InputError("does not begin with #!ascii. Check that it is a surface written by mris_convert")
     numbers = np.loadtxt(io.BytesIO(rest.replace(b"\n", b" ")), ndmin=1)
     points, faces = (int(count) for count in numbers[:2])
     if points < 0 or faces < 0 or len(numbers) != 2 + 4 * (points + faces):
-        raise InputError(f"has {len(numbers)} numbers, by its header {2 + 4 * (points + faces)}: {AGAIN}")
+        raise InputError(f"has {len(numbers)} numbers, but its header specifies {2 + 4 * (points + faces)}. {AGAIN}")
     rows = numbers[2:].reshape(-1, 4)
-    doubt = "it has FreeSurfer's coordinates (tkRAS), and its file does not say where their volume lies (c_ras)"
+    doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
     return {
         "points": rows[:points, :3],
         "faces": rows[points:, :3].astype(np.int64),
@@ -50,11 +50,11 @@ def read_asc(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_glb(path: Path, data: bytes) -> dict[str, Any]:
-    """Read the surfaces of a GLB file, all of its scene in one, by trimesh."""
+    """Read the surfaces of a GLB file with trimesh and merge them into one."""
     scene = require("trimesh").load_scene(io.BytesIO(data), file_type="glb", skip_materials=True)
     mesh = scene.to_mesh()
     if not len(mesh.faces):
-        raise InputError("holds no triangles: export its surface")
+        raise InputError("has no triangles. Export its surface")
     return {"points": np.asarray(mesh.vertices), "faces": np.asarray(mesh.faces, dtype=np.int64)}
 
 
@@ -62,7 +62,7 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Tell whether a file is as long as its header would have it if it were binary STL."""
+    """Return whether a file has the length that its header would specify as binary STL."""
     return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
@@ -73,16 +73,18 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
         found = re.findall(rb"(?m)^[ \t\r]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", text)
         number = len(re.findall(rb"(?m)^[ \t\r]*facet\b", text))
         if len(found) != 3 * number or b"endsolid" not in text[-200:]:
-            raise InputError(f"has {len(found)} corners in {number} facets, or no end: copy or download it again")
+            raise InputError(f"has {len(found)} corners in {number} facets, or no end. Copy or download it again")
         corners = np.array(found, dtype=np.float64).reshape(-1, 3)
     else:
         number = int.from_bytes(data[80:84], "little")
         if len(data) < 84 + _FACET.itemsize * number:
-            raise InputError(f"has {number} faces by its header, but ends after {len(data)} bytes: copy it again")
+            raise InputError(f"its header specifies {number} faces, but the file ends after {len(data)} bytes. {AGAIN}")
         corners = np.frombuffer(data, _FACET, number, 84)["corners"].reshape(-1, 3).astype(np.float64)
-    rows = np.ascontiguousarray(corners + 0.0).view("V24").ravel()  # + 0.0, so that −0 is 0
+    rows = np.ascontiguousarray(corners + 0.0).view("V24").ravel()  # + 0.0 turns −0 into 0
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     points, faces = corners[np.sort(first)], rank[place].reshape(-1, 3)
-    remark = f"STL knows no points: {len(corners)} corners with {len(points)} different places became as many points"
+    remark = (
+        f"STL has no shared points: {len(corners)} corners at {len(points)} different positions became as many points"
+    )
     return {"points": points, "faces": faces, "remarks": (remark,)}

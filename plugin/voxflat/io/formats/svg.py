@@ -1,7 +1,7 @@
-"""Outlines drawn into an SVG figure of a map: the closed paths of a named layer, in mm of the map.
+"""Read outlines drawn into an SVG figure of a map: the closed paths of a named layer, in mm of the map.
 
-The root says where the axes lie: ``data-voxflat-extent``, left, right, bottom and top in mm, and ``data-voxflat-axes``,
-x, y, width and height of the same area in the SVG's user units (those of its viewBox, y downwards).
+The root element defines the position of the axes: ``data-voxflat-extent`` (left, right, bottom and top in mm) and
+``data-voxflat-axes`` (x, y, width and height of the same area in user units of the viewBox, y downwards).
 """
 
 import os
@@ -20,24 +20,24 @@ from voxflat.io.reading import note
 EXTENT, AXES = "data-voxflat-extent", "data-voxflat-axes"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
-_TOLERANCE = 0.005  # mm, by which a chord may leave its curve
-_MOST = 1024  # chords of a curve
+_TOLERANCE = 0.005  # mm, largest distance of a chord from its curve
+_MOST = 1024  # largest number of chords per curve
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What encloses a region."""
+    """Store the outline of a region."""
 
     name: str
     loops: tuple[NDArray[np.float64], ...]  # closed polygons (k, 2), (u, v) in mm
-    is_even_odd: bool = False  # whether what two loops enclose is outside; else inside, unless they run opposite ways
+    is_even_odd: bool = False  # even-odd fill rule, else non-zero
     colour: tuple[int, int, int] | None = None  # red, green, blue
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
-    """Read a layer's paths, the lowest first, by ``inkscape:label``, else their group's within it, title or id."""
+    """Read the paths of a layer, lowest first; names come from ``inkscape:label``, else from the group, title or id."""
     path = checked_path(path)
-    with naming(path, "is it an SVG figure of voxflat.figures?"):
+    with naming(path, "check that it is an SVG figure written by voxflat.figures"):
         check_regular(path)
         path.open("rb").close()
         svg = require("svgelements")
@@ -50,12 +50,12 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
             raise InputError(f"has no layer {layer!r}; its layers are {', '.join(map(repr, groups)) or 'none'}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
         if not outlines:
-            raise InputError(f"its layer {layer!r} has no path: draw regions there, as closed paths")
+            raise InputError(f"its layer {layer!r} has no path. Draw the regions there as closed paths")
         return outlines
 
 
 def _placement(root: Any, svg: Any) -> Any:
-    """Return what takes points of the parsed file to mm."""
+    """Return the function that maps points of the parsed file to mm."""
     area = []
     for key in (EXTENT, AXES):
         words = str(root.values.get(key, "")).replace(",", " ").split()
@@ -64,9 +64,7 @@ def _placement(root: Any, svg: Any) -> Any:
         except ValueError:
             numbers = []
         if len(numbers) != 4 or not np.isfinite(numbers).all():
-            raise InputError(
-                f"its root does not say where the map lies: {key} must be four numbers; draw into a figure of voxflat"
-            )
+            raise InputError(f"its root does not define {key} as four numbers. Draw into a figure written by voxflat")
         area.append(numbers)
     (left, right, bottom, top), (x, y, width, height) = area
     if width <= 0 or height <= 0 or left == right or bottom == top:
@@ -80,14 +78,14 @@ def _placement(root: Any, svg: Any) -> Any:
             py = matrix.b * points[:, 0] + matrix.d * points[:, 1] + matrix.f
             mm = np.column_stack([left + (px - x) / width * (right - left), top - (py - y) / height * (top - bottom)])
         if not np.isfinite(mm).all():
-            raise InputError("one of its paths leads to infinity: draw it anew, or look at its viewBox")
+            raise InputError("one of its paths has infinite coordinates. Draw it again, or check its viewBox")
         return mm
 
     return to_mm
 
 
 def _own(element: Any, key: str) -> str | None:
-    """Return an attribute of an element itself, which the library mixes with those around it."""
+    """Return an attribute of an element itself; the library mixes it with those of its parents."""
     value = element.values.get("attributes", {}).get(key)
     return None if value is None else str(value)
 
@@ -97,7 +95,7 @@ def _name(group: Any) -> str:
 
 
 def _groups(group: Any, svg: Any) -> Iterator[Any]:
-    """Go through the groups that are layers, or have an id or a label."""
+    """Yield the groups that are layers, or have an id or a label."""
     for element in group:
         if isinstance(element, svg.Group):
             if element.id is not None or _own(element, _LABEL) or _own(element, _MODE):
@@ -121,7 +119,7 @@ def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[
 
 
 def _colour(element: Any) -> tuple[int, int, int] | None:
-    """Return the fill, else the stroke."""
+    """Return the fill colour, else the stroke colour."""
     for colour in (element.fill, element.stroke):
         if colour is not None and colour.value is not None:
             return (colour.red, colour.green, colour.blue)
@@ -129,7 +127,7 @@ def _colour(element: Any) -> tuple[int, int, int] | None:
 
 
 def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
-    """Go through the closed parts of a path; curves become chords."""
+    """Yield the closed parts of a path; curves become chords."""
     for part in path.as_subpaths():
         points: list[NDArray[np.float64]] = []
         for segment in svg.Path(part):
@@ -144,7 +142,7 @@ def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def _chords(segment: Any, svg: Any, to_mm: Any) -> NDArray[np.float64]:
-    """Return points along a segment, so many that chords keep within the tolerance."""
+    """Return points along a segment, close enough that chords stay within the tolerance."""
     if isinstance(segment, svg.Line | svg.Close):
         ends = [segment.start, segment.end]
         return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""TIFF stacks: plain ones, ImageJ's and OME-TIFF, read by tifffile."""
+"""Read TIFF stacks with tifffile: plain TIFF, ImageJ and OME-TIFF."""
 
 import re
 from pathlib import Path
@@ -12,11 +12,11 @@ from voxflat.io.files import require
 from voxflat.io.grid import Affine, millimetres
 from voxflat.io.reading import check_room
 
-_PAGES = "ZQI"  # how tifffile calls an axis of pages: of depth, or of what nobody says
+_PAGES = "ZQI"  # tifffile's axes of pages: depth, or unspecified
 
 
 def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
-    """Return a stack (x, y, z) of pages z, y downwards, or colours (x, y, z, 3), and its affine to mm, if known."""
+    """Return a stack (x, y, z), y downwards, or colours (x, y, z, 3), and its affine to mm if known."""
     with require("tifffile").TiffFile(path) as file:
         series = file.series[0]
         shape = dict(zip(series.axes, series.shape, strict=True))
@@ -27,7 +27,7 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
         ]
         if others or len(pages) > 1:
             found = ", ".join([*others, *(f"{shape[axis]} along {axis}" for axis in pages[1:])])
-            raise InputError(f"holds more than one volume ({found}): save one channel and one time as its own TIFF")
+            raise InputError(f"contains more than one volume ({found}). Save one channel and one time point")
         data = series.asarray()
         sizes = _ome_sizes(file.ome_metadata) or _imagej_sizes(file, "Z" in shape or bool(pages))
     depth = pages[0] if pages else ""
@@ -40,7 +40,7 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
 
 
 def _ome_sizes(text: str | None) -> list[float] | None:
-    """Return voxel sizes along x, y, z in mm by OME-XML."""
+    """Return voxel sizes along x, y, z in mm from OME-XML."""
     if not text:
         return None
     sizes: list[float] = []
@@ -57,7 +57,7 @@ def _ome_sizes(text: str | None) -> list[float] | None:
 
 
 def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
-    """Return voxel sizes along x, y, z in mm by ImageJ's tags."""
+    """Return voxel sizes along x, y, z in mm from ImageJ's tags."""
     told = file.imagej_metadata
     if not told or not told.get("unit") or told["unit"] in ("pixel", "pixels"):
         return None
@@ -69,7 +69,7 @@ def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
         number, whole = tags[name].value
         across.append(_size(str(whole / number), unit))
     if is_deep and not told.get("spacing"):
-        raise InputError("says how large its pixels are, and not how far apart its slices: pass spacing for the array")
+        raise InputError("defines its pixel size, but not its slice distance. Pass the array with a spacing")
     return [*across, _size(str(told.get("spacing", whole / number)), unit)]
 
 
@@ -79,5 +79,5 @@ def _size(text: str, unit: str) -> float:
     except ValueError:
         size = 0.0
     if not 0 < size < np.inf:
-        raise InputError(f"its voxel size is {text} {unit}: give a positive one")
+        raise InputError(f"its voxel size is {text} {unit}, but must be positive")
     return size

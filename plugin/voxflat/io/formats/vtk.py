@@ -1,4 +1,4 @@
-"""``.vtk`` and ``.vtp``, read by VTK in the child process; of files cut short it returns what it has: counted here."""
+"""Read ``.vtk`` and ``.vtp`` with VTK in the child process; it accepts incomplete files, so counts are checked here."""
 
 import importlib
 import re
@@ -10,25 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.apart import apart
 from voxflat.io.files import AGAIN, require
+from voxflat.io.subprocess_reader import read_in_subprocess
 from voxflat.io.triangles import of_strips, triangulated
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
-    """Read VTK's older format."""
+    """Read a file in VTK's legacy format."""
     head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*?\n.*\r?\n(?:ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
     if head is None:
-        raise InputError("has a damaged header: copy or download it again")
+        raise InputError("has a damaged header. Copy or download it again")
     if head[2].upper() != b"POLYDATA":
-        raise InputError(f"holds {head[2].decode('latin1')}: extract its surface, and write it as POLYDATA")
+        raise InputError(f"contains {head[2].decode('latin1')}. Extract its surface and write it as POLYDATA")
     points = _POINTS.search(data, head.end())
-    has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # from 5.1 on: offsets, one more than faces
+    has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # from 5.1 on: offsets, one more than the faces
     for name, number, size, offsets, array in _CELLS.findall(data, head.end()):
-        if array:  # of such a name
+        if array:  # an array with this name
             continue
         if bool(offsets) != has_offsets:
-            raise InputError("has cells of another version than its header says: copy or download it again")
+            raise InputError("has cells of another version than its header specifies. Copy or download it again")
         cells = int(number) - has_offsets
         corners = int(size) - (0 if has_offsets else cells)
         found = faces if name.upper() == b"POLYGONS" else strips
@@ -36,7 +36,7 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     return _by_vtk(path, "vtkIOLegacy", "vtkPolyDataReader", [int(points[1]) if points else 0, *faces, *strips])
 
 
-# VTK takes words wherever they stand; what follows counts is told apart: offsets, or the type of an array of that name
+# VTK accepts keywords anywhere; counts are followed by offsets, or by the type of an array with that name
 _TYPES = rb"(?:unsigned_|vtk)?(?:bit|char|short|int|long|idtype|typeint64|float|double)\b"
 _CELLS = re.compile(
     rb"(?i)(?<!\S)(TRIANGLE_STRIPS|POLYGONS)\s+([-+]?\d{1,18})\s+([-+]?\d{1,18})(?!\S)"
@@ -48,7 +48,7 @@ _COUNTS = re.compile(rb"""\b(NumberOf(?:Points|Polys|Strips))\s*=\s*["'](\d{1,18
 
 
 def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
-    """Read VTK's XML format."""
+    """Read a file in VTK's XML format."""
     named = _COUNTS.findall(data)
     points, faces, strips = (
         sum(int(count) for found, count in named if found == b"NumberOf" + name)
@@ -58,17 +58,17 @@ def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _by_vtk(path: Path, module: str, reader: str, counts: list[int | None]) -> dict[str, Any]:
-    """Read by a class of VTK; compare with how many points, faces, their corners, strips and theirs there should be."""
-    *found, parts = apart(_read_polydata, "vtkmodules", path, module, reader)
+    """Read a file with a VTK class, and compare the numbers of points, faces, strips and corners to the header."""
+    *found, parts = read_in_subprocess(_read_polydata, "vtkmodules", path, module, reader)
     names = ("points", "faces", "corners of faces", "strips", "corners of strips")
     for there, told, name in zip(found, counts, names, strict=True):
         if told is not None and there != told:
-            raise InputError(f"has {there} {name}, by its header {told}: {AGAIN}")
+            raise InputError(f"has {there} {name}, but its header specifies {told}. {AGAIN}")
     return {**parts, "remarks": tuple(parts["remarks"])}
 
 
 def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
-    """Read in the child process; return what `_by_vtk` compares, and parts of a `Mesh`."""
+    """Read a file in the child process; return the counts for `_by_vtk` and the parts of a `Mesh`."""
     core = importlib.import_module("vtkmodules.vtkCommonCore")
     window = core.vtkStringOutputWindow()
     core.vtkOutputWindow.SetInstance(window)
@@ -78,12 +78,12 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
     printed = re.split(r"\n\s*\n", window.GetOutput().strip())
     if errors := [message for message in printed if "error" in message.lower()]:
         said = re.sub(r"^\w+ \(0x\w+\): ", "", errors[0].splitlines()[-1].strip())
-        raise InputError(f"VTK says: {said}: {AGAIN}")
+        raise InputError(f"VTK reports: {said}. {AGAIN}")
     mesh = source.GetOutput()
     cells = [(of.GetNumberOfCells(), of.GetNumberOfConnectivityIds()) for of in (mesh.GetPolys(), mesh.GetStrips())]
     triangles, remarks = polydata_triangles(mesh)
     data, texture = mesh.GetPointData(), mesh.GetPointData().GetTCoords()
-    arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for one of text
+    arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for text arrays
     parts = {
         "points": _as_numpy(mesh.GetPoints().GetData()),
         "faces": triangles,
@@ -95,16 +95,16 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
 
 
 def _as_numpy(array: Any) -> NDArray[Any]:
-    """Return an array of VTK, of numbers."""
+    """Return a numeric VTK array as a NumPy array."""
     return np.asarray(importlib.import_module("vtkmodules.util.numpy_support").vtk_to_numpy(array))
 
 
 def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of a vtkPolyData, and what was cut to make them: its polygons first, then its strips."""
+    """Return the triangles of a vtkPolyData, polygons before strips, and remarks on what was split."""
     if mesh.GetNumberOfLines():
-        raise InputError(f"has {mesh.GetNumberOfLines()} lines beside its faces: remove them, mesh.SetLines(None)")
+        raise InputError(f"has {mesh.GetNumberOfLines()} lines beside its faces. Remove them with mesh.SetLines(None)")
     if not mesh.GetNumberOfPoints():
-        raise InputError("has no points: is it a surface?")
+        raise InputError("has no points. Pass a surface mesh")
     (offsets, corners), (strip_offsets, strip_corners) = (
         (_as_numpy(cells.GetOffsetsArray()).astype(np.int64), _as_numpy(cells.GetConnectivityArray()).astype(np.int64))
         for cells in (mesh.GetPolys(), mesh.GetStrips())
@@ -115,7 +115,7 @@ def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
         return corners[places], remarks
     strips = np.split(strip_corners, strip_offsets[1:-1])
     of_all = of_strips(strips)
-    remarks = (*remarks, f"{len(strips)} strips were cut into {len(of_all)} triangles")
+    remarks = (*remarks, f"{len(strips)} strips were split into {len(of_all)} triangles")
     return np.concatenate([corners[places], of_all]), remarks
 
 
@@ -146,6 +146,6 @@ def write_vtp(
         writer.SetInputData(polydata)
         writer.SetDataModeToBinary()
         writer.SetCompressorTypeToZLib()
-        writer.WriteToOutputStringOn()  # VTK 9.7 ends the process where a file cannot be written to its end
+        writer.WriteToOutputStringOn()  # VTK 9.7 crashes if a file cannot be written completely
         writer.Write()
     path.write_bytes(writer.GetOutputString().encode())

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
-from voxflat.io.apart import apart
 from voxflat.io.files import REMEDY, check_regular, naming, retelling
 from voxflat.io.reading import check_room, note
+from voxflat.io.subprocess_reader import read_in_subprocess
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
@@ -104,7 +104,7 @@ def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
     """Decode a picture, as colours or the file's own values, by Pillow, whose parts in C trust the file: apart."""
     need = _PIXEL_BYTES * image.width * image.height
     check_room(need)
-    found: NDArray[Any] = apart(picture_values, "PIL", path, colours, size=need)
+    found: NDArray[Any] = read_in_subprocess(picture_values, "PIL", path, colours, size=need)
     return found
 
 

@@ -1,1 +1,1 @@
-"""Standard maps: the same named cuts and the same orientation for every brain, by its registered sphere."""
+"""Provide standard maps: the same named cuts and orientation for every brain, by its registered sphere."""

@@ -1,4 +1,4 @@
-"""Which cuts a surface gets: standard ones, those of a template, or what `voxflat.flatten` finds by itself."""
+"""Choose the cuts of a surface: standard cuts, a template's cuts, or the automatic cuts of `voxflat.flatten`."""
 
 import os
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
 
-AUTOMATIC = "automatic"  # the word for cuts that are found anew for each surface
+AUTOMATIC = "automatic"  # value of `cuts` for cuts computed for each surface
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The cuts that were chosen."""
+    """Store the chosen cuts."""
 
-    template: Template | None  # whose cuts are made
-    sphere: Sphere | None  # the surface's, if it is known
-    is_usual: bool  # whether nobody asked for it
-    remarks: tuple[str, ...]  # what the user should know
+    template: Template | None  # template whose cuts are used
+    sphere: Sphere | None  # sphere of the surface, if known
+    is_usual: bool  # whether it is the default
+    remarks: tuple[str, ...]  # remarks for the user
 
 
 def chosen(
@@ -33,7 +33,7 @@ def chosen(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Choice:
-    """Choose the cuts: standard ones for a closed surface with a sphere, where nobody has said what to flatten."""
+    """Choose the cuts: by default standard cuts for a complete closed surface with a sphere."""
     asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)
@@ -43,7 +43,7 @@ def chosen(
             own = register(whole, None, threads, progress)
             told = f"the surface was registered by its folds ({own.side}, confidence {own.confidence:.2f})"
             remarks = [remark for remark in own.remarks if remark not in whole.remarks]
-            found, remarks = registered_sphere(own), [*remarks, f"there is no sphere: {told}"]
+            found, remarks = registered_sphere(own), [*remarks, f"no sphere was found, so {told}"]
         else:
             found, remarks = sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
@@ -60,7 +60,10 @@ def chosen(
         if sphere is not None:
             raise
         return Choice(
-            None, None, True, (f"cuts are automatic, since the sphere beside the surface does not fit: {error}",)
+            None,
+            None,
+            True,
+            (f"automatic cuts are used, because the sphere beside the surface does not match: {error}",),
         )
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
@@ -71,8 +74,8 @@ def _check_fits(template: Template, sphere: Sphere) -> None:
     for name, own, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
         if own != other:
             raise InputError(
-                f"the template {template.name} is of {name} {own}, the sphere {sphere.name} of {other}: give one of "
-                f"the same {name}"
+                f"the template {template.name} has the {name} {own}, but the sphere {sphere.name} has the {name} "
+                f"{other}. Pass a template and a sphere of the same {name}"
             )
 
 

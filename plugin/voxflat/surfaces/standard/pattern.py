@@ -1,4 +1,4 @@
-"""The template's folds on a grid over the unit sphere in fsaverage space, made by ``docs/templates/pattern.py``."""
+"""Load the template's folds on a grid over the unit sphere in fsaverage space (``docs/templates/pattern.py``)."""
 
 from functools import cache
 from importlib.resources import files
@@ -12,13 +12,13 @@ from voxflat.unique_rows import distinct
 SIDES = ("left", "right")
 
 DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255
-"""What whole numbers in the file count in: of standard deviations, of `_core`'s unit of length, of 1."""
+"""Units of the integers in the file: standard deviations, `_core`'s unit of length, and 1."""
 
 SUBDIVISIONS = 5
 
 
 class Pattern(NamedTuple):
-    """What a registration compares, at N places on the sphere: as `_core.Surface.register` takes it."""
+    """Store what a registration compares, at N places on the sphere, for `_core.Surface.register`."""
 
     depths: NDArray[np.float64]
     places: NDArray[np.float64]
@@ -27,7 +27,7 @@ class Pattern(NamedTuple):
 
 @cache
 def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return points on the unit sphere and triangles, counterclockwise from outside: an icosahedron's, divided."""
+    """Return the points and triangles of a subdivided icosahedron on the unit sphere, counterclockwise from outside."""
     golden = (1 + 5**0.5) / 2
     cycle = [np.roll([0.0, a, b * golden], k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
     points = np.array(cycle) / np.hypot(1, golden)
@@ -53,7 +53,7 @@ def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], ND
 
 @cache
 def pattern(side: str) -> Pattern:
-    """Return the template's pattern of a side, at the places of `icosphere`."""
+    """Return the template's pattern of a hemisphere, at the points of `icosphere`."""
     with files(__package__).joinpath("pattern.npz").open("rb") as file, np.load(file) as saved:
         stored: dict[str, NDArray[Any]] = {name: saved[f"{side}_{name}"] for name in Pattern._fields}
     return Pattern(

@@ -1,4 +1,4 @@
-"""Registration: a surface on fsaverage's sphere, found by the pattern of its folds."""
+"""Register a surface to fsaverage's sphere by the pattern of its folds."""
 
 import os
 from dataclasses import dataclass, field
@@ -15,34 +15,40 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
 
 _RADIUS = 100.0  # as FreeSurfer's spheres have
-_MIDWAY, _WIDTH = 2.3, 0.08  # of the evidence, between no hemispheres and hemispheres: docs/decisions/0023
+_MIDWAY, _WIDTH = 2.3, 0.08  # logistic function of the evidence: docs/decisions/0023
 _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 
 @dataclass(frozen=True, eq=False)
 class Registration(Recorded):
-    """A surface on the unit sphere, in fsaverage space.
+    """Store a surface on the unit sphere, in fsaverage space.
+
+    `Surface.register` returns it.
 
     Parameters
     ----------
     surface : Manifold
-        What was registered.
+        The registered surface.
     points : ndarray of float64, shape (N, 3)
-        The place of each vertex on the unit sphere. No triangle is turned over: the sphere is covered once.
+        Position of each vertex on the unit sphere. No triangle is flipped: the surface covers the sphere once.
     side : {"left", "right"}
-        Which hemisphere it is.
+        The hemisphere.
     confidence : float
-        How sure it is that this is that hemisphere, and lies as the template does: 0 to 1, see `register`.
+        Confidence, from 0 to 1, that the surface is that hemisphere, aligned with the template.
     figures : dict
-        What that rests on. ``score``: agreement with the template after the best rotation, by side; ``rigid``: how well
-        a rigid motion carries the smoothed surface to the template's then, 1 for the same shape, by side;
-        ``correlations``: of depth in folds at scales of 24, 12 and 6 mm (in an adult's brain) with the template's,
-        after the warp, and ``rotated``: before it; ``affine``: the share of the template's places that an affine map
-        explains.
+        Values behind the confidence. ``score``: agreement with the template after the best rotation, by side.
+        ``rigid``: fit of the smoothed surface to the template by a rigid motion, 1 for the same shape, by side.
+        ``correlations``: correlation with the template of the depth in folds at scales of 24, 12 and 6 mm (for an
+        adult's brain) after the warp; ``rotated``: the same before the warp. ``affine``: share of the template's
+        positions that an affine map explains.
     remarks : tuple of str
-        What the user should know of it.
+        Remarks for the user.
     provenance : dict
-        What made it.
+        Record of how the registration was made.
+
+    See Also
+    --------
+    voxflat.Surface.register : Register a surface.
 
     Examples
     --------
@@ -68,7 +74,21 @@ class Registration(Recorded):
 
     @property
     def sphere(self) -> NDArray[np.float64]:
-        """The place of each vertex of the whole mesh, shape (V, 3): as `points`, and NaN for what no triangle uses."""
+        """Position of each vertex of the complete mesh on the unit sphere, shape (V, 3).
+
+        Vertices without a triangle are NaN.
+
+        See Also
+        --------
+        Registration.save : Write the sphere to a file.
+
+        Examples
+        --------
+        >>> from nilearn.datasets import fetch_surf_fsaverage
+        >>> white = fetch_surf_fsaverage().white_left  # of fsaverage5, which comes with nilearn
+        >>> voxflat.surface(white).register().sphere.shape
+        (10242, 3)
+        """
         places = np.full((self.surface.count, 3), np.nan)
         places[self.surface.vertices] = self.points
         merged = self.surface.merged
@@ -76,22 +96,30 @@ class Registration(Recorded):
         return places
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the sphere, of radius 100, as FreeSurfer's ``?h.sphere.reg``: the mesh's own vertices and triangles.
+        """Write the sphere to a file, like FreeSurfer's ``?h.sphere.reg``.
+
+        The sphere has a radius of 100, and the vertices and triangles of the mesh.
 
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.sphere.reg. The
-            vertices of a volume's surface are those that `Surface.save` writes.
-        sidecar, overwrite
-            As in `Surface.save`.
+            Ends in .surf.gii, .vtp, .ply or .obj, or is a FreeSurfer name like lh.sphere.reg. For a surface from a
+            volume, the vertices are those of `Surface.save`.
+        sidecar : bool
+            Whether to write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Whether to replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending, or is a file that was read.
+            The path has another ending, or the surface was made from that file.
         OSError
-            If it cannot be written.
+            The file cannot be written.
+
+        See Also
+        --------
+        voxflat.Surface.save : Write a surface to a file.
 
         Examples
         --------
@@ -102,14 +130,14 @@ class Registration(Recorded):
         """
         of = self.surface
         faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
-        places = np.nan_to_num(self.sphere) * _RADIUS  # what no triangle uses lies in the centre
+        places = np.nan_to_num(self.sphere) * _RADIUS  # vertices without a triangle lie in the centre
         structure = "CortexLeft" if self.side == "left" else "CortexRight"
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)
 
 
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
-    """Find where each vertex of a hemisphere lies on fsaverage's sphere; see `voxflat.Surface.register`."""
+    """Return the position of each vertex of a hemisphere on fsaverage's sphere; see `voxflat.Surface.register`."""
     if side is not None:
         checked_choice(side, "side", SIDES)
     whole, remarks = _one_piece(whole)
@@ -117,20 +145,20 @@ def register(whole: Manifold, side: str | None, threads: int | None, progress: P
     found = whole.core.register(
         *icosphere(), templates, None if side is None else SIDES.index(side), checked_threads(threads), progress
     )
-    return _judged(whole, found, side, remarks)
+    return _validated(whole, found, side, remarks)
 
 
 def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
-    """Return the largest component, and what is said of the others."""
+    """Return the largest component, and a remark on the others."""
     topology = whole.core.topology()
     if topology["handles"]:
         raise InputError(
-            f"the surface has {topology['handles']} handle(s), and a sphere has none: "
+            f"the surface has {topology['handles']} handle(s), but a sphere has none. "
             + (
-                "extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair it with "
+                "Extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair the surface with "
                 "repair='voxels' (--repair voxels)"
                 if whole.is_voxels
-                else "mend the mesh where it was made"
+                else "Repair the mesh in the program that created it"
             )
         )
     others = len(topology["components"]) - 1
@@ -139,12 +167,12 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     core = whole.core.largest_piece()
     return whole._with_core(core), (
         *whole.remarks,
-        f"{others} smaller component(s) were left out, {len(whole.core) - len(core)} vertices",
+        f"{others} smaller component(s) with {len(whole.core) - len(core)} vertices were excluded",
     )
 
 
-def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
-    """Return a registration, if it is one."""
+def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
+    """Return the registration; raise an error if the surface is not a hemisphere."""
     side = SIDES[found["template"]]
     other = SIDES[1 - found["template"]]
     aligned = dict(zip(SIDES, found["alignments"], strict=True))
@@ -161,16 +189,17 @@ def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: 
     confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
     if evidence < _MIDWAY:
         raise InputError(
-            f"the surface is no hemisphere of a cortex, as far as its folds say (confidence {confidence:.2f}): they "
-            f"agree with the template by {better:.2f}, with its other side by {worse:.2f}. Give the surface of one "
-            "hemisphere, without cerebellum and brain stem; other shapes are cut without a template"
+            f"according to its folds, the surface is not a hemisphere of a cortex (confidence {confidence:.2f}): "
+            f"their agreement with the template is {better:.2f}, with its other side {worse:.2f}. Pass the "
+            "surface of one hemisphere without cerebellum and brain stem, or cut other shapes without a template"
         )
     if named is not None and scores[other] > scores[side]:
         raise InputError(
             f"side is {named!r}, but the surface agrees better with the {other} side of the template (score "
-            f"{scores[other]:.2f} instead of {scores[side]:.2f}): give side={other!r}, or see whether it is mirrored"
+            f"{scores[other]:.2f} instead of {scores[side]:.2f}). Pass side={other!r}, or check whether the "
+            "surface is mirrored"
         )
     told = _STRUCTURES.get(str(whole.metadata.get("structure")))
     if told not in (None, side):
-        remarks = (*remarks, f"the file says that it is the {told} side, its folds are those of the {side} side")
+        remarks = (*remarks, f"the file specifies the {told} side, but the folds are those of the {side} side")
     return Registration(whole, found["points"], side, confidence, figures, remarks)

@@ -1,4 +1,4 @@
-"""The registered sphere of a surface: read, found beside it, and checked."""
+"""Read, find and check the registered sphere of a surface."""
 
 import os
 import re
@@ -19,52 +19,52 @@ from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
-_ROUND = 0.02  # of the radius that points may lie off the sphere
-_FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
-_SHARED = 0.9  # of the surface's triangles that the sphere must have
-_FAR = (12.0, 20.0)  # mm, median, from the template's brain: told, refused; 4 to 9 are usual
-_NEAREST = 12  # vertices whose triangles may hold a place
+_ROUND = 0.02  # largest relative deviation from the radius
+_FOLDED = 0.01  # largest share of flipped triangles; FreeSurfer has 0 to some hundred of 300,000
+_SHARED = 0.9  # least share of common triangles
+_FAR = (12.0, 20.0)  # mm, median distance from the template's brain: remark, error; 4 to 9 are usual
+_NEAREST = 12  # nearest vertices whose triangles are tested
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """Where vertices lie on the sphere of fsaverage or fs_LR, and how far the brain is from its template."""
+    """Store vertex positions on the sphere of fsaverage or fs_LR, and the brain's distance from the template."""
 
     places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
     space: str  # fsaverage or fs_LR
     side: str  # left or right
-    name: str  # the file's, or what else it is
-    folded: int  # triangles of the surface that are turned over on it
+    name: str  # file name or description
+    folded: int  # number of flipped triangles
     distance: float  # median, mm, at corresponding places
 
     def __repr__(self) -> str:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
 
     def _described(self) -> dict[str, Any]:
-        """Return what a map's metadata say of it."""
+        """Return the sphere as metadata of a map."""
         told = {"input": self.name, "space": self.space, "side": self.side}
         return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
 
 
 def sphere_beside(whole: Manifold) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface: ``lh.sphere.reg`` of ``lh.white``."""
+    """Find the registered sphere that FreeSurfer writes beside a surface: ``lh.sphere.reg`` for ``lh.white``."""
     given = whole.metadata.get("input")
     return sphere_at(given) if given and not whole.is_voxels else None
 
 
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
-    """Find the registered sphere that FreeSurfer leaves beside a surface's file."""
+    """Find the registered sphere that FreeSurfer writes beside the file of a surface."""
     match = re.match(r"[lr]h(?=\.)", Path(path).name)
     beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
     return beside if beside is not None and beside.is_file() else None
 
 
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
-    """Take what is given as the registered sphere of a surface, with remarks: a place for each vertex of the mesh.
+    """Return the given registered sphere of a surface, with one position per vertex of the mesh, and remarks.
 
-    It lies around the origin, with any radius, in fsaverage space, or in that of fs_LR where the file's name says so
-    (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that
-    where the surface says clearly that it is the other one, that counts.
+    The sphere may have any radius around the origin. Its space is fsaverage, or fs_LR if the file name contains
+    ``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll`` or ``MSMSulc``. The two spaces are rotated by 40° against each other, so
+    the surface itself overrides the name if it clearly fits the other space.
     """
     mesh = _as_points(sphere)
     name, points = (
@@ -72,14 +72,14 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     )
     if len(points) != whole.count:
         raise InputError(
-            f"{name} has {len(points)} vertices, the surface {whole.count}: give the sphere of this surface, one "
-            "place for each vertex"
+            f"{name} has {len(points)} vertices, but the surface has {whole.count}. Pass the sphere of this "
+            "surface, with one position per vertex"
         )
     radii = np.linalg.norm(points[whole.vertices], axis=1)
     radius = float(np.median(radii))
     if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
         raise InputError(
-            f"{name} is no sphere around the origin: its points lie {radii.min():.4g} to {radii.max():.4g} from it"
+            f"{name} is not a sphere around the origin: its radius ranges from {radii.min():.4g} to {radii.max():.4g}"
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
@@ -88,18 +88,18 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
         shared = float(are_triangles(own, whole._merged_in(mesh.faces)).mean())
         if shared < _SHARED:
             raise InputError(
-                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same): it is of another "
-                "subject or side"
+                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same). Pass the sphere of "
+                "the same subject and hemisphere"
             )
     folded = _folded(whole, places, name)
     space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
     if folded:
-        remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
+        remarks.append(f"{folded} of {len(whole.faces)} triangles are flipped on {Path(name).name}")
     return Sphere(places, space, side, name, folded, distance), remarks
 
 
 def registered_sphere(found: Registration) -> Sphere:
-    """Take a surface's registration as its sphere; what belongs to no triangle of it lies in the centre."""
+    """Return a surface's registration as its sphere; vertices without a triangle lie in the centre."""
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
     return Sphere(places, "fsaverage", found.side, "its own registration", 0, distance)
@@ -108,7 +108,7 @@ def registered_sphere(found: Registration) -> Sphere:
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     if isinstance(sphere, str | os.PathLike):
         if not Path(sphere).is_file():
-            raise InputError(f"the sphere {os.fspath(sphere)}: there is no such file")
+            raise InputError(f"the sphere {os.fspath(sphere)}: the file does not exist")
         return read_mesh(sphere)
     mesh = as_mesh(sphere)
     if mesh is not None:
@@ -118,41 +118,41 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     except ValueError:
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
-        raise InputError(
-            f"sphere is {type(sphere).__name__}; give a file such as lh.sphere.reg, or finite places of shape (V, 3)"
-        )
+        raise InputError(f"sphere has type {type(sphere).__name__}. Pass a file, or finite positions (V, 3)")
     return points.astype(np.float64)
 
 
 def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
-    """Return how many triangles are turned over, if they are few."""
+    """Return the number of flipped triangles; raise an error if there are many."""
     a, b, c = (places[whole.vertices[whole.faces[:, corner]]] for corner in range(3))
     folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
     share = folded / len(whole.faces)
     if share > 1 - _FOLDED:
-        raise InputError(f"{name} is mirrored: all triangles are turned over on it; give it as FreeSurfer has it")
+        raise InputError(f"{name} is mirrored: all triangles are flipped on it. Pass it with FreeSurfer's orientation")
     if share > _FOLDED:
         raise InputError(
-            f"{100 * share:.1f} % of the surface's triangles are turned over on {name}: it is of another surface, or "
-            "damaged"
+            f"{100 * share:.1f} % of the surface's triangles are flipped on {name}. Check that it is the sphere "
+            "of this surface and not damaged"
         )
     return folded
 
 
 def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
-    """Return the side that the surface and its sphere say they are of, if they do."""
+    """Return the hemisphere that the surface and its sphere specify, if they do."""
     named = {structure: side for side, structure in SIDES.items()}
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface}: give the other")
+        raise InputError(
+            f"{name} is {of_sphere}, but the surface is {of_surface}. Pass the sphere of the other hemisphere"
+        )
     return of_surface or of_sphere
 
 
 def in_triangles(
     places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find corners of the spherical triangles that hold unit vectors, or come nearest, weights, and if they hold."""
+    """Return corners and weights of the spherical triangles nearest to unit vectors, and whether they contain them."""
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(
         len(wanted), -1
@@ -185,14 +185,12 @@ def in_triangles(
 def _placed(
     whole: Manifold, places: NDArray[np.float64], named: str | None, name: str
 ) -> tuple[str, str, float, list[str]]:
-    """Return the space, the side, the distance from the template's brain at corresponding places, and doubts."""
+    """Return the space, the hemisphere, the distance from the template's brain at corresponding points, and remarks."""
     told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
     distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
         if named is None:
-            raise InputError(
-                "of which hemisphere the surface is, its file's name does not say: name it lh., rh., hemi-L or hemi-R"
-            )
+            raise InputError("the file name does not show the hemisphere. Name it with lh., rh., hemi-L or hemi-R")
         return told_space, named, float("nan"), []
     best = min(distances, key=lambda key: distances[key])
     own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
@@ -200,25 +198,28 @@ def _placed(
     if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
         if named is not None and best[1] != named:
             raise InputError(
-                f"by {name} the surface is of the {best[1]} hemisphere, not of the {named} one that its name says: "
-                "rename it, or give the sphere that belongs to it"
+                f"according to {name}, the surface is the {best[1]} hemisphere, but its name specifies the {named} "
+                "one. Rename it, or pass the matching sphere"
             )
         remarks.append(
-            f"{name} is taken for one of {best[0]}, where corresponding places lie {distances[best]:.0f} mm apart; in "
-            f"{told_space} they would {distances[own]:.0f} mm"
+            f"{name} is assumed to be in {best[0]} space, where corresponding points are {distances[best]:.0f} mm "
+            f"apart (in {told_space} space: {distances[own]:.0f} mm)"
         )
         own = best
     distance = distances[own]
-    told = f"by {name} the surface lies {distance:.0f} mm (median) from the template's brain, rigidly laid on it"
+    told = (
+        f"according to {name}, the surface is {distance:.0f} mm (median) away from the template's brain after "
+        "rigid alignment"
+    )
     if distance > _FAR[1]:
-        raise InputError(f"{told}: it is not registered to fsaverage or fs_LR; give lh.sphere.reg, not lh.sphere")
+        raise InputError(f"{told}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
     if distance > _FAR[0]:
-        remarks.append(f"{told}, where 4 to 9 are usual: is it registered?")
+        remarks.append(f"{told}; 4 to 9 mm are usual. Check that it is registered")
     return *own, distance, remarks
 
 
 def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
-    """Return by space and side how far the surface lies from the template's brain; NaN of a patch."""
+    """Return the distance from the template's brain by space and hemisphere; NaN for a patch."""
     templates = [standard_template(space, side) for space in SPACES for side in SIDES]
     anchors = [template.anchors for template in templates if template.anchors is not None]
     wanted = np.concatenate([of.sphere for of in anchors])
@@ -235,7 +236,7 @@ def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, 
 
 
 def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:
-    """Return the median distance of points from others, after the best turn, move and scale (Umeyama 1991)."""
+    """Return the median distance between two sets of points after the best similarity transform (Umeyama 1991)."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     u, s, vt = np.linalg.svd(b.T @ a)
     sign = np.sign(np.linalg.det(u @ vt))

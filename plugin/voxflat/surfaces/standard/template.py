@@ -1,4 +1,4 @@
-"""Templates of cuts: named lines on the unit sphere, which any brain with a registered sphere can be cut along."""
+"""Define templates of cuts: named lines on the unit sphere, for any brain with a registered sphere."""
 
 import os
 from dataclasses import dataclass, field
@@ -14,20 +14,20 @@ from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.io.provenance import Record, as_text
 
-STANDARD = "standard"  # the name of the template that the package carries
+STANDARD = "standard"  # name of the built-in template
 SPACES = ("fsaverage", "fs_LR")  # the spaces in which a sphere may be registered
 SIDES = {"left": "CortexLeft", "right": "CortexRight"}  # the sides, and GIFTI's names for them
 
 _FORMAT = 1
-_UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
+_UNIT = 1e-3  # tolerance of the radius
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line on the unit sphere, its points joined by arcs of great circles.
+    """Store a line on the unit sphere, with arcs of great circles between its points.
 
-    An outline is closed: its last point is joined to its first, and what belongs to the patch lies on its left as seen
-    from outside. A cut begins at its root: an outline, or a cut before it; at none within a surface without a boundary.
+    An outline is closed: its last point is joined to its first, and the patch lies on its left as seen from outside. A
+    cut begins at its root, which is an outline or an earlier cut; on a surface without a boundary it has no root.
     """
 
     name: str  # such as "calcarine"
@@ -37,7 +37,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Corresponding points, by which maps are turned alike and spheres are checked."""
+    """Store corresponding points, used to align the orientation of maps and to check spheres."""
 
     sphere: NDArray[np.float64]  # (a, 3), on the unit sphere
     flat: NDArray[np.float64]  # (a, 2), on the flat map of fsaverage5, mm
@@ -46,22 +46,22 @@ class Anchors:
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Where a hemisphere is cut."""
+    """Store where a hemisphere is cut."""
 
-    name: str  # what it is called; of a file its path
-    space: str  # fsaverage or fs_LR: whose sphere its lines lie on
+    name: str  # name, or path of its file
+    space: str  # fsaverage or fs_LR: sphere of its lines
     side: str  # left or right
     outlines: tuple[Line, ...]  # closed: around the medial wall, or around a region
     cuts: tuple[Line, ...]  # in the order in which they are made
-    anchors: Anchors | None = None  # of the template that the package carries
-    provenance: Record = field(default_factory=dict)  # what it was derived from
+    anchors: Anchors | None = None  # of the built-in template
+    provenance: Record = field(default_factory=dict)  # its origin
 
     def __repr__(self) -> str:
         names = ", ".join(line.name for line in self.cuts)
         return f"<Template {self.name}: {self.side}, {self.space}; {names or 'no cuts'}>"
 
     def as_json(self) -> str:
-        """Return what its file holds."""
+        """Return the content of the template's file."""
         content: dict[str, Any] = {
             "voxflat": "template",
             "format": _FORMAT,
@@ -82,13 +82,13 @@ def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
 
 @cache
 def standard_template(space: str, side: str) -> Template:
-    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one."""
+    """Return the built-in template: medial wall, calcarine cut, three medial cuts and a temporal cut."""
     path = Path(__file__).parent / f"{space}.{side}.json"
     return _parsed(path, from_json(path.read_text(encoding="utf-8")), STANDARD)
 
 
 def is_template(path: Path) -> bool:
-    """Say whether a file of cuts is a template, and not a list of one surface's vertices."""
+    """Return whether a file of cuts is a template, and not a list of one surface's vertices."""
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):
@@ -97,25 +97,25 @@ def is_template(path: Path) -> bool:
 
 
 def read_template(path: str | os.PathLike[str]) -> Template:
-    """Read a template from a file, as `CutSurface.save_template` writes it."""
+    """Read a template from a file written by `CutSurface.save_template`."""
     path = checked_path(path)
     try:
         content = from_json(contents(path))
     except OSError as error:
         raise InputError(f"cannot read the template {path}: {error.strerror}") from error
     except ValueError as error:
-        raise InputError(f"{path} is no template of cuts: {error}") from error
+        raise InputError(f"{path} is not a template of cuts: {error}") from error
     return _parsed(path, content, os.fspath(path))
 
 
 def _parsed(path: Path, content: Any, name: str) -> Template:
     if not isinstance(content, dict) or content.get("voxflat") != "template":
-        raise InputError(f"{path} is no template of cuts: make one with voxflat cut --save-template")
+        raise InputError(f"{path} is not a template of cuts. Create one with voxflat cut --save-template")
     if content.get("format") != _FORMAT:
-        raise InputError(f"{path} has format {content.get('format')!r}; this version knows {_FORMAT}")
+        raise InputError(f"{path} has format {content.get('format')!r}, but this version supports {_FORMAT}")
     for key, known in (("space", SPACES), ("side", tuple(SIDES))):
         if content.get(key) not in known:
-            raise InputError(f"{path}: {key} is {content.get(key)!r}; it must be {' or '.join(map(repr, known))}")
+            raise InputError(f"{path}: {key} is {content.get(key)!r}, but must be {' or '.join(map(repr, known))}")
     outlines = tuple(_line(path, entry, 3) for entry in _entries(path, content, "outlines"))
     cuts = tuple(_line(path, entry, 2) for entry in _entries(path, content, "cuts"))
     if not outlines and not cuts:
@@ -123,7 +123,7 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
     names = {line.name for line in outlines}
     for cut in cuts:
         if cut.root is not None and cut.root not in names:
-            raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, no outline and no cut before it")
+            raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, neither an outline nor an earlier cut")
         if cut.name in names:
             raise InputError(f"{path} has two lines named {cut.name!r}")
         names.add(cut.name)
@@ -135,25 +135,25 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
 def _entries(path: Path, content: dict[str, Any], name: str) -> list[Any]:
     entries = content.get(name, [])
     if not isinstance(entries, list):
-        raise InputError(f"{path}: {name} is no list")
+        raise InputError(f"{path}: {name} is not a list")
     return entries
 
 
 def _line(path: Path, entry: Any, fewest: int) -> Line:
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str) or not entry["name"]:
-        raise InputError(f"{path}: each outline and each cut needs a name")
+        raise InputError(f"{path}: each outline and each cut must have a name")
     root = entry.get("root")
     if root is not None and not isinstance(root, str):
-        raise InputError(f"{path}: the root of {entry['name']!r} is no name")
+        raise InputError(f"{path}: the root of {entry['name']!r} is not a name")
     points = _numbers(path, entry.get("line"), 3, repr(entry["name"]), fewest)
     far = np.abs(np.linalg.norm(points, axis=1) - 1)
     if (far > _UNIT).any():
         raise InputError(f"{path}: point {far.argmax()} of {entry['name']!r} does not lie on the unit sphere")
     points = points / np.linalg.norm(points, axis=1)[:, None]
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    keep = np.concatenate([[True], apart > 1e-6])  # arcs need two ends
+    keep = np.concatenate([[True], apart > 1e-6])  # arcs need two end points
     if keep.sum() < fewest or apart.max() > 1:
-        raise InputError(f"{path}: the points of {entry['name']!r} lie at one place, or too far apart to be joined")
+        raise InputError(f"{path}: the points of {entry['name']!r} coincide, or are too far apart to be joined")
     return Line(entry["name"], points[keep], root)
 
 
@@ -162,7 +162,7 @@ def _anchors(path: Path, content: dict[str, Any]) -> Anchors | None:
     if given is None:
         return None
     if not isinstance(given, dict):
-        raise InputError(f"{path}: anchors is no object")
+        raise InputError(f"{path}: anchors is not an object")
     found = [_numbers(path, given.get(key), width, key, 3) for key, width in (("sphere", 3), ("flat", 2), ("white", 3))]
     if len({len(array) for array in found}) != 1:
         raise InputError(f"{path}: the anchors have different lengths")
@@ -175,5 +175,5 @@ def _numbers(path: Path, values: Any, width: int, name: str, fewest: int) -> NDA
     except (ValueError, TypeError):
         array = np.empty(0)
     if array.ndim != 2 or array.shape[1] != width or len(array) < fewest or not np.isfinite(array).all():
-        raise InputError(f"{path}: {name} must be {fewest} or more rows of {width} finite numbers")
+        raise InputError(f"{path}: {name} must consist of at least {fewest} rows of {width} finite numbers")
     return array

@@ -1,9 +1,9 @@
-"""Lines of a template on a surface: what its outlines leave out, and its cuts as paths along edges.
+"""Trace the lines of a template on a surface: the region inside its outlines, and its cuts as paths along edges.
 
-A cut is the cheapest path from the vertex at its tip to what it is rooted at, where an edge costs the more the farther
-it lies from the template's line. It runs through vertices that belong to no boundary and to no other cut, and ends with
-the first one that it may be rooted at. So it is a simple path that touches nothing else, whatever the mesh is like, and
-a surface with one boundary keeps one, and its Euler characteristic.
+A cut is the cheapest path from the vertex at its tip to its root; edges cost more the farther they lie from the
+template's line. It runs through vertices that belong to no boundary and no other cut, and ends at the first vertex of
+its root. Therefore it is a simple path that touches nothing else, for any mesh, and a surface with one boundary keeps
+one boundary and its Euler characteristic.
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import Line, Template
 
-_STEP = 0.0025  # between points of a line to which distances are measured, radians: 0.25 mm on a sphere of 100 mm
-_BEYOND = 0.3  # by how much a cut's line is drawn on beyond its root, radians: the subject's own wall may lie there
-_DIRECTION = 0.1  # of a line at its root: over so much of it
-_ASTRAY = 0.1  # radians that a path may run beside its line, or its tip lie from the line's, or four edges
-_ASIDE = 0.3  # of the way to the middle of the triangles beyond that a saved outline lies
-_SMALL_LOOP = 15.0  # mm around; smaller holes are no boundary to begin at
-_FAR = 0.4  # beyond it all places are equally far
-_STEEP = 1e6  # most that an edge costs for its length
+_STEP = 0.0025  # radians between points of a line for distances: 0.25 mm at a radius of 100 mm
+_BEYOND = 0.3  # radians, extension of a cut's line beyond its root, because the subject's wall may lie there
+_DIRECTION = 0.1  # radians at a line's root that define its direction
+_ASTRAY = 0.1  # radians, largest distance of a path or tip from its line (at least four edges)
+_ASIDE = 0.3  # position of a saved outline, as a fraction of the way to the centres of outer triangles
+_SMALL_LOOP = 15.0  # mm circumference; cuts do not begin at smaller holes
+_FAR = 0.4  # radians; larger distances are equal
+_STEEP = 1e6  # largest cost per length of an edge
 
 
 @dataclass(frozen=True, eq=False)
 class TracedCut:
-    """A template's cut on a surface."""
+    """Store a template's cut on a surface."""
 
     name: str  # the template's
     vertices: NDArray[np.int64]  # (k,), of the part, from the root to the tip
@@ -39,14 +39,14 @@ class TracedCut:
 
 
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
-    """Find the triangles that a template's outlines keep: on their left, in one piece with one border each."""
+    """Find the triangles that a template's outlines keep: those on their left, in one piece with one boundary each."""
     faces = whole.faces
     kept = np.ones(len(faces), dtype=np.bool_)
     for outline in template.outlines:
         dropped = ~_left_of(outline, sphere.places[whole.vertices])
         kept &= ~_largest(dropped, faces)[faces].any(axis=1)
     if not kept.any():
-        raise InputError(f"the outlines of the template {template.name} keep no triangle of the surface")
+        raise InputError(f"the outlines of the template {template.name} exclude every triangle of the surface")
     piece = whole.core.part_of_faces(kept).largest_piece()
     in_piece = np.zeros(whole.count, dtype=np.bool_)
     in_piece[piece.ids] = True
@@ -54,7 +54,7 @@ def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.b
 
 
 def _largest(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
-    """Return the largest of the pieces in which chosen vertices hang together."""
+    """Return the largest connected piece of the chosen vertices."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     a, b = edges[chosen[edges].all(axis=1)].T.astype(np.int64)
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(chosen), len(chosen)))
@@ -64,14 +64,14 @@ def _largest(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np
 
 
 def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Find places on the left of a closed line, as seen from outside the sphere."""
+    """Find points on the left of a closed line, as seen from outside the sphere."""
     line = outline.points
     pole = line.mean(axis=0)
     pole = pole / np.linalg.norm(pole) if np.linalg.norm(pole) > 1e-6 else np.cross(line[0], line[1])
     x, y = _across(pole)
 
     def flat(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Project stereographically: circles stay circles, left stays left."""
+        """Project stereographically, which preserves circles and orientation."""
         away = np.maximum(1 + points @ pole, 1e-9)
         return np.stack([points @ x, points @ y], axis=1) / away[:, None]
 
@@ -91,7 +91,7 @@ def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _across(pole: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two unit vectors across a third, such that all three are right-handed."""
+    """Return two unit vectors that form a right-handed orthogonal system with a third."""
     x = np.cross(np.eye(3)[np.abs(pole).argmin()], pole)
     x /= np.linalg.norm(x)
     y = np.cross(pole, x)
@@ -99,7 +99,7 @@ def _across(pole: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Return a line with points in between, on the unit sphere, no farther apart than a step."""
+    """Return a line with additional points on the unit sphere, at most one step apart."""
     parts = []
     for a, b in pairwise(points):
         t = np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / step))), endpoint=False)[:, None]
@@ -111,7 +111,7 @@ def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 def traced(
     template: Template, part: Manifold, sphere: Sphere, progress: Progress | None
 ) -> tuple[list[TracedCut], list[str]]:
-    """Find a template's cuts on a part of a surface, in one piece and not cut yet; remarks say which are not made."""
+    """Find a template's cuts on an uncut part in one piece; remarks report omitted cuts."""
     places = sphere.places[part.vertices]
     topology = part.core.topology()
     loops = [np.asarray(loop["vertices"], dtype=np.int64) for loop in topology["loops"]]
@@ -132,7 +132,7 @@ def traced(
         apart = np.linalg.norm(places[tips] - cut.points[-1], axis=1)
         tip = int(tips[apart.argmin()]) if len(tips) else -1
         if tip < 0 or apart.min() > max(edge, _ASTRAY / 2):
-            remarks.append(f"the cut {cut.name!r} ends where nothing is flattened; it is not made")
+            remarks.append(f"the cut {cut.name!r} ends outside the flattened region and is omitted")
             continue
         is_root = np.zeros(len(part), dtype=np.bool_)
         if cut.root is None and not loops:
@@ -142,7 +142,7 @@ def traced(
         elif cut.root in found:
             is_root[found[cut.root]] = True
         else:
-            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is not made; nor is it")
+            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is omitted, too")
             continue
         aside = _beside(cut, places, drawn_on=cut.root is not None)
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
@@ -150,14 +150,14 @@ def traced(
             way = part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
         except InputError:
             raise InputError(
-                f"the cut {cut.name!r} finds no way from its tip to its root: borders or other cuts lie between; give "
-                "other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} has no path from its tip to its root, because boundaries or other cuts lie "
+                "between. Pass other regions, or cuts='automatic'"
             ) from None
         if aside[way].max() > astray:
             aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
-                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its place on a sphere of 100 mm: what is "
-                "left out lies in its way; give other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its position (on a sphere of radius 100 "
+                "mm), because an excluded region is in its way. Pass other regions, or cuts='automatic'"
             )
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
@@ -168,10 +168,11 @@ def traced(
 
 
 def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], cut: Line) -> NDArray[np.int64]:
-    """Return the border at which a cut begins: the one nearest to its line."""
+    """Return the boundary at which a cut begins, the one nearest to its line."""
     if not loops:
         raise InputError(
-            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no border: its region was not left out"
+            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no boundary there, because that "
+            "region was not excluded"
         )
     apart = [
         float(scipy.spatial.KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min())
@@ -181,7 +182,7 @@ def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], c
 
 
 def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArray[np.float64]:
-    """Return how far places lie from a cut's line, which may be drawn on beyond its root."""
+    """Return the distance of points from a cut's line, which may be extended beyond its root."""
     points = cut.points
     if drawn_on:
         inwards = points[
@@ -198,7 +199,7 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
 def template_of(
     whole: Manifold, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
 ) -> Template:
-    """Make a template of the triangles that a surface kept, and of its cuts: names, and paths of its vertices."""
+    """Create a template from the triangles that a surface kept, and from its cuts: names, and paths of its vertices."""
     part = whole._with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
     outlines = []
@@ -213,7 +214,7 @@ def template_of(
         for name, path in rest:
             ends = int(path[0]), int(path[-1])
             if ends[0] == ends[1] or len(path) < 2:
-                raise InputError(f"the cut {name!r} is closed: a template holds cuts that make no handle's loop")
+                raise InputError(f"the cut {name!r} is closed, but a template cannot contain loops around handles")
             if ends[0] in at or ends[1] in at:
                 way = path if ends[0] in at else path[::-1]
                 root: str | None = at[int(way[0])]
@@ -227,18 +228,16 @@ def template_of(
             rest = [one for one in rest if one[0] != name]
             break
         else:
-            raise InputError(
-                f"the cut {rest[0][0]!r} begins neither at a border nor at another cut: a template needs a root for it"
-            )
+            raise InputError(f"the cut {rest[0][0]!r} begins at no boundary or other cut. A template requires one")
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
 
 
 def _beyond(whole: Manifold, faces: NDArray[np.bool_], sphere: Sphere) -> NDArray[np.float64]:
-    """Return places a little beyond those of vertices at the border of what is kept, so that these lie inside."""
+    """Return points slightly outside the vertices at the boundary of the kept part, so that these lie inside."""
     corners = whole.vertices[whole.faces]
     towards = np.zeros_like(sphere.places)
     counts = np.zeros(len(towards))
-    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from what is kept, where nothing was left out
+    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from the kept part, if nothing was excluded
         middles = sphere.places[corners[chosen]].mean(axis=1)
         is_new = counts == 0
         for corner in corners[chosen].T:
@@ -250,7 +249,7 @@ def _beyond(whole: Manifold, faces: NDArray[np.bool_], sphere: Sphere) -> NDArra
 
 
 def _directed_loops(part: Manifold) -> list[NDArray[np.int64]]:
-    """Return the borders that are no small holes, longest first, with the surface on their left."""
+    """Return the boundaries except small holes, longest first, with the surface on their left."""
     faces = part.faces.astype(np.int64)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     keys = edges[:, 0] * len(part) + edges[:, 1]

@@ -1,9 +1,9 @@
-"""What files can hold in which a vertex has one place: which side of a cut they keep, and what they leave out.
+"""Choose one side of each cut for files that store one position per vertex.
 
-A cut doubles the vertices along it. GIFTI surfaces and FreeSurfer's patches number the vertices of the mesh and have
-one place for each, so that triangles on one of the lips are lost. A patch has no triangles of its own, either: whoever
-reads it takes those of the mesh whose corners are all listed (`in_patch`), and among them would be some that
-bridge the cut. So vertices at the lips are left out, until none is.
+A cut doubles the vertices along it. GIFTI surfaces and FreeSurfer's patches use the vertex numbers of the mesh and have
+one position for each, so triangles on one side of a cut are lost. A patch does not store triangles, either: programs
+read the triangles of the mesh whose corners are all listed (`in_patch`), and some of these would bridge the cut.
+Therefore vertices at the sides of cuts are excluded until no triangle bridges a cut.
 """
 
 import heapq
@@ -18,7 +18,7 @@ from voxflat.unique_rows import distinct
 
 
 def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Find the triangles whose three corners are all among some points."""
+    """Find the triangles whose three corners are all among the given points."""
     is_there = np.zeros(max(faces.max(initial=0), points.max(initial=0)) + 1, dtype=np.bool_)
     is_there[points] = True
     return np.asarray(is_there[faces].all(axis=1))
@@ -27,7 +27,8 @@ def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.b
 def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
     """Choose one of the points that share a vertex, by ascending vertex, so that few triangles are lost.
 
-    At first those of one lip, then others, one by one, while that keeps more triangles. `ids` are the points' vertices.
+    It starts with the points on one side of the cut and exchanges points one by one while that keeps more triangles.
+    `ids` are the vertices of the points.
     """
     vertices, first, counts = np.unique(ids, return_index=True, return_counts=True)
     if counts.max(initial=1) == 1:
@@ -59,10 +60,10 @@ def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[n
 
 
 def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Choose the points that a patch may list: the triangles of the mesh among them are triangles of these points.
+    """Choose the points that a patch may list: all triangles of the mesh among them belong to these points.
 
-    Bridges are triangles of the mesh, by vertices, that are none of these, though all their corners are vertices of
-    these. There is at most one point a vertex, each in a triangle of the others; all of them are in one piece.
+    `bridges` are other triangles of the mesh, by vertices, whose corners are all vertices of these points. The result
+    has at most one point per vertex, each in a triangle of the others, and is connected.
     """
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)
@@ -73,17 +74,18 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
         is_apart = triangles_of(points, own)
         is_apart[is_apart] = ~_of_largest_piece(own[is_apart])
         if not is_apart.any():
-            return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).taken_back(points)
-        # a reader would find what has all corners in the piece, and no edge: it is left out as bridges are
+            return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).with_restored(points)
+        # programs would read triangles whose corners are in the piece, but not its edges: exclude them like bridges
         others, suspects = np.concatenate([others, ids[own[is_apart]]]), np.union1d(suspects, ids[own[is_apart]])
         own = own[~is_apart]
     return _one_piece(points, ids, faces)
 
 
 class _Corners:
-    """The triangles of the mesh at vertices that may have to be left out, or were, and of which points each is right.
+    """Store the triangles at vertices that may be excluded, and the points with which each triangle is right.
 
-    Of none for a bridge; of more than one where a slit was closed between the corners of a triangle.
+    A bridge is right with no points. A triangle is right with several sets of points if a slit between its corners was
+    closed.
     """
 
     def __init__(
@@ -101,14 +103,14 @@ class _Corners:
                 self.around[vertex].append(triangle)
 
     def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[frozenset[int], bool]]:
-        """Return the triangles at a vertex that a reader finds, and whether they are right."""
+        """Return the triangles at a vertex that a program would read, and whether they are right."""
         found = [triangle for triangle in self.around[vertex] if triangle <= listed.keys()]
         return [
             (one, any(all(listed[v] == point for v, point in of.items()) for of in self.points[one])) for one in found
         ]
 
     def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Leave out vertices, always the one with the most wrong triangles, and of these the one with fewest others."""
+        """Exclude vertices, always the one with the most wrong triangles, then the fewest others."""
         listed = self._by_vertex(points)
 
         def rank(vertex: int) -> tuple[int, int, int]:
@@ -123,12 +125,12 @@ class _Corners:
                 heapq.heappop(heap)
                 if wrong:
                     del listed[vertex]
-            else:  # others have gone since
+            else:  # others were excluded since
                 heapq.heapreplace(heap, (wrong, right, vertex))
         return self._points(listed)
 
-    def taken_back(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Take vertices back, on any side of a cut, that bring right triangles alone, which share edges with others."""
+    def with_restored(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Restore vertices, on either side of a cut, that add only right triangles, connected to others along edges."""
         listed = self._by_vertex(points)
         kept = self.faces[triangles_of(points, self.faces)]
         corners = self.ids[kept[np.isin(self.ids[kept], self.vertices).any(axis=1)]].tolist()
@@ -146,7 +148,7 @@ class _Corners:
                     if (
                         found
                         and all(right for _, right in found)
-                        and _hang_on([list(triangle) for triangle, _ in found], edges)
+                        and _are_connected([list(triangle) for triangle, _ in found], edges)
                     ):
                         edges.update(edge for triangle, _ in found for edge in _edges(list(triangle)))
                         is_settled = False
@@ -167,8 +169,8 @@ def _edges(triangle: list[int]) -> list[frozenset[int]]:
     return [frozenset((a, b)), frozenset((b, c)), frozenset((c, a))]
 
 
-def _hang_on(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
-    """Tell whether triangles hang together with edges, directly or through each other."""
+def _are_connected(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
+    """Return whether triangles are connected to edges, directly or through each other."""
     rest, own = triangles, set[frozenset[int]]()
     while rest:
         is_far = [edges.isdisjoint(_edges(triangle)) and own.isdisjoint(_edges(triangle)) for triangle in rest]
@@ -180,14 +182,14 @@ def _hang_on(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
 
 
 def _one_piece(points: NDArray[np.int64], ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the points of the piece with the most triangles that hang together along edges."""
+    """Return the points of the edge-connected piece with the most triangles."""
     kept = faces[triangles_of(points, faces)]
     largest = np.unique(kept[_of_largest_piece(kept)]).astype(np.int64)
     return largest[np.argsort(ids[largest], kind="stable")]
 
 
 def _of_largest_piece(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Find the triangles of the piece with the most of them, shape (F,); pieces hang together along edges."""
+    """Find the triangles of the edge-connected piece with the most triangles, shape (F,)."""
     if len(faces) == 0:
         return np.zeros(0, dtype=np.bool_)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64), axis=1)

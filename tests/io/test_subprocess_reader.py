@@ -14,10 +14,10 @@ import pytest
 from refusals import refused
 
 from voxflat.errors import InputError
-from voxflat.io import apart as module
-from voxflat.io.apart import apart
+from voxflat.io import subprocess_reader as module
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.reading import reading
+from voxflat.io.subprocess_reader import read_in_subprocess
 from voxflat.io.volumes import read_volume
 
 pytest.importorskip("vtkmodules")  # of the packages that it imports the one that takes least time
@@ -32,7 +32,7 @@ def path(tmp_path):
 
 def size(path):
     """Return a file's size, which the child tells."""
-    return apart(os.path.getsize, "vtkmodules", path)
+    return read_in_subprocess(os.path.getsize, "vtkmodules", path)
 
 
 # what the child is asked for; it finds this file by sys.path
@@ -72,10 +72,10 @@ def found_by_the_child(monkeypatch):
 @pytest.mark.slow
 def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
-        with pytest.raises(InputError, match=rf"^VTK ended at it \({name}\), within .*: copy it again, or give"):
-            apart(ends, "vtkmodules", path, int(number))
+        with pytest.raises(InputError, match=rf"^VTK ended while .* \({name}, memory limit .*\). Copy or .*, or allow"):
+            read_in_subprocess(ends, "vtkmodules", path, int(number))
     monkeypatch.setattr(module, "_SECONDS", 1)
-    refused("VTK was not done with it after 1 s", apart, computes, "vtkmodules", path)
+    refused("VTK did not finish reading the file within 1 s", read_in_subprocess, computes, "vtkmodules", path)
     assert size(path) == 1770
 
 
@@ -83,11 +83,11 @@ def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
 def test_it_takes_no_more_than_the_limit(path):
     limit = 1 << 28
     with reading(limit):
-        refused("needs more memory|are needed, 256 MiB is the limit", apart, takes, "vtkmodules", path, 3 * limit)
+        refused("needs more memory|are needed, 256 MiB", read_in_subprocess, takes, "vtkmodules", path, 3 * limit)
     with reading(limit):
-        assert len(apart(takes, "vtkmodules", path, limit // 2, size=limit)) == limit // 2
+        assert len(read_in_subprocess(takes, "vtkmodules", path, limit // 2, size=limit)) == limit // 2
     with pytest.raises(InputError, match="needs more memory"):  # than a file of 1 KB may stand for
-        apart(takes, "vtkmodules", path, 1 << 31)
+        read_in_subprocess(takes, "vtkmodules", path, 1 << 31)
 
 
 @pytest.mark.slow
@@ -100,15 +100,15 @@ def test_a_package_is_imported_after_the_files_of_another(tmp_path):
 
 
 def test_values_come_back_and_prints_do_not(path, capfd):
-    none, number, text, named, true = apart(prints, "vtkmodules", path)
+    none, number, text, named, true = read_in_subprocess(prints, "vtkmodules", path)
     assert (none, number, text, true) == (None, 1.5, "é", True)
     np.testing.assert_array_equal(named["a"], np.arange(6).reshape(2, 3).T)
     assert named["b"].shape == (0, 3)
     assert capfd.readouterr() == ("", "")
     with pytest.raises(RuntimeError, match="can't decode byte"):
-        apart(fails, "vtkmodules", path, "Unicode")
+        read_in_subprocess(fails, "vtkmodules", path, "Unicode")
     with pytest.raises(FileNotFoundError, match="gone: 'x'"):
-        apart(fails, "vtkmodules", path, "OS")
+        read_in_subprocess(fails, "vtkmodules", path, "OS")
 
 
 def test_threads_and_forks_share_no_answer(path):
@@ -134,9 +134,9 @@ def test_threads_and_forks_share_no_answer(path):
 def test_nothing_is_left_of_it(path, ending, tmp_path):
     """Neither when the caller ends nor when it is ended; modules in the working directory are not taken."""
     (tmp_path / "numpy.py").write_text("raise SystemExit('taken')")
-    code = "import os, pathlib; from voxflat.io import apart; "
-    code += f"apart.apart(os.path.getsize, 'vtkmodules', pathlib.Path({str(path)!r})); "
-    code += "print(apart._child.pid, flush=True); input()"
+    code = "import os, pathlib; from voxflat.io import subprocess_reader; "
+    code += f"subprocess_reader.read_in_subprocess(os.path.getsize, 'vtkmodules', pathlib.Path({str(path)!r})); "
+    code += "print(subprocess_reader._child.pid, flush=True); input()"
     is_safe = sys.version_info >= (3, 11)  # and knows -P
     command, pipe = [sys.executable, "-P" if is_safe else "-s", "-c", code], subprocess.PIPE
     caller = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=tmp_path if is_safe else None)
@@ -156,6 +156,6 @@ def test_a_call_that_is_broken_off_ends_the_child(path):
     threading.Timer(0.3, lambda: signal.pthread_kill(caller, signal.SIGINT)).start()
     start = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        apart(computes, "vtkmodules", path)
+        read_in_subprocess(computes, "vtkmodules", path)
     assert time.monotonic() - start < 5
     assert size(path) == 1770

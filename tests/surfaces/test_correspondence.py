@@ -44,7 +44,7 @@ class TestPial:
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
     def test_the_other_side_by_its_name(self, brain):
-        with pytest.raises(InputError, match="the surface is of CortexLeft, the pial one of CortexRight"):
+        with pytest.raises(InputError, match="the surface is CortexLeft, the pial surface CortexRight"):
             voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
 
     WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))
@@ -52,7 +52,7 @@ class TestPial:
 
     @pytest.mark.parametrize(("white", "pial"), WRONG)
     def test_wrong_ones_by_geometry(self, brain, white, pial):
-        message = r"does not belong to the surface: .* mm \(median\), -?\d+ % leads outward"
+        message = r"does not match the given surface: .* mm \(median\), -?\d+ % of it outward"
         refused(message, voxflat.surface, mesh(brain, white), pial=mesh(brain, pial))
 
     @pytest.mark.parametrize("unit", [1.0, 0.001, 1000.0])
@@ -60,30 +60,30 @@ class TestPial:
         (white, faces), (pial, _), (other, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial", "rh.pial"))
         surface = voxflat.surface((unit * white, faces), pial=(unit * pial, faces))
         assert not any("pial" in remark for remark in surface.remarks)
-        refused("does not belong", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
+        refused("does not match", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
 
     def test_exchanged(self, brain):
-        with pytest.raises(InputError, match="lies inside the surface: are they exchanged"):
+        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether they are exchanged"):
             voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
 
     def test_shifted(self, brain):
         """By an ordinary c_ras it is refused, by 2.4 mm doubted."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
-        with pytest.raises(InputError, match=r"another subject or space"):
+        with pytest.raises(InputError, match=r"same hemisphere, subject and space"):
             voxflat.surface((white, faces), pial=(pial + np.array([3, -17, 22]), faces))
         (remark,) = voxflat.surface((white, faces), pial=(pial + np.array([1, -2, 1]), faces)).remarks
-        assert "may not belong to the surface" in remark
+        assert "may not match the given surface" in remark
 
     def test_itself(self, brain):
         (remark,) = voxflat.surface(brain / "lh.white", pial=brain / "lh.white").remarks
-        assert "the pial surface is the surface itself" in remark
+        assert "the pial surface equals the given surface" in remark
 
     def test_a_patch_that_faces_inwards_is_no_error(self, brain):
         """What has a boundary has no outside that could be known."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         part = faces[(white[faces][:, :, 2] > 40).all(axis=1)][:, ::-1]
         (remark,) = [told for told in voxflat.surface((white, part), pial=(pial, part)).remarks if "pial" in told]
-        assert "may not belong" in remark
+        assert "may not match" in remark
 
 
 def write_label(path, vertices, points):
@@ -114,7 +114,7 @@ class TestLabels:
     def test_the_other_sides(self, brain, tmp_path):
         vertices, white = self.chosen(brain, "rh.white")
         path = write_label(tmp_path / "rh.V1.label", vertices, white[vertices])
-        refused(r"rh\.V1\.label: is of CortexRight, the surface of CortexLeft", self.cut, brain, path)
+        refused(r"rh\.V1\.label: belongs to CortexRight, but the surface is CortexLeft", self.cut, brain, path)
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
         refused(r"V1\.label: its points lie on the other side of the brain .*x = \d+ and -\d+", self.cut, brain, path)
 
@@ -124,7 +124,7 @@ class TestLabels:
         path = write_label(tmp_path / "V1.label", vertices, white[::-1][vertices])
         remarks = [remark for remark in self.cut(brain, path).remarks if "V1.label" in remark]
         assert len(remarks) == 1
-        assert "mm (median) from the vertices that it names" in remarks[0]
+        assert "mm (median) away from the vertices to which it refers" in remarks[0]
 
     def test_on_a_surface_in_scanner_ras(self, brain, tmp_path):
         """The label's points are tkRAS all the same, c_ras not known."""
@@ -149,7 +149,7 @@ class TestOverlays:
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
-        message = rf"rh\.{name}: is of CortexRight, the surface of CortexLeft: give .* array"
+        message = rf"rh\.{name}: belongs to CortexRight, but the surface is CortexLeft. Pass .* array"
         refused(message, flat.image, brain / f"rh.{name}")
         values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
         assert np.isfinite(flat.image(values).data).any()  # what is meant is taken
@@ -158,7 +158,7 @@ class TestOverlays:
         values = [(np.zeros(10242, "f4"), "shape")]
         right = {"AnatomicalStructurePrimary": "CortexRight"}
         for change in (lambda image: image.meta.update(right), lambda image: image.darrays[0].meta.update(right)):
-            refused("is of CortexRight", flat.image, gifti(tmp_path / "lh.shape.gii", values, change))
+            refused("belongs to CortexRight", flat.image, gifti(tmp_path / "lh.shape.gii", values, change))
         flat.image(gifti(tmp_path / "x.shape.gii", values))
 
     @pytest.mark.slow

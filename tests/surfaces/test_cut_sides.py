@@ -21,7 +21,7 @@ from voxflat import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat, Zigelman2002
-from voxflat.surfaces.lips import listed_points, one_point_a_vertex
+from voxflat.surfaces.cut_sides import listed_points, one_point_a_vertex
 
 PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
 
@@ -191,7 +191,7 @@ def test_names(tmp_path, monkeypatch):
 
 def test_a_patch_of_another_surface(tmp_path):
     voxflat.flatten(sheet(), Voxflat(sources=30)).save(tmp_path / "lh.patch.flat")
-    with pytest.raises(InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
+    with pytest.raises(InputError, match="entry 24 of the patch is vertex 24, but the surface has 24 points"):
         voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
 
 

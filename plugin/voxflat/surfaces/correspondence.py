@@ -1,4 +1,4 @@
-"""Whether a pial surface or regions belong to a surface: both sides of fsaverage have as many vertices."""
+"""Check whether a pial surface or regions belong to a surface; both sides of fsaverage have equally many vertices."""
 
 import os
 from pathlib import Path
@@ -15,35 +15,37 @@ from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
 from voxflat.surfaces.manifold import Manifold
 
-_OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
-_BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
-_SIDE = 5.0  # mm from the middle that a side is sure
+_OUTWARD = (0.4, 0.7)  # outward share of the way to the pial surface: 0.94 on fsaverage; -0.3 to 0.3 for wrong surfaces
+_BESIDE = 10.0  # mm from a label's points to the vertices; white to pial is 3
+_SIDE = 5.0  # mm from the midline for a reliable side
 
 
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the points of a pial surface in the space of the white one, shape (N, 3), and what the user should know.
+    """Return the points of a pial surface in the space of the white one, shape (N, 3), and remarks.
 
-    It must lie outside, vertex by vertex: of the way from vertex to vertex the share that leads outwards, the sum of
-    the parts along the normals over the sum of the lengths, needs no unit and no usual thickness. Another structure,
-    another number of vertices, or a surface that lies elsewhere is an `InputError`.
+    The pial surface must lie outside. The test is the outward share of the way from vertex to vertex: the sum of the
+    components along the normals over the sum of the lengths. It needs no unit and no usual thickness. A surface of
+    another structure, with another number of vertices, or at another position raises an `InputError`.
     """
     other = as_mesh(pial)
     if other is None and isinstance(pial, str | os.PathLike):
         is_there = Path(pial).exists()
-        raise InputError(f"{pial} is no mesh; give a pial surface" if is_there else f"{pial}: there is no such file")
+        raise InputError(
+            f"{pial} is not a mesh. Pass a pial surface" if is_there else f"{pial}: the file does not exist"
+        )
     if other is None:
-        raise InputError(f"pial is {type(pial).__name__}; give a mesh: a path, (points, faces), or a PolyData")
+        raise InputError(f"pial has type {type(pial).__name__}. Pass a mesh: a path, (points, faces), or a PolyData")
     if len(other.points) != len(mesh.points):
         raise InputError(
-            f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
-            "one subject and correspond vertex by vertex"
+            f"the pial surface has {len(other.points)} vertices, but the given surface has {len(mesh.points)}. "
+            "Pass two surfaces of one subject that correspond vertex by vertex"
         )
     places = _in_space_of(mesh, other)
     return places, _check_pial(core, mesh, other, places)
 
 
 def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
-    """Return the points of another mesh in the space of one, as they are where a space is not known."""
+    """Return the points of another mesh in the space of a mesh; unchanged if one of the spaces is unknown."""
     is_same = mesh.space._described()["to_scanner"] == other.space._described()["to_scanner"]
     if is_same or not (mesh.space.is_known and other.space.is_known):
         return other.points
@@ -51,34 +53,34 @@ def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
 
 
 def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
-    """Check that a pial surface lies outside a white one, whose triangles face outside."""
+    """Check that a pial surface lies outside a white one, whose triangles face outwards."""
     if mesh.structure and pial.structure and mesh.structure != pial.structure:
-        raise InputError(f"the surface is of {mesh.structure}, the pial one of {pial.structure}: give both of one side")
+        raise InputError(f"the surface is {mesh.structure}, the pial surface {pial.structure}. Pass both of one side")
     way = (places - mesh.points)[core.ids]
     lengths = np.linalg.norm(way, axis=1)
     if not lengths.any():
-        return ["the pial surface is the surface itself: distances are measured there, not midway"]
+        return ["the pial surface equals the given surface: distances are measured on it, not halfway between the two"]
     normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))
     outward = float((normals * way).sum() / lengths.sum())
     apart = (
-        f"on the way to the pial surface, {np.median(lengths):.3g} mm (median), {100 * outward:.0f} % leads outwards "
-        "(more than 90 % is usual)"
+        f"the distance to the pial surface is {np.median(lengths):.3g} mm (median), {100 * outward:.0f} % of "
+        "it outwards (usual: more than 90 %)"
     )
     is_closed = not core.topology()["loops"]
     if outward < -_OUTWARD[1] and is_closed:
-        raise InputError(f"the pial surface lies inside the surface: are they exchanged? {apart}")
+        raise InputError(f"the pial surface lies inside the given surface: {apart}. Check whether they are exchanged")
     if abs(outward) < _OUTWARD[0]:
         raise InputError(
-            f"the pial surface does not belong to the surface: {apart}; is it of the other side, of another subject or "
-            "space, or inflated?"
+            f"the pial surface does not match the given surface: {apart}. Check that it is not inflated, and "
+            "belongs to the same hemisphere, subject and space"
         )
     if outward < _OUTWARD[1]:
-        return [f"the pial surface may not belong to the surface: {apart}"]
+        return [f"the pial surface may not match the given surface: {apart}"]
     return []
 
 
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
-    """Check that a region's file is of this side of the brain; remark if the points of a label lie elsewhere."""
+    """Check that the file of a region belongs to this hemisphere; return a remark if a label's points lie elsewhere."""
     if whole.is_voxels:
         return []
     refuse_other_side(region, whole.metadata.get("structure"))
@@ -86,7 +88,7 @@ def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
 
 
 def _check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare a label's points, unless all are 0, to its vertices: on the surface it was drawn on, often the white."""
+    """Compare the points of a label, unless all are 0, to its vertices; labels are often drawn on the white surface."""
     vertices, points = read_label_points(path)
     place = np.full((whole.count, 3), np.nan)
     place[whole.vertices] = whole.points
@@ -99,17 +101,17 @@ def _check_label(whole: Manifold, path: Path) -> list[str]:
     if space.name == "scanner" and space.volume is not None:
         points = Space("tkRAS", space.volume).to_scanner(points)
     elif space.name != "tkRAS":
-        points = points + (there.mean(axis=0) - points.mean(axis=0))  # c_ras is not known
+        points = points + (there.mean(axis=0) - points.mean(axis=0))  # c_ras is unknown
     far = float(np.median(np.linalg.norm(points - there, axis=1)))
     if far <= _BESIDE:
         return []
     sides = points[:, 0].mean(), there[:, 0].mean()
     if sides[0] * sides[1] < 0 and min(map(abs, sides)) > _SIDE:
         raise InputError(
-            f"{path}: its points lie on the other side of the brain than the vertices that it names "
-            f"(x = {sides[0]:.0f} and {sides[1]:.0f} mm on average): give the label of this side"
+            f"{path}: its points lie on the other side of the brain than the vertices to which it refers (x = "
+            f"{sides[0]:.0f} and {sides[1]:.0f} mm on average). Pass the label of this hemisphere"
         )
     return [
-        f"the points of {path.name} lie {far:.0f} mm (median) from the vertices that it names: is it of this surface, "
-        "and is this one white, pial or between?"
+        f"the points of {path.name} are {far:.0f} mm (median) away from the vertices to which it refers. "
+        "Check that it belongs to this surface, and that the surface is white, pial or between both"
     ]

@@ -1,11 +1,10 @@
-"""Readers in C++ run in a process of their own.
+"""Run readers written in C++ in a child process.
 
-ITK and VTK trust the files that they read, as does what unpacks chunks of Zarr and pixels of pictures: a damaged one
-ends their process, takes all its memory, prints what nobody asked for, or is never done.
-So they read in a child process, which is started when it is first needed, kept, and started anew after it ended. The
-system holds it to a limit of addresses and of seconds for each file, what it prints goes nowhere, and its answers are
-JSON and the bytes of arrays, checked here: whatever it does, the caller has an error of one line. Where the system has
-no such limits (Windows), a file may take long, and memory.
+ITK and VTK trust the files that they read, and so do the decoders of Zarr chunks and pictures. A damaged file can crash
+the process, take all its memory, print messages, or never finish. Therefore they read in a child process, which is
+started on first use, kept, and restarted after a crash. The system limits its memory and time for each file, its output
+is discarded, and its answers are JSON and the bytes of arrays, which are checked here. In every case the caller gets an
+error of one line. On systems without such limits (Windows), a file may take long and use much memory.
 """
 
 import atexit
@@ -33,13 +32,13 @@ from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, one_line, require
 from voxflat.io.reading import allowed_memory, check_room, reading
 
-_SECONDS, _RATE = 5, 1 << 20  # of computing that a file may take, and the bytes of it for which it may take one more
-_WAITING = 10  # times as many may pass: others compute, too, and disks are far away
-_INFLATED = 1032  # bytes that one may stand for, in zlib's format
-_DYING = 1.0  # seconds that a child has to end which no longer answers, for its status
-_OWN = 1 << 28  # bytes of addresses for what a package needs itself
+_SECONDS, _RATE = 5, 1 << 20  # CPU seconds per file, and bytes for one more second
+_WAITING = 10  # wall seconds per CPU second, for busy machines and slow disks
+_INFLATED = 1032  # largest compression ratio of zlib
+_DYING = 1.0  # seconds to wait for the exit status of a child that does not answer
+_OWN = 1 << 28  # bytes of address space for the package itself
 
-# signals that end a process, also in the middle of C++: which clock sends them, after times how many seconds
+# signals that stop a process even within C++: their clock, and a factor for the seconds
 _TIMES = {}
 if hasattr(signal, "setitimer"):  # not Windows
     _TIMES = {signal.SIGPROF: (signal.ITIMER_PROF, 1), signal.SIGALRM: (signal.ITIMER_REAL, _WAITING)}
@@ -48,20 +47,22 @@ _ENVIRONMENT = {
     # threads reserve far more addresses than they use
     "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS": "1",
     "MALLOC_ARENA_MAX": "1",
-    # pages of 2 MiB, as NumPy asks for: ITK reads 100 MB in half the time
+    # pages of 2 MiB, as in NumPy: ITK reads 100 MB in half the time
     "GLIBC_TUNABLES": ":".join(filter(None, (os.environ.get("GLIBC_TUNABLES"), "glibc.malloc.hugetlb=1"))),
 }
 
-# not -m, which would look for modules in the working directory, where others may have put them
-_START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.apart import serve; serve()"
+# not -m, which would import modules from the working directory
+_START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.subprocess_reader import serve; serve()"
 
 
-def apart(function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None) -> Any:
-    """Call a function of a module's top level that reads a file by a package in C++, in the child process.
+def read_in_subprocess(
+    function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None
+) -> Any:
+    """Call a module-level function that reads a file with a C++ package, in the child process.
 
-    It returns an array, None, a number, text, or lists (tuples become such) and dictionaries of them. `size`: bytes
-    that are read, if they do not all lie in that file. That a child ends is an `InputError`; its other errors are
-    `RuntimeError`.
+    It returns an array, None, a number, text, or lists (also for tuples) and dictionaries of these. `size` is the
+    number of bytes to read, if they are not all in that file. A crash of the child raises an `InputError`, its other
+    errors raise a `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:
@@ -80,7 +81,7 @@ def apart(function: Callable[..., Any], package: str, path: Path, *arguments: An
             _child = _started()
         try:
             told, arrays = _answer(_child, asked)
-        except BaseException:  # what it still has to say is not for the next caller
+        except BaseException:  # do not pass its late answer to the next caller
             _stop()
             raise
     if "error" in told:
@@ -89,7 +90,7 @@ def apart(function: Callable[..., Any], package: str, path: Path, *arguments: An
     return _put(told["value"], arrays)
 
 
-# what it is called, which extra brings it, if one does, and what in it is to be loaded: ITK does that when first asked
+# display name, extra that installs it, and an attribute to load (ITK loads lazily)
 _PACKAGES = {
     "itk": ("ITK", "itk", "ImageIOFactory"),
     "vtkmodules": ("VTK", "pyvista", "__name__"),
@@ -102,7 +103,7 @@ _child: subprocess.Popen[bytes] | None = None
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """Start a child: out of reach of Ctrl-C, which is for its caller; it ends when its input does."""
+    """Start a child that ignores the caller's Ctrl-C and ends when its input does."""
     return subprocess.Popen(
         [sys.executable, "-c", _START, *sys.path],
         bufsize=0,
@@ -117,7 +118,7 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Ask the child; return what it says, and its arrays."""
+    """Send a request to the child; return its answer and its arrays."""
     assert child.stdin is not None
     assert child.stdout is not None
     line = b""
@@ -144,18 +145,21 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict
 
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
-    """Say why a child ended."""
+    """Return why a child ended."""
     _stop(_DYING)
     status, name = child.returncode, _PACKAGES[asked["package"]][0]
     for timer, (_, times) in _TIMES.items():
         if status == -timer:
-            return f"{name} was not done with it after {asked['seconds'] * times} s: {AGAIN}"
+            return f"{name} did not finish reading the file within {asked['seconds'] * times} s. {AGAIN}"
     how = signal.Signals(-status).name if status < 0 else f"status {status}"
-    return f"{name} ended at it ({how}), within {amount(asked['memory'])}: {AGAIN}, or give it more memory"
+    return (
+        f"{name} ended while it read the file ({how}, memory limit {amount(asked['memory'])}). {AGAIN}, or "
+        "allow more memory"
+    )
 
 
 def _stop(patience: float = 0.0) -> None:
-    """End the child, whatever it does: it only reads. After so many seconds in which it may end by itself."""
+    """Stop the child, which only reads, after some seconds in which it may end by itself."""
     global _child
     child, _child = _child, None
     if child is not None:
@@ -178,7 +182,7 @@ def _forget() -> None:
     global _child, _lock
     if _child is not None:
         _close(_child)
-        _child.returncode = 0  # it is waited for by its parent
+        _child.returncode = 0  # its parent waits for it
     _child, _lock = None, threading.Lock()
 
 
@@ -191,7 +195,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve() -> None:
-    """Answer calls of `apart` that come on standard input, until it ends."""
+    """Answer the requests of `read_in_subprocess` on standard input until it ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
@@ -202,38 +206,40 @@ def serve() -> None:
         try:
             answer: dict[str, Any] = {"value": _taken(_called(**asked), arrays)}
         except Exception as error:
-            answer = {"error": _told(error, asked["arguments"][0])}
+            answer = {"error": _as_answer(error, asked["arguments"][0])}
         _send(answers, answer, arrays)
 
 
 def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
-    """Let Python open no pipe, which would be waited for: a file that others name, such as a chunk of Zarr."""
+    """Prevent Python from opening a pipe, such as one in place of a Zarr chunk, because reading it would block."""
     mode = 0
     if event == "open" and isinstance(values[0], str | bytes | os.PathLike):
-        with contextlib.suppress(OSError, ValueError):  # of no such file
+        with contextlib.suppress(OSError, ValueError):  # the file does not exist
             mode = os.stat(values[0]).st_mode
     if stat.S_ISFIFO(mode):
-        raise InputError(f"{Path(os.fsdecode(values[0])).name} is no regular file: copy what it gives into one")
+        raise InputError(f"{Path(os.fsdecode(values[0])).name} is not a regular file. Copy its content into a file")
 
 
-def _told(error: Exception, path: str) -> list[Any]:
-    """Return the kind of an error and its values; the file is named by the caller."""
-    if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
+def _as_answer(error: Exception, path: str) -> list[Any]:
+    """Return the kind of an error and its values; the caller adds the file."""
+    if (
+        isinstance(error, OSError) and error.errno is not None
+    ):  # errors without errno come from readers of damaged files
         return ["OSError", error.errno, error.strerror, error.filename]
     if isinstance(error, MemoryError):
-        return ["InputError", "needs more memory than there is: crop it, or give it more memory"]
+        return ["InputError", "reading it needs more memory than is available. Crop it, or allow more memory"]
     text = str(error).replace(path, Path(path).name)
     return ["InputError", text] if isinstance(error, InputError) else ["RuntimeError", one_line(RuntimeError(text))]
 
 
 def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
-    """Call a function within limits, for which importing its package does not count."""
+    """Call a function within limits, which do not include the import of its package."""
     _, extra, loaded = _PACKAGES[package]
-    _limit_addresses(None)  # that of the file before
+    _limit_addresses(None)  # remove the limit of the previous file
     getattr(require(package, extra), loaded)
     module, _, name = function.partition(":")
     called = getattr(importlib.import_module(module), name)
-    _limit_addresses(2 * (_OWN + min(memory, contents)))  # which are held twice while they are converted
+    _limit_addresses(2 * (_OWN + min(memory, contents)))  # factor 2: conversion holds the data twice
     _limit_seconds(seconds)
     try:
         with reading(memory):
@@ -243,13 +249,13 @@ def _called(function: str, package: str, arguments: list[Any], seconds: int, mem
 
 
 def _limit_seconds(seconds: int) -> None:
-    """End this process after so many seconds of computing; 0 for never."""
+    """Stop this process after some seconds of computing; 0 means never."""
     for clock, times in _TIMES.values():
         signal.setitimer(clock, seconds * times)
 
 
 def _limit_addresses(most: int | None) -> None:
-    """Limit how many bytes may be taken more than there are now, or lift it; write no image of a process that ended."""
+    """Limit the additional address space, or remove the limit; disable core dumps."""
     try:
         import resource
     except ImportError:  # Windows
@@ -261,7 +267,7 @@ def _limit_addresses(most: int | None) -> None:
 
 
 def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Take arrays out of a value, and put their numbers in their places."""
+    """Replace arrays in a value by their numbers, and collect them."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -271,7 +277,7 @@ def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Put arrays back."""
+    """Replace numbers in a value by their arrays."""
     if isinstance(value, dict):
         if "array" in value:
             return arrays[value["array"]]
@@ -280,7 +286,7 @@ def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def _send(answers: IO[bytes], answer: dict[str, Any], arrays: list[NDArray[Any]]) -> None:
-    """Write an answer, and its arrays as they lie in memory."""
+    """Write an answer, and its arrays as they are in memory."""
     kinds, blocks = [], []
     for array in arrays:
         order = np.argsort([-abs(stride) for stride in array.strides], kind="stable")
