@@ -21,7 +21,7 @@ from voxflat.lab.inputs import Parameters, found_in, participants
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
-BROKEN = {"05": r"found no \*_hemi-L_pial\.surf\.gii", "08": r"_white\.surf\.gii: .*is the file complete"}
+BROKEN = {"05": r"found no \*_hemi-L_pial\.surf\.gii", "08": r"_white\.surf\.gii: .*Check that the file is complete"}
 BROKEN["11"] = rf"has {FEW - 1} vertices"
 
 

@@ -220,7 +220,7 @@ def test_keep_is_an_array_of_the_mesh():
     mask = mesh.voxflat(method=Voxflat(sources=40), keep=np.asarray(mesh["right"]))
     assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
     assert not mesh.voxflat(method=Voxflat(sources=40), drop="right").point_data["right"].any()
-    refused("the patch holds no triangle", mesh.voxflat, keep=np.zeros(mesh.n_points, dtype=bool))
+    refused("contains no triangle", mesh.voxflat, keep=np.zeros(mesh.n_points, dtype=bool))
     refused(r"'misspelt' is neither an array of the points nor a file.*right", mesh.voxflat, drop="misspelt")
 
 

@@ -470,14 +470,14 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
         or starts[-1] != rows
         or (np.diff(starts) < 1).any()
     ):
-        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say: {AGAIN}")
+        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say. {AGAIN}")
     check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
-        raise InputError(f"it measured too little: {AGAIN}")
+        raise InputError(f"it measured too little. {AGAIN}")
     areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
-        raise InputError(f"its pieces have the areas {shown(areas)} mm²: {AGAIN}")
+        raise InputError(f"its pieces have the areas {shown(areas)} mm². {AGAIN}")
     check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])
     return in_types(arrays, layout)

@@ -44,28 +44,28 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
 def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
     """Check what a file says a map's surface was made of, as in the metadata of `Sampler`."""
     if not isinstance(metadata.get("provenance", {}), dict):
-        raise InputError(f"its provenance is {metadata['provenance']!r:.80}: {AGAIN}")
+        raise InputError(f"its provenance is {metadata['provenance']!r:.80}. {AGAIN}")
     kind = metadata.get("kind")
     if kind == "voxels":
         shape, affine = metadata.get("shape"), metadata.get("affine")
         if not (isinstance(shape, list) and len(shape) == 3 and all(is_whole(n) and 0 < n < 2**31 for n in shape)):
-            raise InputError(f"its volume has the shape {shape!r:.80}: {AGAIN}")
+            raise InputError(f"its volume has the shape {shape!r:.80}. {AGAIN}")
         try:
             matrix = np.asarray(affine, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             matrix = np.empty(0)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise InputError(f"its volume has the affine {affine!r:.80}: {AGAIN}")
+            raise InputError(f"its volume has the affine {affine!r:.80}. {AGAIN}")
         most, width = np.array(shape), 3
     elif kind == "mesh":
         vertices = metadata.get("vertices")
         if not (is_whole(vertices) and 0 < vertices < 2**31):
-            raise InputError(f"its mesh has {vertices!r:.80} vertices: {AGAIN}")
+            raise InputError(f"its mesh has {vertices!r:.80} vertices. {AGAIN}")
         most, width = np.array(vertices), 1
     else:
-        raise InputError(f"it is made of {kind!r:.80}, neither voxels nor a mesh: {AGAIN}")
+        raise InputError(f"it is made of {kind!r:.80}, neither voxels nor a mesh. {AGAIN}")
     if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
-        raise InputError(f"its ids are not all of {most.tolist()}: {AGAIN}")
+        raise InputError(f"its ids are not all of {most.tolist()}. {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)
