@@ -1,4 +1,4 @@
-"""Pictures of functional data in `docs/how-to/index.md`: a movie, and retinotopy.
+"""Pictures of functional data: a movie, and retinotopy.
 
     python docs/gallery/functional.py docs/pictures
 
