@@ -10,9 +10,9 @@ import sys
 import threading
 import time
 from contextlib import nullcontext
-from pathlib import Path
 
 import composed
+import how_to
 import numpy as np
 import pytest
 import studies
@@ -28,7 +28,7 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 fcntl = pytest.importorskip("fcntl")
 
-PAGE = (Path(__file__).parents[1] / "docs" / "cluster.md").read_text()
+PAGE = how_to.text("job-array", "dask")
 
 pytestmark = pytest.mark.slow  # workers are processes, which take seconds to start
 
@@ -180,7 +180,7 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
     for name in ("white", "pial"):
         shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
-    said = {command: run(*shlex.split(command)) for command in re.findall(r"^ {4}voxflat (.*)$", PAGE, re.MULTILINE)}
+    said = {command: run(*shlex.split(command)) for command in how_to.commands(PAGE)}
     for command, result in said.items():
         assert result.exit_code == 0, f"{command}\n{result.output}"
     dry, made, group, local, file, rows = (result.stdout for result in said.values())

@@ -1,10 +1,11 @@
-"""The commands for labs in README and how-to, as they stand there, in a directory as FreeSurfer leaves it."""
+"""The commands for labs in README and the how-to guides, as printed, in a directory as FreeSurfer leaves it."""
 
 import re
 import shlex
 from pathlib import Path
 
 import composed
+import how_to
 import lab
 import nibabel as nib
 import pytest
@@ -19,12 +20,10 @@ ENOUGH = 642  # where it is a matter of maps
 AS_GOOD = 1.1  # times the error of the best map that any option gives
 
 
-def commands(page, section=None):
-    """Return the lines of a page, or of a section of it, that call voxflat."""
-    text = (ROOT / page).read_text()
-    if section is not None:
-        text = re.search(rf"^## {section}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)[1]
-    return re.findall(r"(?:^ {4}|`)voxflat ((?:flatten|cut|measure|path) [^`\n]*[^`\n.])(?:`|$)", text, re.MULTILINE)
+def commands_of_readme():
+    """Return the commands, in lines of their own or within sentences."""
+    readme = (ROOT / "README.md").read_text()
+    return re.findall(r"(?:^ {0,4}|`)voxflat ((?:flatten|measure) [^`\n]*[^`\n.])(?:`|$)", readme, re.MULTILINE)
 
 
 def run(command):
@@ -40,14 +39,12 @@ def subject(tmp_path_factory):
         patch.chdir(folder)
         run("cut lh.white --pial lh.pial --drop medial-wall -o lh.cortex.patch.3d")
         said = {}
-        for section in ("Flatten FreeSurfer and HCP surfaces", "Cut a hemisphere open", "Measure on a map"):
-            for command in commands("docs/how-to.md", section):
-                if "..." not in command:
-                    said[command] = run(command.replace("1204 8811 9032", "104 61 132"))
+        for command in how_to.commands(how_to.text("freesurfer-surfaces", "cuts", "own-cuts", "areas")):
+            said[command] = run(command.replace("1204 811 2032", "104 61 132"))
         flat = voxflat.load("map.npz")
         white, _, _ = lab.hemisphere(FEW)
         write_obj(folder / "unwrapped.obj", white, flat.ids[flat.faces], flat.uv[flat.faces])
-        for command in commands("docs/how-to.md", "Judge a map"):
+        for command in how_to.commands(how_to.text("compare-maps")):
             said[command] = run(f"{command} --sources 20")
     return folder, said
 
@@ -56,7 +53,7 @@ def subject(tmp_path_factory):
 def test_the_commands_run_and_readmes_are_among_them(subject):
     folder, said = subject
     assert len(said) >= 8
-    for command in commands("README.md"):
+    for command in commands_of_readme():
         if command.startswith(("flatten lh.", "measure lh.")) and "-o" in command:
             assert command in said or command.startswith("flatten lh.white --pial lh.pial -o")
     places, faces = nib.load(folder / "lh.flat.surf.gii").agg_data()

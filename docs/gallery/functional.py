@@ -1,4 +1,4 @@
-"""Pictures of functional data in `docs/how-to.md`: a movie, and retinotopy.
+"""Pictures of functional data: a movie, and retinotopy.
 
     python docs/gallery/functional.py docs/pictures
 

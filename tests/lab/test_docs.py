@@ -1,9 +1,9 @@
-"""The commands and the Python code of docs/freesurfer.md run as written."""
+"""The commands and the Python code of the how-to guides for labs run as written."""
 
 import re
 import shlex
-from pathlib import Path
 
+import how_to
 import numpy as np
 import pytest
 import studies
@@ -12,7 +12,7 @@ from lab_runs import FEW
 
 pytestmark = pytest.mark.slow  # what it makes takes seconds
 
-PAGE = (Path(__file__).parents[2] / "docs" / "freesurfer.md").read_text()
+PAGE = how_to.text("freesurfer-subject", "bids-study", "other-programs")
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def lab(tmp_path_factory):
     said = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for command in re.findall(r"^ {4}voxflat (.*)$", PAGE, re.MULTILINE):
+        for command in how_to.commands(PAGE):
             said[command] = run(*shlex.split(command))
     return folder, said
 

@@ -1,10 +1,9 @@
 import json
-import re
 import shlex
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
+import how_to
 import numpy as np
 import pytest
 from command_line import succeed
@@ -251,8 +250,7 @@ def test_the_commands_of_the_how_to_run(pit, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     flat_map.save("map.npz")
     io.write_mesh("pit.ply", io.Mesh(points, faces))
-    how_to = (Path(__file__).parents[2] / "docs" / "how-to.md").read_text()
-    commands = re.findall(r"^ {4}voxflat (worst .*?)(?: {2,}#.*)?$", how_to, re.MULTILINE)
+    commands = how_to.commands(how_to.text("worst-places"))
     assert len(commands) == 2
     for command in commands:
         result = succeed(*shlex.split(command))

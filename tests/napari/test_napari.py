@@ -74,7 +74,7 @@ def test_what_the_page_names_is_in_the_window(flattened):
             assert one in seen, one
 
     rows = [line.split("|")[1:-1] for line in page.splitlines() if line.startswith("| ")]
-    head = rows.index([" dock ", " key ", " what "])
+    head = rows.index([" dock ", " key ", " action "])
     form, keys = rows[1:head], rows[head + 1 :]
     asked = {part.text() for part in widget.form.findChildren(QLabel)} | {"Advanced"}
     assert {name.strip() for row in form for name in row[0].split(",")} <= asked
