@@ -296,7 +296,7 @@ class Atlas(FlatPieces, ABC):
     def _repr_html_(self) -> str:
         """Return the page and the table of the pieces, for Jupyter."""
         figure = importlib.import_module("voxflat.figures").atlas_page(self)  # it stands above atlases
-        return page(self, self.table(), figure, "The pieces side by side, a colour for each patch")
+        return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
     @abstractmethod
     def table(self) -> str:
@@ -374,7 +374,7 @@ class Atlas(FlatPieces, ABC):
         """
         path = checked_path(path)
         if path.suffix.lower() not in SAVED_ENDINGS:
-            raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz or .voxflat")
+            raise InputError(f"Cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat.")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
         with (
@@ -428,7 +428,7 @@ class Atlas(FlatPieces, ABC):
             text = from_json(str(arrays.pop("text")))
             note(path)
             if text.pop("format") != cls._format:
-                raise InputError(f"{path} was written by another version of voxflat; make the patches again")
+                raise InputError(f"{path} was written by another version of voxflat. Make the patches again.")
             with naming(path, AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)
@@ -437,7 +437,7 @@ class Atlas(FlatPieces, ABC):
 def figures_of(told: Mapping[str, Any]) -> dict[str, float]:
     """Return figures that a file tells; ValueError if one is no number."""
     if not all(is_number(one) for one in told.values()):
-        raise ValueError(f"{dict(told)} are no numbers")
+        raise ValueError(f"{dict(told)} are not numbers")
     return {name: float(one) for name, one in told.items()}
 
 
@@ -470,11 +470,11 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
         or starts[-1] != rows
         or (np.diff(starts) < 1).any()
     ):
-        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say: {AGAIN}")
+        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its array starts says: {AGAIN}")
     check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
-        raise InputError(f"it measured too little: {AGAIN}")
+        raise InputError(f"its figures are not complete: {AGAIN}")
     areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
         raise InputError(f"its pieces have the areas {shown(areas)} mm²: {AGAIN}")

@@ -258,11 +258,11 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
     """Glue the patches of an atlas, of which C ≤ `certified` is proven: see `FlatAtlas.glue`."""
     if not is_number(bound):
-        raise InputError(f"bound is {shown(bound)}; give a number, the greatest factor by which lengths may change")
+        raise InputError(f"bound is {shown(bound)}. Pass the greatest factor by which lengths may change.")
     threads = checked_threads(threads)
     core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):
-        raise InputError("the atlas's triangles are no surface; make the patches again")
+        raise InputError("The atlas's triangles are not a surface. Make the patches again.")
     flat = np.ascontiguousarray(atlas.uv[atlas.uv_faces].reshape(-1, 6))
     found = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)
     glued = GluedAtlas(
@@ -283,5 +283,5 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
         measured_before=found["before"],
         seams=Seams(**found["seams"]),
     )
-    log.info("%d patches are glued to %d pieces", len(atlas), len(glued))
+    log.info("%d patches were glued into %d pieces", len(atlas), len(glued))
     return glued

@@ -29,7 +29,7 @@ def lay_out(
     between the boxes; "shapes" into each other's bays, by xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
-        raise InputError(f"the gap is {gap} mm; give a positive number")
+        raise InputError(f"gap is {gap} mm. Pass a positive number.")
     placed = _turned(uv, starts)
     sizes = _sizes(placed, starts)
     placed += np.repeat(_in_rows(sizes, gap), np.diff(starts), axis=0)
@@ -89,7 +89,7 @@ def _by_shape(
     try:
         import xatlas
     except ImportError as error:
-        raise InputError("packing 'shapes' needs xatlas: pip install 'voxflat[atlas]', or pack 'boxes'") from error
+        raise InputError("packing='shapes' needs xatlas: pip install 'voxflat[atlas]'. Or pass 'boxes'.") from error
     atlas = xatlas.Atlas()
     pieces = (np.searchsorted(starts, faces[:, 0], side="right") - 1).astype(np.uint32)
     atlas.add_uv_mesh(apart.astype(np.float32), faces.astype(np.uint32), pieces[:, None])
@@ -97,7 +97,7 @@ def _by_shape(
     options.padding, options.bilinear, options.texels_per_unit = _TEXELS, True, _TEXELS / gap
     atlas.generate(pack_options=options)
     if atlas.atlas_count != 1 or atlas.chart_count < len(starts) - 1:
-        raise InputError("xatlas cannot pack these pieces: pack 'boxes', or give a larger gap")
+        raise InputError("xatlas cannot pack these pieces. Pass packing='boxes', or a larger gap.")
     rows, _, places = atlas.get_mesh(0)
     target = np.full_like(apart, np.nan)
     target[rows] = places.astype(np.float64) * [atlas.width, atlas.height] * gap / _TEXELS

@@ -58,7 +58,7 @@ def patches(
     )
     if broken := int(atlas.broken.sum()):
         atlas.metadata["warnings"].append(
-            f"{broken} triangles are so thin that rounding takes them beyond the certificate; remesh the surface"
+            f"{broken} triangles are so thin that rounding errors exceed the certificate. Remesh the surface."
         )
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
@@ -73,14 +73,14 @@ def _limit(limits: dict[str, Any]) -> tuple[str, float]:
     """Return what limits the patches: the core's name for it, and its value."""
     given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")
+        raise InputError(f"{' and '.join(given)} are both given. Pass only one of max_angle, bound and count.")
     if not given:
         return "angle", MAX_ANGLE
     name, value = next(iter(given.items()))
     fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
     if not fits(value):
-        raise InputError(f"{name} is {shown(value)}; give {what}")
+        raise InputError(f"{name} is {shown(value)}. Pass {what}.")
     number = float(value)
     if name == "count" and not 1 <= number < 2**32:
-        raise InputError(f"count is {value}; give a positive whole number")
+        raise InputError(f"count is {value}. Pass a positive whole number.")
     return "angle" if name == "max_angle" else name, number

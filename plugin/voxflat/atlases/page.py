@@ -196,7 +196,7 @@ class FlatPage(Planar):
         left, right, bottom, top = image.extent
         coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():
-            raise InputError("the image is none of this page")
+            raise InputError("The image does not belong to this page. Pass one that this page made.")
         return np.asarray(coordinates)
 
     @telling()
@@ -243,6 +243,6 @@ def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return colours without opacity, where there were none those of the nearest pixel."""
     empty = picture[..., 3] == 0
     if empty.all():
-        raise InputError("the image shows nothing on the page")
+        raise InputError("The image shows nothing on the page. Pass one that covers the pieces.")
     rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     return np.ascontiguousarray(picture[rows, columns, :3])

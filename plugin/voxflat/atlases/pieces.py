@@ -13,9 +13,9 @@ from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
 
 FIGURES = {
-    "isometric": "C: by what factor lengths change at most",
-    "quasi_conformal": "K: by what factor lengths change more one way than across",
-    "areal": "area in the plane by area on the surface",
+    "isometric": "C: greatest factor by which lengths change",
+    "quasi_conformal": "K: ratio of the stretches along and across",
+    "areal": "area in the plane divided by area on the surface",
 }
 """The figures of a triangle that a heat map shows, and what they mean."""
 

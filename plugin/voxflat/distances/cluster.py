@@ -86,14 +86,14 @@ class Cluster:
 def _outcome(future: Any) -> tuple[Any, Exception | None]:
     """Return the result of a future that is done, or the error."""
     if future.status == "cancelled" or future.status == "lost":
-        return None, InputError("the scheduler was lost; give the same command again to go on")
+        return None, InputError("The connection to the scheduler was lost. Run the same command again to resume.")
     error = future.exception()
     if error is None:
         return future.result(), None
     if type(error).__name__ == "KilledWorker":
         return None, InputError(
-            f"its worker died {error.allowed_failures + 1} times, the last one at {error.last_worker.address}; has it "
-            "too little memory or time?"
+            f"The worker died {error.allowed_failures + 1} times, last at {error.last_worker.address}. Give workers "
+            "more memory or time."
         )
     return None, error if isinstance(error, Exception) else RuntimeError(str(error))
 
@@ -104,7 +104,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise InputError(f"a cluster needs {error.name}: pip install 'voxflat[cluster]'") from error
+        raise InputError(f"A cluster needs {error.name}. Install it with: pip install 'voxflat[cluster]'") from error
     if address == LOCAL:
         cores = os.cpu_count() or 1
         count = max(1, min(cores, free_memory() // _ROOM, most))
@@ -120,13 +120,13 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         at = json.loads(Path(address).read_text())["address"] if address.endswith(".json") else address
         client = distributed.Client(at, timeout=_PATIENCE)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        why = "is it running, and can be reached from here?"
-        raise InputError(f"no scheduler of Dask answers at {address} ({error}): {why}") from error
+        why = "Check that it is running and can be reached from this machine."
+        raise InputError(f"No Dask scheduler answers at {address} ({error}). {why}") from error
     with client:
         found = client.run(version, "voxflat", on_error="return")
         for worker, own in found.items():
             if isinstance(own, PackageNotFoundError):
-                raise InputError(f"the worker {worker} has no voxflat: install {__version__} where it was started")
+                raise InputError(f"The worker {worker} has no voxflat. Install version {__version__} there.")
             if isinstance(own, str):  # else it has died meanwhile
                 _check_version(worker, own, __version__)
         yield Cluster(client)
@@ -134,7 +134,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
 
 def _check_version(worker: str, own: str, wanted: str) -> None:
     if own != wanted:
-        raise InputError(f"the worker {worker} has voxflat {own}, here it is {wanted}: install the same one")
+        raise InputError(f"The worker {worker} has voxflat {own}, this process {wanted}. Install the same version.")
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:

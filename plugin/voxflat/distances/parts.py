@@ -132,7 +132,7 @@ def _locked(store: Path) -> Iterator[None]:
                     break
                 except BlockingIOError:
                     if time.monotonic() > deadline:
-                        text = f"the store is in use by process {lock.read().strip()}; wait until that has ended"
+                        text = f"the store is in use by process {lock.read().strip()}. Wait until it has finished"
                         raise OSError(errno.EAGAIN, text, str(store)) from None
                 time.sleep(0.01)
             lock.truncate(0)
@@ -155,7 +155,7 @@ def _collect(store: Path) -> None:
                 known += len(sound)
     shutil.rmtree(store / "parts", ignore_errors=True)
     if known:
-        log.info("%d rows were in the store %s already", known, store)
+        log.info("%d rows were already in the store %s", known, store)
 
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
@@ -232,7 +232,7 @@ def _part(
     core = _surface(wanted.surface, store / "parts" / "surface")
     rows = json.loads((part / "rows.json").read_text())
     need = _core.store_memory_need(len(core), len(rows), threads)
-    check_memory(need, memory_limit, "take fewer threads")
+    check_memory(need, memory_limit, "use fewer threads")
     chosen = np.asarray(Table.open(store / "sources.npy")).astype(np.uint32)
     key = (store, part, identity, chosen, np.array(rows, dtype=np.uint32))
     deadline = time.monotonic() + _ENDING
@@ -252,7 +252,7 @@ def _surface(key: str, folder: Path) -> _core.Surface:
         points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))
         core, _ = _core.Surface.from_triangles(points, faces.astype(np.int64))
         if not (np.array_equal(core.points, points) and np.array_equal(core.faces, faces)):
-            raise InputError("the surface is not the same in another process; leave dask out")
+            raise InputError("The surface differs between processes. Do not pass dask.")
         _kept[key] = core
     return _kept[key]
 

@@ -133,7 +133,7 @@ class DistanceRows:
         damaged = damaged_rows(self.store, dict(enumerate(_checksums(self.store, self.shape))))
         if damaged:
             which = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
-            raise InputError(f"the rows {which} of {self.store} do not agree with their checksums; {FINISH}")
+            raise InputError(f"{self.store}: the rows {which} do not match their checksums. {FINISH}")
 
 
 def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
@@ -165,7 +165,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """
     path = checked_path(path)
     if not path.exists():
-        raise InputError(f"there is no store at {path}; voxflat rows makes one")
+        raise InputError(f"{path}: store not found. Create one with Surface.geodesic(store=) or `voxflat rows`.")
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
@@ -173,7 +173,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     rows = Table.open(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
-            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape}, not float32 of {shape}; {FINISH}"
+            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape} instead of float32 of {shape}. {FINISH}"
         )
     return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, read_provenance(path))
 
@@ -181,7 +181,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
 def _array(path: Path, expected: str) -> NDArray[Any]:
     array = np.asarray(Table.open(path))
     if array_hash(array) != expected:
-        raise InputError(f"{path} does not agree with its checksum in store.json; {FINISH}")
+        raise InputError(f"{path} does not match its checksum in store.json. {FINISH}")
     return array
 
 
@@ -189,10 +189,10 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's rows."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
-        raise InputError(f"{path / 'journal.jsonl'} is damaged (it is not of {shape[0]} x {shape[1]} rows); {OTHER}")
+        raise InputError(f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]}). {OTHER}")
     known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
     if not journal.is_complete or len(known) < journal.rows:
-        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows); {FINISH}")
+        raise InputError(f"The store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
     return known
 
 
@@ -200,8 +200,8 @@ def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
     """Read those rows of a store whose CRC-32 a journal has; return those that do not agree with it."""
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:
-        raise InputError(f"{store / 'rows.npy'} holds values of shape {shape}, not of rows and columns; {FINISH}")
+        raise InputError(f"{store / 'rows.npy'} has shape {shape} instead of two axes. {FINISH}")
     rows, columns = shape
     if max(checksums, default=0) >= rows:
-        raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal knows row {max(checksums)}; {FINISH}")
+        raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal lists row {max(checksums)}. {FINISH}")
     return _core.damaged_rows(store, columns, [checksums.get(row) for row in range(rows)])

@@ -44,17 +44,17 @@ def source_choice(
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):
         if sources < fewest:
-            raise InputError(f"{sources} sources are too few; give at least {fewest}")
+            raise InputError(f"{sources} sources are too few. Pass at least {fewest}.")
         if sources > len(part) and not at_most_all:
             raise InputError(
-                f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
+                f"{sources} sources are more than the {len(part)} points of the surface. Pass at most {len(part)}."
             )
         return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
-        raise InputError("sources are None; give how many, or points of the surface")
+        raise InputError("sources is None. Pass the number of sources, or points of the surface.")
     found = part.find(sources, "sources")
     unique, counts = np.unique(found, return_counts=True)
     if (counts > 1).any():
         again = part.ids[unique[counts > 1][0]].tolist()
-        raise InputError(f"source {again} is given {counts.max()} times; give each once")
+        raise InputError(f"Source {again} is given {counts.max()} times. Pass each source once.")
     return SourceChoice(part, len(found), found, sampling, seed, "given")

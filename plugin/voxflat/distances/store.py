@@ -23,7 +23,7 @@ from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")
-OTHER = "choose another directory, or delete this one"
+OTHER = "Choose another directory, or delete this one."
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Store:
         """Say what was in the store already."""
         rows, damaged = found
         if rows:
-            log.info("%d rows were in the store %s already", rows, self.path)
+            log.info("%d rows were already in the store %s", rows, self.path)
         if damaged:
-            log.warning("%d rows of the store %s did not agree with their checksums: computed anew", damaged, self.path)
+            log.warning("Recomputed %d rows of the store %s, which did not match their checksums.", damaged, self.path)
 
 
 def prepare_store(
@@ -95,7 +95,7 @@ def read_description(path: Path) -> dict[str, Any]:
     """Return what a store says that it holds."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
-        raise InputError(f"{path} is no store of distance rows: no store.json; give a directory that was a store=")
+        raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one.")
     check_regular_within(path)
     try:
         described = from_json(file.read_text())
@@ -104,9 +104,9 @@ def read_description(path: Path) -> dict[str, Any]:
         if named == FORMAT and not all(name in described for name in wanted):
             raise ValueError("it is not complete")
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{file} is damaged ({error}); {OTHER}") from error
+        raise InputError(f"{file} is damaged ({error}). {OTHER}") from error
     if named != FORMAT:
-        raise InputError(f"{file} has the format {named!r}, this version of voxflat has {FORMAT!r}; {OTHER}")
+        raise InputError(f"{file} has the format {named!r}, but this version reads {FORMAT!r}. {OTHER}")
     return dict(described)
 
 
@@ -133,11 +133,11 @@ def array_hash(array: NDArray[Any]) -> str:
 
 def _holds_files(path: Path) -> bool:
     if path.exists() and not path.is_dir():
-        raise InputError(f"the store {path} is a file; give a directory")
+        raise InputError(f"The store {path} is a file. Pass a directory.")
     names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
     if names and "store.json" not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        raise InputError(f"the directory {path} is no store and holds other files ({shown}); give a new or empty one")
+        raise InputError(f"The directory {path} is not a store and holds files ({shown}). Pass a new or empty one.")
     return bool(names)
 
 
@@ -149,12 +149,12 @@ def check_disk(path: Path, size: int) -> None:
     if need > free:
         raise OSError(
             errno.ENOSPC,
-            f"{amount(need)} on disk are needed, {amount(free)} are free; make room, choose another directory, or take "
-            "fewer sources or a smaller patch",
+            f"{amount(need)} of disk space are needed, {amount(free)} are free. Free some space, choose another "
+            "directory, or use fewer sources or a smaller patch",
             str(path),
         )
     if need:
-        log.info("up to %s on disk are needed in %s", amount(need), path)
+        log.info("up to %s of disk space will be used in %s", amount(need), path)
 
 
 def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
@@ -198,12 +198,12 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
     if told:
         pass  # its points are numbered in another way, too
     elif {"points", "points_sha256", "ids_sha256"} & set(differ):
-        told.append(f"its surface is another ({there['points']} points; this one has {identity['points']})")
+        told.append(f"its surface differs ({there['points']} points; this one has {identity['points']})")
     elif "fingerprint" in differ:
-        told.append("its surface has other triangles, or was joined by another version of voxflat")
+        told.append("its surface has other triangles, or was processed by another version of voxflat")
     if "sources_sha256" in differ and not told:
-        told.append(f"its sources are others ({there['sources']}; these are {identity['sources']})")
-    raise InputError(f"{path} is a store of other rows: {' and '.join(told) or 'its store.json is another'}; {OTHER}")
+        told.append(f"its sources differ ({there['sources']} sources; here there are {identity['sources']})")
+    raise InputError(f"{path} is a store of other rows: {' and '.join(told) or 'its store.json differs'}. {OTHER}")
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
@@ -239,11 +239,11 @@ def read_journal(store: Path) -> Journal:
         header = from_json(first)
         rows, columns = (header.get(name) for name in ("rows", "columns"))
         if not (isinstance(rows, int) and isinstance(columns, int)):
-            raise ValueError("its first line is no header")
+            raise ValueError("its first line is not a header")
     except FileNotFoundError:
-        raise InputError(f"the store {store} has no rows yet; {FINISH}") from None
+        raise InputError(f"The store {store} has no rows yet. {FINISH}") from None
     except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"{path} is damaged ({error}); {OTHER}") from error
+        raise InputError(f"{path} is damaged ({error}). {OTHER}") from error
     checksums: dict[int, int] = {}
     is_complete = False
     for line in lines:

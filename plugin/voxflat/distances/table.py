@@ -12,7 +12,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-FINISH = "measure again with the same store to finish or mend it"
+FINISH = "Measure again with the same store to complete or repair it."
 """What a store that is damaged or not complete asks for."""
 
 
@@ -35,9 +35,9 @@ class Table:
                 shape, is_fortran, dtype = header(file)
                 start = file.tell()
         except Exception as error:  # of damaged headers NumPy's parser raises TokenError, OverflowError, ...
-            raise InputError(f"{path} is damaged ({one_line(error)}); {FINISH}") from error
+            raise InputError(f"{path} is damaged ({one_line(error)}). {FINISH}") from error
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
-            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {FINISH}")
+            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}). {FINISH}")
         table = cls(path, tuple(shape), dtype, start)
         if (there := path.stat().st_size) < start + table.nbytes:
             raise table._cut_short(there)
@@ -62,7 +62,7 @@ class Table:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
-            raise ValueError(f"{self.path} is on disk: its values are copied")
+            raise ValueError(f"{self.path} is on disk, so its values must be copied. Do not pass copy=False.")
         check_room(self.nbytes)
         return np.asarray(self._rows(np.arange(len(self)), 0, self._width), dtype=dtype).reshape(self.shape)
 
@@ -91,7 +91,7 @@ class Table:
         return self.shape[1] if self.ndim == 2 else 1
 
     def _cut_short(self, there: int) -> InputError:
-        return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {FINISH}")
+        return InputError(f"{self.path} was truncated to {there} of {self.start + self.nbytes} bytes. {FINISH}")
 
     def _rows(self, numbers: NDArray[np.int64], first: int, end: int) -> NDArray[Any]:
         """Read the columns from `first` to `end` of some rows."""

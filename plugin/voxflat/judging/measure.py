@@ -241,12 +241,12 @@ def compare(
     """
     threads, seed = checked_threads(threads), checked_seed(seed)
     if sources is not None and (not is_whole(sources) or sources < 1):
-        raise InputError(f"sources is {shown(sources)}; give a whole number, at least 1")
+        raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1.")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
     checked_kind(maps, "collection of maps", "items", "maps by their names")
     if not maps:
-        raise InputError("there is no map to measure; give at least one")
+        raise InputError("maps is empty. Pass at least one map to measure.")
     whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}
@@ -301,7 +301,7 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
     for vertices, _ in known[1:]:
         common = np.intersect1d(common, vertices)
     if len(common) == 0:
-        raise InputError("no vertex is in all maps; measure them one by one")
+        raise InputError("The maps have no vertex in common. Measure them one by one.")
     chosen = common[_core.reference_sources(len(common), count, seed)]
     return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
 
@@ -318,8 +318,8 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
     found = one.core.topology()
     components = len(found["components"])
     if components > 1:
-        called = f"the map {name}" if name else "the map"
-        raise InputError(f"{called} has {components} pieces, between which there are no distances; give one of them")
+        called = f"The map {name}" if name else "The map"
+        raise InputError(f"{called} has {components} pieces, between which distances are not defined. Pass one piece.")
     return {
         "components": components,
         "euler": found["euler"],
@@ -343,9 +343,9 @@ class Geometry:
         unknown = matched.vertices[~self.known[matched.vertices]]
         if len(unknown):
             raise InputError(
-                f"{_called(self.said_by)} was made on another geometry than the given surface's, and {_called(name)} "
-                f"has {len(np.unique(unknown))} vertices more, whose places there are not known: give the surface that "
-                "it was made on (with its pial surface), or judge all on the given one (on_surface)"
+                f"{_called(self.said_by)} was made on another geometry than that of the given surface, and "
+                f"{_called(name)} has {len(np.unique(unknown))} vertices of unknown position there. Pass the surface "
+                "that the map was made on (with its pial surface), or pass on_surface to use the given one."
             )
 
 
@@ -365,14 +365,14 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
             expected = np.where(both[:, None], points[at], flat.points)
             if name not in moved or not _agree(flat, flat.points, expected):
                 raise InputError(
-                    f"{_called(first)} was made on {_made_on(ours[first])}, {_called(name)} on {_made_on(flat)}, which "
-                    "is another geometry: measure them one by one, or judge both on the given surface (on_surface)"
+                    f"{_called(first)} was made on {_made_on(ours[first])}, but {_called(name)} on {_made_on(flat)}, a "
+                    "different geometry. Measure them one by one, or pass on_surface to use the given surface for both."
                 )
         points[at] = flat.points
         known[whole.vertices[at]] = True
     log.warning(
-        "%s was made on another geometry than the given surface's (%s): all figures are of that one; on_surface judges "
-        "on the given one",
+        "%s was made on another geometry than that of the given surface (%s). All figures refer to the geometry of the "
+        "map. Pass on_surface to use the given surface.",
         _called(first),
         _made_on(ours[first]),
     )
@@ -392,4 +392,4 @@ def _made_on(flat: FlatMap) -> str:
 
 
 def _called(name: str) -> str:
-    return name or "the map"
+    return name or "The map"

@@ -43,7 +43,7 @@ def coloured(
     try:
         pixels[inside] = colormaps[colour_map or "gray"](level[inside], bytes=True)
     except (KeyError, TypeError, ValueError):  # the latter of what is no name
-        raise InputError(f"matplotlib has no colour map {shown(colour_map)}") from None
+        raise InputError(f"colour_map is {shown(colour_map)}. Pass the name of a matplotlib colour map.") from None
     return pixels
 
 
@@ -53,7 +53,7 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
     if limits is not None:
         between = numbers_of(limits, "limits")
         if between.shape != (2,):
-            raise InputError(f"the limits are {shown(limits)}; give two numbers")
+            raise InputError(f"limits is {shown(limits)}. Pass two numbers.")
         low, high = between.tolist()
     else:
         low, high = np.percentile(data[inside], WINDOW).tolist() if inside.any() else (0.0, 1.0)

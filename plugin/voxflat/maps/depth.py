@@ -34,13 +34,13 @@ class Depths:
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
-            raise InputError("depth is in mm, fraction of the way from white to pial surface: give one of them")
+            raise InputError("depth (mm) and fraction (of the way from white to pial) are both given. Pass only one.")
         values = _numbers(fraction, "fraction")
         for value in values:
             if not 0 <= value <= 1:
                 raise InputError(
-                    f"fraction is {value:g}; give numbers from 0, the white surface, to 1, the pial one (beyond: depth "
-                    "in mm)"
+                    f"fraction is {value:g}. Pass numbers from 0 (white surface) to 1 (pial surface), or use depth (in "
+                    "mm) outside the cortex."
                 )
         return cls(values, layering)
 
@@ -65,12 +65,12 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
     is_several |= isinstance(given, np.ndarray) and given.ndim > 0
     values: list[Any] = list(given) if is_several else [given]  # type: ignore[arg-type]
     if len(values) == 0:
-        raise InputError(f"{name} is empty; give one number or several")
+        raise InputError(f"{name} is empty. Pass one or more numbers.")
     for value in values:
         if not is_number(value):
-            raise InputError(f"the {name} is {shown(value)}; give a number")
+            raise InputError(f"{name} is {shown(value)}. Pass a number.")
         if not math.isfinite(value):
-            raise InputError(f"the {name} is {value}; give a finite number")
+            raise InputError(f"{name} is {value}. Pass a finite number.")
     return tuple(float(value) for value in values)
 
 

@@ -274,11 +274,11 @@ class FlatMap(Planar):
         """
         values = array_of(values, "values")
         if not is_number(background):
-            raise InputError(f"the background is {shown(background)}; give a number")
+            raise InputError(f"background is {shown(background)}. Pass a number.")
         if not _holds(values.dtype, background):
-            raise InputError(f"the background is {shown(background)}, which is no {values.dtype}; convert the values")
+            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert values.")
         if values.ndim not in (1, 2) or len(values) != len(self):
-            raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
+            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one each.")
         self._triangles.on_surface.need_volume("has no voxels to paint")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
@@ -402,8 +402,8 @@ class FlatMap(Planar):
             write_mesh(path, self._mesh())
         else:
             endings = " or ".join(MAP_ENDINGS)
-            why = f": {PATCH_ENDING} alone is a patch in space" if name.endswith(PATCH_ENDING) else ""
-            raise InputError(f"cannot save a map as {path.name}{why}; give a name that ends in {endings}")
+            why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
+            raise InputError(f"Cannot save a map as {path.name}{why}. Use a name that ends in {endings}.")
 
     def _save_all(self, path: Path) -> None:
         arrays: dict[str, Any] = {
@@ -442,8 +442,8 @@ class FlatMap(Planar):
         elif self.torn.any():
             faces = faces[~self.torn]
             log.warning(
-                "%d of %d triangles are torn: between their corners there is no surface; they are left out of the file "
-                "(a .vtp holds them, marked)",
+                "%d of %d triangles are torn (there is no surface between their corners). They are not written to the "
+                "file; save as .vtp to keep them, marked as torn.",
                 len(self.torn) - len(faces),
                 len(self.torn),
             )
@@ -460,7 +460,7 @@ class FlatMap(Planar):
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
-            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+            raise InputError("A patch file needs vertex numbers of a mesh, but this map has voxels. Use .surf.gii.")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
 
@@ -573,7 +573,7 @@ class FlatMap(Planar):
     def _repr_html_(self) -> str:
         """Return the picture and the figures of the map, for Jupyter."""
         figure = _drawing("figures").flat_map(self)
-        return page(self, self.distortion.table(), figure, "The flat map, coloured by its folds")
+        return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
 
 
 def _drawing(module: str) -> Any:

@@ -41,7 +41,7 @@ def write_image(
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
-        raise InputError(f"cannot write an image as {path.name}; give a name that ends in {', '.join(IMAGE_ENDINGS)}")
+        raise InputError(f"Cannot save an image as {path.name}. Use a name that ends in {', '.join(IMAGE_ENDINGS)}.")
     write(path, data, _in_mm(affine, unit), name, labels, record or {}, unit != "unknown")
 
 
@@ -59,7 +59,7 @@ def _write_png(
     if data.ndim == 3:
         pixels, values = data, "colours"
     elif labels:
-        pixels, values = label_colours(data), "labels, each in a colour of its own"
+        pixels, values = label_colours(data), "labels, each in its own colour"
     else:
         pixels, values = _grey(data)
     for key, value in {**_description(affine, name, record, has_unit), "Values": values}.items():
@@ -146,12 +146,12 @@ def write_stack(
         endings = ", ".join(_STACK_WRITERS)
         listed = textwrap.shorten(", ".join(map(str, stack.names if any(stack.names) else range(len(stack)))), 300)
         raise InputError(
-            f"{path.name} would hold one image, and there are {len(stack)} ({listed}): choose one by its name or "
-            f"number (channel), or give a name that ends in {endings}"
+            f"{path.name} can hold only one image, but there are {len(stack)} ({listed}). Select one by name or number "
+            f"(channel), or use a name that ends in {endings}."
         )
     first = stack[0]
     if first.data.ndim != 2:
-        raise InputError("colours are no channels: save them as one image")
+        raise InputError("Colours cannot be saved as channels. Save them as one image.")
     images = chain([first], (stack[n] for n in range(1, len(stack))))
     values = (_measured(image.data).astype("<f4", copy=False) for image in images)
     with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
@@ -163,7 +163,7 @@ def _shown(images: _Values, count: int, name: str, progress: Progress | None) ->
     for done, image in enumerate(images, 1):
         yield image
         if progress is not None and progress(f"writing {name}", done, count) is False:
-            raise Cancelled(f"cancelled while writing {name}")
+            raise Cancelled(f"Cancelled while writing {name}.")
 
 
 def _frames_and_channels(stack: _Stack) -> tuple[int, int]:
@@ -182,7 +182,7 @@ def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values,
     from PIL import TiffImagePlugin
 
     if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
-        raise InputError(f"{len(stack)} images are more than the 4 GiB that a TIFF holds: use .nii, .zarr or .npy")
+        raise InputError(f"{len(stack)} images exceed the 4 GiB limit of TIFF. Save as .nii, .zarr or .npy.")
     resolution = _resolution(_in_mm(first.affine, first.unit), first.unit != "unknown")
     with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
         for n, pixels in enumerate(values):
@@ -221,7 +221,7 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
-        raise InputError(f"{len(stack)} images of {width} x {height} pixels are too many for NIfTI-1: use .npy")
+        raise InputError(f"{len(stack)} images of {width} x {height} pixels exceed NIfTI-1's limit. Save as .npy.")
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
     depths, timing = max(1, len(stack.layers)), stack.timing
@@ -345,7 +345,7 @@ def _grey(data: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
     pixels = np.zeros((*data.shape, 2), dtype=np.uint8)
     pixels[inside, 0] = np.round(255 * level[inside])
     pixels[inside, 1] = 255
-    return pixels, f"black {low:g}, white {high:g} ({WINDOW[0]}st and {WINDOW[1]}th percentile)"
+    return pixels, f"black {low:g}, white {high:g} ({WINDOW[0]}st and {WINDOW[1]}th percentiles)"
 
 
 def _measured(data: NDArray[Any]) -> NDArray[Any]:
@@ -355,5 +355,5 @@ def _measured(data: NDArray[Any]) -> NDArray[Any]:
     single = data.astype(np.float32)
     if all_whole(data) and not np.array_equal(single, data, equal_nan=True):
         largest = np.nanmax(np.abs(data))
-        raise InputError(f"labels up to {largest:.0f} are too large for float32, which this format holds: use .npy")
+        raise InputError(f"Labels up to {largest:.0f} are too large for float32, as this format has. Save as .npy.")
     return single

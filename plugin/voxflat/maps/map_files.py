@@ -49,7 +49,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         arrays = read_arrays(path)
         metadata = from_json(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
-            raise InputError(f"{path} was written by another version of voxflat; flatten again")
+            raise InputError(f"{path} was written by another version of voxflat. Flatten the surface again.")
         note(path)
         uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without them ends here
         with naming(path, AGAIN):
@@ -74,7 +74,7 @@ def mesh_of_vertices(
     is_kept = triangles_of(rows, faces)
     if not is_kept.all():
         log.warning(
-            "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+            "%d of %d triangles lie at a cut that duplicates vertices. They are not written to the file.",
             len(faces) - int(is_kept.sum()),
             len(faces),
         )

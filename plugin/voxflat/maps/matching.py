@@ -72,7 +72,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(
-                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2) or a file"
+                f"The map is {places.dtype} of shape {places.shape}. Pass places of shape (V, 2), or a file."
             )
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
@@ -85,7 +85,7 @@ def match(whole: Manifold, flat: object) -> Matched:
 def _check_count(whole: Manifold, count: int) -> None:
     if count != whole.count:
         raise InputError(
-            f"the map has {count} points, the surface {whole.count} vertices; they must correspond one by one"
+            f"The map has {count} points, but the surface has {whole.count} vertices. Pass one point per vertex."
         )
 
 
@@ -124,22 +124,22 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     """Take places whose vertices are told, so that a cut may have doubled some."""
     places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-        raise InputError(f"the map's places are {places.dtype} of shape {places.shape}; give (N, 2)")
+        raise InputError(f"The map's places are {places.dtype} of shape {places.shape}. Pass numbers (N, 2).")
     if not _is_flat(places) or not np.isfinite(places).all():
-        raise InputError("the map's places are not flat and finite; give a flat surface")
+        raise InputError("The map's places are not flat, or not finite. Pass a flat surface.")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
-        raise InputError(f"the map's triangles are {faces.dtype} of shape {faces.shape}; give whole numbers (F, 3)")
+        raise InputError(f"The map's triangles are {faces.dtype} of shape {faces.shape}. Pass whole numbers (F, 3).")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
-        raise InputError(f"the map has a triangle with point {int(faces.max())}, of {len(places)} points")
+        raise InputError(f"The map has a triangle with point {int(faces.max())}, but only {len(places)} points.")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
-        raise InputError(f"the map's vertices are {vertices.dtype} of shape {vertices.shape}; give one a place")
+        raise InputError(f"The map's vertices are {vertices.dtype} of shape {vertices.shape}. Pass one per place.")
     numbers = np.full(whole.count, -1, dtype=np.int64)
     numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # of several the first
     numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]
     is_there = (vertices >= 0) & (vertices < whole.count)
     found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
     if (found < 0).any():
-        raise InputError(f"the map has vertex {vertices[found < 0][0]}, which the surface has not: is it of this one?")
+        raise InputError(f"The surface has no vertex {vertices[found < 0][0]}, but the map does. Pass matching files.")
     return _cut_as_it_is(whole, found, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
 
 
@@ -174,23 +174,24 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
     used = places[core.ids]
     if not _is_flat(used):
         depth = float(np.ptp(used[:, 2]))
-        raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm; give a flat surface")
+        raise InputError(f"The map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface.")
     return Matched(core, core.ids.astype(np.int64), np.ascontiguousarray(used[:, :2]))
 
 
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
     """Refuse triangles of vertices that the surface does not have, and tell of those that it joins otherwise."""
     if len(faces) == 0:
-        raise InputError("no triangle of the surface has a place for all corners in the map: is it of this surface?")
+        raise InputError("The map has no place for all corners of any triangle. Pass a map of this surface.")
     is_there = np.zeros(whole.count, dtype=np.bool_)
     is_there[whole.vertices] = True
     strange = faces[~is_there[faces]]
     if len(strange):
         raise InputError(
-            f"the map has a triangle with vertex {strange[0]}, which no triangle of the surface has: is it of this one?"
+            f"The map has a triangle with vertex {strange[0]}, which no triangle of the surface has. Pass a map of "
+            "this surface."
         )
     if whole._has_triangles(faces) is None:
-        log.warning("the map has triangles that the surface does not have; the map's own are judged")
+        log.warning("The map has triangles that the surface does not have. The map's own triangles are measured.")
 
 
 def _places_of(whole: Manifold) -> NDArray[np.float64]:

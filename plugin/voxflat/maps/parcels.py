@@ -89,9 +89,9 @@ def parcels_of(
     values: NDArray[Any] = stack[number].data
     name = labels if isinstance(labels, str | os.PathLike) else "the labels"
     if values.ndim != 2 or not all_whole(values):
-        raise InputError(f"{name}: has no labels, which are whole numbers; show values as an overlay")
+        raise InputError(f"{name}: labels must be whole numbers. Show other values as an overlay.")
     if not np.isfinite(values).any():
-        raise InputError(f"{name}: shows nothing on the map; do the affines agree?")
+        raise InputError(f"{name}: has no labels on the map. Check that the affines agree.")
     known = table if isinstance(table, LabelTable) else None
     if known is None and isinstance(table, str | os.PathLike):
         known = read_table(table)

@@ -188,7 +188,7 @@ class Planar(ABC):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2).")
         of, rows, shape = self._triangles, wanted.reshape(-1, 2), wanted.shape[:-1]
         triangles, weights = self._finder.find(np.ascontiguousarray(rows))
         if (at := (triangles >= 0) & of.torn[triangles]).any():
@@ -247,16 +247,16 @@ class Planar(ABC):
         """
         wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
-            raise InputError(f"points have shape {wanted.shape}; give RAS+ mm, shape (..., 3)")
+            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ mm, shape (..., 3).")
         limit = checked_number(limit, "limit")
         if not limit >= 0:
-            raise InputError(f"the limit is {limit} mm; give a number that is not negative")
+            raise InputError(f"limit is {limit} mm. Pass 0 or a positive number.")
         if not isinstance(space, str) or space not in ("surface", "scanner"):
-            raise InputError(f"space is {shown(space)}; give 'surface' or 'scanner'")
+            raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'.")
         of = self._triangles
         if space == "scanner":
             if of.on_surface.space.doubt:
-                log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
+                log.warning("Points may lie beside the surface: %s.", of.on_surface.space.doubt)
             wanted = of.on_surface.space.from_scanner(wanted)
         triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
         uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN where there is none

@@ -306,7 +306,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         <FlatStack: overlay, 1 images (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
-            raise InputError(f"the channel is {shown(channel)}; give the number of one, from 0")
+            raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0.")
         each, all_names = max(1, len(self.layers)), self.channels
         first = channel * each
         names = all_names.names[first : first + each]
@@ -345,10 +345,10 @@ class FlatStack(Sequence[FlatImage], Recorded):
         for n in range(len(self)):
             data = self.channels.read(n)
             if data.ndim != 2:
-                raise InputError("colours do not change by percents: give values")
+                raise InputError("Cannot compute the percent change of colours. Pass images of values.")
             total[n % each] = total[n % each] + data
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
-                raise Cancelled("cancelled while averaging")
+                raise Cancelled("Cancelled while averaging.")
         means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
         read = self.channels.read
         changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))

@@ -49,7 +49,7 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
     if kind == "voxels":
         shape, affine = metadata.get("shape"), metadata.get("affine")
         if not (isinstance(shape, list) and len(shape) == 3 and all(is_whole(n) and 0 < n < 2**31 for n in shape)):
-            raise InputError(f"its volume has the shape {shape!r:.80}: {AGAIN}")
+            raise InputError(f"its volume has shape {shape!r:.80}: {AGAIN}")
         try:
             matrix = np.asarray(affine, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -63,9 +63,9 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
             raise InputError(f"its mesh has {vertices!r:.80} vertices: {AGAIN}")
         most, width = np.array(vertices), 1
     else:
-        raise InputError(f"it is made of {kind!r:.80}, neither voxels nor a mesh: {AGAIN}")
+        raise InputError(f"its kind is {kind!r:.80}, neither voxels nor mesh: {AGAIN}")
     if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
-        raise InputError(f"its ids are not all of {most.tolist()}: {AGAIN}")
+        raise InputError(f"its ids are not all below {most.tolist()}: {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +93,20 @@ class Sampler:
     @cached_property
     def affine(self) -> NDArray[np.float64]:
         """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
-        self.need_volume("has no voxels and so no affine")
+        self.need_volume("has no voxels, and so no affine")
         return np.asarray(self.metadata["affine"], dtype=np.float64)
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
         """Shape of the volume that was flattened."""
-        self.need_volume("has no volume's shape")
+        self.need_volume("has no volume shape")
         i, j, k = self.metadata["shape"]
         return (i, j, k)
 
     def need_volume(self, what: str) -> None:
         """Refuse what only the map of a volume has."""
         if not self.is_voxels:
-            raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
+            raise InputError(f"The map of a mesh {what}. Pass a volume with an affine, or values at its vertices.")
 
     def locate(self, raster: Raster) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Look up which place on the surface each pixel shows: as `FlatMap.locate`."""
@@ -141,13 +141,13 @@ class Sampler:
         if texture is not None:
             if depths != ON_SURFACE or interpolation is not None:
                 raise InputError(
-                    "depth, fraction, interpolation and period are for volumes, not for textures; leave them out"
+                    "depth, fraction, interpolation and period do not apply to textures. Do not pass them."
                 )
             colours = paint(texture, raster, self.ids)
             names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
             if depths != ON_SURFACE:
-                raise InputError("an overlay has values on the surface alone: leave out depth and fraction")
+                raise InputError("An overlay has values only on the surface. Do not pass depth or fraction.")
             series = series_showing(raster, self.ids, interpolation)
             several = several and len(overlay) > 1
             shown = series if several else lambda values: show(raster, values[self.ids], interpolation)
@@ -168,7 +168,7 @@ class Sampler:
                 if period is None:
                     return sampled(volume)
                 if volume.data.ndim != 3:
-                    raise InputError("phases are values: give a volume without colours")
+                    raise InputError("period is given, but the volume has colours. Pass a volume of phases.")
                 return phases(lambda own: sampled(replace(volume, data=own)), period, interpolation)(volume.data)
 
             channels = volumes.mapped(read)
@@ -256,7 +256,7 @@ class Sampler:
             and (values := array_of(volume, "overlay's values")).ndim in (1, 2)
         ):
             if len(values) != count:
-                raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
+                raise InputError(f"The overlay has {len(values)} values, but the mesh {count} vertices. Pass {count}.")
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
 
@@ -264,13 +264,13 @@ class Sampler:
         """Tell if a file of as many values seems to be of another surface: by its name, or by its curvature."""
         names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
-            log.warning("%s is of %s, the surface of %s: is it meant?", path.name, names[1][-1], names[0][-1])
+            log.warning("%s is of %s, but the surface is of %s. Check the file.", path.name, names[1][-1], names[0][-1])
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
             r = self._correlation_with_curvature(values)
             if abs(r) < _CURVED:
                 log.warning(
-                    "%s does not follow the folds of the surface (correlation with its curvature %.2f, where 0.6 to "
-                    "0.9 is usual): is it of this one?",
+                    "%s does not follow the folds of the surface: its correlation with the curvature is %.2f (usually "
+                    "0.6 to 0.9). Check that it belongs to this surface.",
                     path.name,
                     r,
                 )
@@ -293,8 +293,8 @@ class Sampler:
         is_same = self.is_voxels and np.array_equal(affine, self.affine)
         if path is not None and not is_same and not has_place(path):
             log.warning(
-                "%s does not say where it lies (no sform, qform or goodRASFlag): its middle is taken as the origin; "
-                "give it the header of an image that it belongs to",
+                "%s does not define its position (no sform, qform or goodRASFlag), so its centre is taken as the "
+                "origin. Copy the header of an image with the same grid into it.",
                 path.name,
             )
 
@@ -302,8 +302,8 @@ class Sampler:
         """Return where to sample for each pixel in the world of the volumes, (H, W, 3) a depth, scanner RAS, mm."""
         if self.space.doubt:
             log.warning(
-                "the volume may be sampled beside the surface: %s; give a file that says it: FreeSurfer's own with its "
-                "footer, such as lh.white, or what mris_convert --to-scanner of FreeSurfer 7.4 or later writes",
+                "The volume may be sampled beside the surface: %s. Use a file that defines its space, such as "
+                "FreeSurfer's lh.white with its footer, or mris_convert --to-scanner writes (FreeSurfer 7.4 on).",
                 self.space.doubt,
             )
         if depths.layering is None:
@@ -324,8 +324,8 @@ class Sampler:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
         if self.white_points is None or self.pial_points is None:
             raise InputError(
-                "fraction is of the way from white to pial surface, and this map knows no pial one: flatten the white "
-                "surface with pial=, or give depth= in mm"
+                "fraction needs a white and a pial surface, and this map has no pial one. Flatten the white surface "
+                "with pial=, or pass depth= in mm."
             )
         way = self.pial_points - self.white_points
         if depths.layering == "equidistant":
@@ -341,7 +341,7 @@ class Sampler:
     def _outward(self, depth: float) -> NDArray[np.float64]:
         """Return the normals for a depth."""
         if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth:g} mm, but this sheet has background on both sides and so no outside")
+            raise InputError(f"depth is {depth:g} mm, but this one-voxel-thick surface has no outside. Omit it.")
         return self.normals
 
     def placed(self, volume: object) -> Volume:
@@ -353,8 +353,8 @@ class Sampler:
         """Return the affine of the flattened volume for one of the same shape."""
         if shape[:3] != self.volume_shape:
             raise InputError(
-                f"the volume has shape {shape} and no affine, the flattened volume {self.volume_shape}; "
-                "give a volume of that shape, or one with its affine"
+                f"The volume has shape {shape} and no affine, but the flattened volume has shape {self.volume_shape}. "
+                "Pass a volume of that shape, or one with an affine."
             )
         return self.affine
 
@@ -378,9 +378,9 @@ def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
 def _of_phases(period: float, interpolation: str | None) -> str:
     """Check the period of phases, and return how they are sampled."""
     if not (math.isfinite(checked_number(period, "period")) and period > 0):
-        raise InputError(f"the period is {period:g}; give a positive number, such as 360 for degrees")
+        raise InputError(f"period is {period:g}. Pass a positive number, such as 360 for degrees.")
     if interpolation is not None and checked_choice(interpolation, "interpolation", INTERPOLATIONS) == "majority":
-        raise InputError("interpolation is 'majority', which is of labels, but a period is of phases: give 'linear'")
+        raise InputError("interpolation is 'majority', which is for labels, not for phases. Pass 'linear'.")
     return interpolation or "linear"
 
 
@@ -389,11 +389,11 @@ def _timed(channels: Channels, step: float | None, name: str) -> Channels:
     if step is not None:
         timing = Timing.told(checked_number(step, "time step"))
         if timing is None:
-            raise InputError(f"the time step is {step:g}; give the seconds from each frame to the next")
+            raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds.")
         return replace(channels, timing=timing)
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
         log.warning(
-            "the frames of %s are %g s apart, by its header: are these milliseconds? Say it by the time step, in s",
+            "The header of %s says that frames are %g s apart; it may give milliseconds. Pass the time step in s.",
             name,
             channels.timing.step,
         )

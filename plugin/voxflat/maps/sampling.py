@@ -129,7 +129,7 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArra
 def _check_labels(values: NDArray[Any]) -> None:
     if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
         raise InputError(
-            "interpolation is 'majority', which is of labels, but values are no whole numbers: give 'linear'"
+            "interpolation is 'majority', which is for labels, but values are not whole numbers. Pass 'linear'."
         )
 
 
@@ -151,8 +151,8 @@ def sample_mean(
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
-            f"values of type {volume.data.dtype} may be labels, which have no mean over depths: give "
-            "interpolation='majority' if they are, 'linear' if not, one depth, or each depth by itself (images)"
+            f"Values of type {volume.data.dtype} may be labels, which have no mean over depths. Pass "
+            "interpolation='majority' for labels or 'linear' otherwise, a single depth, or use images."
         )
     if way == "majority":
         together = np.stack(places)
@@ -299,5 +299,5 @@ def _way(volume: Volume, interpolation: str | None) -> str:
         return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
     checked_choice(interpolation, "interpolation", INTERPOLATIONS)
     if interpolation == "majority" and volume.data.ndim == 4:
-        raise InputError("interpolation is 'majority', which is of labels, but the volume has colours: give 'linear'")
+        raise InputError("interpolation is 'majority', which is for labels, but the volume has colours. Pass 'linear'.")
     return interpolation

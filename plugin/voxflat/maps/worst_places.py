@@ -183,7 +183,7 @@ class WorstPlaces(Recorded):
 
     def __repr__(self) -> str:
         return (
-            f"<WorstPlaces: {len(self.places)} of {self.found} where areas change beyond {self.beyond:g} times, "
+            f"<WorstPlaces: {len(self.places)} of {self.found} where areas change by more than {self.beyond:g} times, "
             f"{100 * self.share:.2f} % of the surface>"
         )
 
@@ -234,7 +234,7 @@ class WorstPlaces(Recorded):
     def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
-                raise InputError(f"there is no place {number!r}; they are counted from 1 to {len(self.places)}")
+                raise InputError(f"There is no place {number!r}. Pass a number from 1 to {len(self.places)}.")
         wanted = numbers or range(1, len(self.places) + 1)
         return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
 
@@ -298,7 +298,7 @@ class WorstPlaces(Recorded):
         2 places where areas change beyond 1.01 times, 87.69 % of the surface
         """
         share = f"{100 * self.share:.2f} % of the surface"
-        about = f"{self.found} places where areas change beyond {self.beyond:g} times, {share}"
+        about = f"{self.found} places where areas change by more than {self.beyond:g} times, {share}"
         if not self.places:
             return about
         names = ["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain, %"]
@@ -318,7 +318,7 @@ class WorstPlaces(Recorded):
         told = (
             []
             if np.isnan(self.sketch_error)
-            else [f"gain: of the {100 * self.sketch_error:.2f} % by which a sketch of the map gets distances wrong"]
+            else [f"gain: reduction of the distance error of a coarse preview map, {100 * self.sketch_error:.2f} %"]
         )
         return "\n".join([about, *(line.rstrip() for line in lines), *told])
 
@@ -346,7 +346,7 @@ class WorstPlaces(Recorded):
         """
         name = checked_path(path).name.lower()
         if not name.endswith(WORST_ENDINGS):
-            raise InputError(f"cannot save places as {checked_path(path).name}; give a name that ends in .json or .tsv")
+            raise InputError(f"Cannot save places as {checked_path(path).name}. Use a name that ends in .json or .tsv.")
         if name.endswith(".json"):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:

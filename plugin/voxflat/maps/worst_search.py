@@ -77,12 +77,12 @@ def worst_places(
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
-        raise InputError(f"count is {shown(count)}; give how many places to find, a whole number")
+        raise InputError(f"count is {shown(count)}. Pass the number of places to find, a whole number.")
     factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
-        raise InputError(f"beyond is {shown(beyond)}; give a factor greater than 1, such as 1.5")
+        raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5.")
     if flat_map.distortion.triangles is None:
-        raise InputError("the map's triangles are not the surface's, so it has no areas: give one of another method")
+        raise InputError("The map has no triangles of the surface, and so no areas. Pass a map of another method.")
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())

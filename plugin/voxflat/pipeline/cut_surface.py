@@ -164,12 +164,12 @@ class CutSurface(Generic[_Surface]):
         True
         """
         if self.cutout is None:
-            raise InputError("nothing says how this surface was cut; give the one that Surface.cut returns")
+            raise InputError("This CutSurface does not record how it was cut. Pass one that Surface.cut returned.")
         return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
         return (
-            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} vertices left out>"
+            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices>"
         )
 
     def _repr_html_(self) -> str:
@@ -179,7 +179,7 @@ class CutSurface(Generic[_Surface]):
         figure = importlib.import_module("voxflat.figures.opened").opened(self.surface)  # it stands above the pipeline
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
         return page(
-            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides, its cuts in red"
+            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides; cuts in red"
         )
 
     def title(self, number: int) -> str:
@@ -207,7 +207,7 @@ class CutSurface(Generic[_Surface]):
         'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
-            raise InputError(f"the number of a cut is {shown(number)}; there are {len(self.cuts)}, counted from 0")
+            raise InputError(f"Cut number is {shown(number)}. Pass a number from 0 to {len(self.cuts) - 1}.")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if of is None or not len(cut.ids):
@@ -279,9 +279,9 @@ class CutSurface(Generic[_Surface]):
         >>> cut_open.save_template("five_cuts.json")
         """
         if self.sphere is None or self.whole is None:
-            raise InputError("a template lies on the sphere, and none is known: give sphere (--sphere)")
+            raise InputError("A template lies on a sphere, and this surface has none. Pass sphere (--sphere) to cut.")
         if not self.cuts and not len(self.left_out):
-            raise InputError("nothing is cut and nothing left out: that makes no template")
+            raise InputError("Cannot make a template: the surface has no cuts and no excluded vertices. Cut it first.")
         kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
         assert kept is not None
         names: dict[str, int] = {}

@@ -37,7 +37,7 @@ def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | N
     if texel_size is None:
         texel_size = float(np.max((high - low) / size)) or 1.0
     if not (is_number(texel_size) and 0 < texel_size < np.inf):
-        raise InputError(f"the texel size is {shown(texel_size)} mm; give a positive number")
+        raise InputError(f"texel_size is {shown(texel_size)} mm. Pass a positive number.")
     return np.asarray(0.5 + (uv - (low + high) / 2) / (texel_size * size))
 
 
@@ -47,8 +47,8 @@ def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_
     if needed > 1 + _SLACK:
         height, width = shape[0] * texel_size, shape[1] * texel_size
         raise InputError(
-            f"with texels of {texel_size:g} mm the picture is {width:g} x {height:g} mm and does not cover the map; "
-            f"give repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
+            f"With texels of {texel_size:g} mm the picture is {width:g} x {height:g} mm and does not cover the map. "
+            f"Pass repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm."
         )
 
 
@@ -72,7 +72,7 @@ def check_values(picture: object) -> NDArray[Any]:
     """Take an array of any numbers, (H, W) or (H, W, C), as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise InputError(f"the picture has shape {array.shape}, type {array.dtype}; give (H, W) or (H, W, C) numbers")
+        raise InputError(f"The picture is {array.dtype} of shape {array.shape}. Pass numbers (H, W) or (H, W, C).")
     return array
 
 
@@ -125,7 +125,7 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
         return _of_array(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))  # 65,535 is 257 x 255
     if image.mode in ("I", "F"):
         raise InputError(
-            f"the picture has values of more than 8 bits (Pillow's mode {image.mode}); save it as 8-bit grey or RGB"
+            f"The picture has more than 8 bits per value (Pillow mode {image.mode}). Save it as 8-bit grey or RGB."
         )
     has_alpha = "A" in image.getbands() or "transparency" in image.info
     return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
@@ -133,17 +133,17 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
 
 def _of_array(array: NDArray[Any]) -> NDArray[np.uint8]:
     if array.ndim == 3 and array.shape[2] not in (3, 4):
-        raise InputError(f"the picture has shape {array.shape}; give (H, W), (H, W, 3) or (H, W, 4)")
+        raise InputError(f"The picture has shape {array.shape}. Pass (H, W), (H, W, 3) or (H, W, 4).")
     if array.dtype.kind == "b":
         array = np.uint8(255) * array
     elif array.dtype.kind == "f":
         least, most = float(array.min()), float(array.max())  # NaN if there is one
         if not (least >= 0 and most <= 1):
             raise InputError(
-                f"the picture's values reach from {least:g} to {most:g}; floats must lie from 0 to 1, without NaN: "
-                "divide them, or give uint8"
+                f"The picture's values range from {least:g} to {most:g}. Scale floats to 0 to 1 (without NaN), or "
+                "pass uint8."
             )
         array = np.round(255 * array).astype(np.uint8)
     elif array.dtype != np.uint8:
-        raise InputError(f"the picture has type {array.dtype}; give uint8, 0 to 255, or floats from 0 to 1")
+        raise InputError(f"The picture has type {array.dtype}. Pass uint8 (0 to 255), or floats from 0 to 1.")
     return np.ascontiguousarray(np.repeat(array[..., None], 3, axis=2) if array.ndim == 2 else array)

@@ -30,7 +30,7 @@ def subdivide(
 ) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
     """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
-        raise InputError(f"the tolerance is {shown(tolerance)}; give a positive number of 255 grey levels")
+        raise InputError(f"tolerance is {shown(tolerance)}. Pass a positive number of grey levels (of 255).")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     open_ = np.ones(len(faces), dtype=np.bool_)  # those not yet found good
     while True:
@@ -41,9 +41,9 @@ def subdivide(
         sides, faces, is_new = _bisect(faces, coordinates * size, rough)
         if len(faces) > _MOST_FACES:
             raise InputError(
-                f"the picture's {picture.shape[1]} x {picture.shape[0]} texels need more than "
-                f"{_MOST_FACES} triangles; give a greater tolerance or a coarser picture, or save it with the picture "
-                "itself, as .obj, .vtp or .glb"
+                f"The picture's {picture.shape[1]} x {picture.shape[0]} texels need more than {_MOST_FACES} triangles. "
+                "Increase the tolerance, pass a coarser picture, or save the surface with the picture itself, as .obj, "
+                ".vtp or .glb."
             )
         points = np.concatenate([points, points[sides].mean(axis=1)])
         coordinates = np.concatenate([coordinates, coordinates[sides].mean(axis=1)])

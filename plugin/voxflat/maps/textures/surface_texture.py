@@ -49,7 +49,7 @@ def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
         if len(mesh.points) != count:
-            raise InputError(f"has {len(mesh.points)} vertices, the flattened mesh {count}: is it the same surface?")
+            raise InputError(f"has {len(mesh.points)} vertices, but the flattened mesh has {count}. Pass that mesh.")
         if path.suffix.lower() == ".obj":
             return _obj_texture(path)
         picture = _picture_beside(path)
@@ -66,9 +66,9 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
     found = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
     if len(found) == 1:
         return next(iter(found.values()))
-    several = f"several colours at its vertices ({', '.join(found)}): give one as an array" if found else ""
+    several = f"several colours at its vertices ({', '.join(found)}). Pass one as an array." if found else ""
     raise InputError(
-        f"has {several or 'no texture: neither texture coordinates with a picture beside, nor colours at its vertices'}"
+        f"has {several or 'no texture (texture coordinates with a picture, or colours at vertices). Add one.'}"
     )
 
 
@@ -88,12 +88,12 @@ def _obj_texture(path: Path) -> SurfaceTexture:
         found |= _material_pictures(path.parent / library)
     pictures = {path.parent / found[material] for material in names["usemtl"] if material in found}
     if np.isnan(coordinates).all() or not pictures:
-        raise InputError("has no texture: it needs texture coordinates (vt) and a material (mtllib) with map_Kd")
+        raise InputError("has no texture. Add texture coordinates (vt) and a material (mtllib) with map_Kd.")
     if len(pictures) > 1:
         shown = ", ".join(sorted(picture.name for picture in pictures))
-        raise InputError(f"has {len(pictures)} pictures ({shown}): bake them into one")
+        raise InputError(f"has {len(pictures)} pictures ({shown}). Bake them into one.")
     if plain := sorted(names["usemtl"] - set(found)):
-        raise InputError(f"has a picture, but its material {plain[0]!r} has none: bake all of them into one")
+        raise InputError(f"has a picture, but its material {plain[0]!r} has none. Bake all materials into one picture.")
     return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
 
 

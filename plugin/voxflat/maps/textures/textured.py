@@ -154,20 +154,20 @@ class TexturedSurface(Recorded):
         >>> textured.save("hill_textured.glb")
         """
         path = checked_path(path)
-        with naming(path, "can this format hold it?"):
+        with naming(path, "choose another format"):
             write = by_ending(path, _WRITERS, "written")
         others = files_beside(path)
         names = [path, *others]
         for name in names:
             if self.source is not None and name.exists() and self.source.exists() and name.samefile(self.source):
-                raise InputError(f"cannot write {path}: {name} is the picture itself; choose another name")
+                raise InputError(f"Cannot write {path}: {name} is the picture itself. Choose another name.")
             check_not_read(name, self.provenance)
         for name in others:
             check_beside(path, name, overwrite=overwrite)
         with ExitStack() as files:  # they take their places in reverse: the surface last, when what it names is there
             files.enter_context(saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite))
             temporary = [files.enter_context(atomic_path(name)) for name in names]
-            with naming_file(path), naming(path, "can this format hold it?"):
+            with naming_file(path), naming(path, "choose another format"):
                 write(temporary, self, [name.name for name in names])
 
 
