@@ -1,4 +1,4 @@
-"""Flat pieces side by side on a page, without overlap: in rows of boxes, or packed by their shapes with xatlas."""
+"""Place flat pieces side by side on a page, without overlap: in rows of boxes, or packed by shape with xatlas."""
 
 import numpy as np
 import scipy
@@ -14,7 +14,7 @@ _TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
 
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
-    """Return the gap that suits pieces, mm: the smaller they are, the smaller."""
+    """Return the default gap, mm, which is proportional to the typical size of the pieces."""
     boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
     return _GAP * float(np.sqrt(boxes.mean()))
 
@@ -22,11 +22,11 @@ def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
 def lay_out(
     uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
 ) -> NDArray[np.float64]:
-    """Lay pieces out on a page; return for each row of `uv` its place, mm, the lowest corner at (0, 0).
+    """Place pieces on a page; return the place of each row of `uv`, mm, with the lowest corner at (0, 0).
 
-    Pieces follow one another in `uv` (P, 2), each in a plane of its own, mm, and begin at `starts`. They are turned and
-    moved, not mirrored: "boxes" is each in its smallest rectangle, in rows from the highest to the lowest, with the gap
-    between the boxes; "shapes" into each other's bays, by xatlas.
+    Pieces follow one another in `uv` (P, 2), each in its own plane, mm, and begin at `starts`. They are rotated and
+    moved, not mirrored: "boxes" places the smallest rectangle of each piece in rows, from the highest to the lowest,
+    with the gap between boxes; "shapes" fits pieces into each other with xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"gap is {gap} mm. Pass a positive number.")
@@ -39,7 +39,7 @@ def lay_out(
 
 
 def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Turn each piece into its smallest rectangle, which lies with its longer side along u and a corner at (0, 0)."""
+    """Rotate each piece into its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
     parts = []
     for part in np.split(uv, starts[1:-1]):
         axis = _axis(part)
@@ -49,7 +49,7 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction of the longer side of the smallest rectangle: it has a side along one of the hull's."""
+    """Return the direction of the longer side of the smallest rectangle, which has a side along one of the hull's."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
     except scipy.spatial.QhullError:  # as thin as a line
@@ -85,7 +85,7 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
 def _by_shape(
     apart: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float
 ) -> NDArray[np.float64]:
-    """Pack pieces, which lie apart already, with xatlas; its places, of single precision, become rigid motions."""
+    """Pack pieces, which do not overlap, with xatlas; its single-precision places are converted to rigid motions."""
     try:
         import xatlas
     except ImportError as error:
@@ -105,7 +105,7 @@ def _by_shape(
 
 
 def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Move each piece rigidly to where its places are wanted; a mirrored one is turned by half instead."""
+    """Move each piece rigidly to its target; a mirrored target is rotated by 180 degrees instead."""
     parts = []
     for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):
         known = np.isfinite(target[:, 0])

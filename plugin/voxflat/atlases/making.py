@@ -1,4 +1,4 @@
-"""From a surface of any topology to an atlas: `patches`."""
+"""Make an atlas of certified patches of a surface of any topology."""
 
 from typing import Any
 
@@ -70,7 +70,7 @@ _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:
-    """Return what limits the patches: the core's name for it, and its value."""
+    """Return the name, as in the core, and the value of the limit on patches."""
     given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are both given. Pass only one of max_angle, bound and count.")

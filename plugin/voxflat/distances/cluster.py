@@ -1,4 +1,4 @@
-"""Work on many machines: the workers of a Dask cluster take one item after another, and may die on the way."""
+"""Work on many machines: workers of a Dask cluster process one item after another, and may die at any time."""
 
 import importlib
 import json
@@ -35,13 +35,13 @@ _Item = TypeVar("_Item")
 
 
 class Cluster:
-    """The workers of a Dask cluster, of which a `distributed.Client` is a connection to the scheduler."""
+    """The workers of a Dask cluster; a `distributed.Client` is a connection to the scheduler."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
 
     def __len__(self) -> int:
-        """Return how many workers there are now."""
+        """Return the current number of workers."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def everywhere(self, function: Callable[[], object]) -> None:
@@ -57,7 +57,7 @@ class Cluster:
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Iterator[tuple[_Item, Any, Exception | None]]:
-        """Have work done on each item by a free worker; that of one that dies is taken up 4 times at most."""
+        """Process each item on a free worker; if the worker dies, another one takes the item, at most 4 times."""
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
         futures = self._client.map(run, items, pure=False, retries=0)
@@ -84,7 +84,7 @@ class Cluster:
 
 
 def _outcome(future: Any) -> tuple[Any, Exception | None]:
-    """Return the result of a future that is done, or the error."""
+    """Return the result of a finished future, or its error."""
     if future.status == "cancelled" or future.status == "lost":
         return None, InputError("The connection to the scheduler was lost. Run the same command again to resume.")
     error = future.exception()
@@ -138,7 +138,7 @@ def _check_version(worker: str, own: str, wanted: str) -> None:
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:
-    """Do work on a worker, where nothing else is done at a time: threads are the core's."""
+    """Process an item on a worker, one at a time: the core uses several threads."""
     distributed = importlib.import_module("distributed")
     worker, key = distributed.get_worker(), distributed.worker.thread_state.key
     _check_version(worker.address, __version__, of)  # it may have come later than the client
@@ -153,7 +153,7 @@ def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> A
 
 @contextmanager
 def _in(folder: Path) -> Iterator[None]:
-    """Go to a directory, where names are those of the caller; what is noted there is told by the results."""
+    """Change to the caller's directory, so that file names match; log messages are returned with the results."""
     before, hushed = os.getcwd(), logging.NullHandler()
     os.chdir(folder)
     log.addHandler(hushed)

@@ -1,4 +1,4 @@
-"""Distances from many sources, in memory or in a store."""
+"""Measure distances from many sources, in memory or in a store."""
 
 import os
 from typing import Any
@@ -89,7 +89,7 @@ def stored_rows(
     threads: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute what a store lacks, and open it."""
+    """Compute the rows that a store lacks, and open it."""
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": store.geodesic}
     store.tell(core.store_rows(*store.key, chosen, **named, threads=threads, progress=progress))
     return open_rows(store.path)

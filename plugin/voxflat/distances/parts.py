@@ -1,7 +1,7 @@
-"""One store by many workers: each writes some of its rows, a part, whose journal lies in a directory of its own.
+"""One store written by many workers: each writes some rows, a part, with a journal in its own directory.
 
-The caller takes what that journal says over into the store's. Parts lie in the store's directory, and are what a dead
-worker, or caller, leaves behind. A row has the same bits whoever computes it: two who write it at once do no harm.
+The caller copies entries of that journal into the store's. Parts lie in the store's directory, and remain if a worker
+or the caller dies. A row has the same bits on every worker, so two workers may write it at once.
 """
 
 import errno
@@ -45,7 +45,7 @@ _kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works o
 
 @dataclass(frozen=True)
 class Wanted:
-    """Rows that are to be computed."""
+    """Rows to compute."""
 
     surface: str  # a hash of it
     sources: int | NDArray[np.uint32]  # how many to choose, or which, as numbers into the points
@@ -65,7 +65,7 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks, on the workers of a cluster, and open it; what is finished is kept."""
+    """Compute the rows that a store lacks on the workers of a cluster, and open it; finished rows are kept."""
     path = store_path(store)
     beside = temporary_beside(path)  # until there is a store
     sources = choice.count if choice.given is None else choice.given
@@ -94,7 +94,7 @@ def rows_by_workers(
 
 
 def _write_surface(part: Manifold, folder: Path) -> str:
-    """Write what workers need to know of a surface; return its hash."""
+    """Write the surface for workers; return its hash."""
     core = part.core
     arrays: dict[str, NDArray[Any]] = {"points": core.points, "faces": core.faces, "ids": part.ids}
     with naming_file(folder):
@@ -105,7 +105,7 @@ def _write_surface(part: Manifold, folder: Path) -> str:
 
 
 def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict[str, Any]) -> None:
-    """Have computed what a store lacks."""
+    """Compute the rows that a store lacks."""
     path = store.path
     with _locked(path):
         _collect(path)
@@ -246,7 +246,7 @@ def _part(
 
 
 def _surface(key: str, folder: Path) -> _core.Surface:
-    """Return the surface of a folder; a worker keeps it as long as it works on it, with what distances need."""
+    """Return the surface of a folder; a worker caches it, with the data that distances need."""
     if key not in _kept:
         _kept.clear()
         points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))

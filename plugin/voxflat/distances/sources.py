@@ -15,7 +15,7 @@ SAMPLINGS = ("farthest", "curvature", "random")  # how sources may be chosen on 
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How many sources there will be, before any is chosen: choosing takes links, which take memory."""
+    """How sources will be chosen: their number is known before they are chosen, which needs memory for links."""
 
     part: Manifold | VoxelGraph
     count: int
@@ -40,7 +40,7 @@ def source_choice(
     fewest: int,
     at_most_all: bool = False,
 ) -> SourceChoice:
-    """Return how many sources there will be, and what chooses them; no more than points, or all (`at_most_all`)."""
+    """Return how sources will be chosen; more than the number of points is an error unless `at_most_all`."""
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):
         if sources < fewest:

@@ -28,7 +28,7 @@ OTHER = "Choose another directory, or delete this one."
 
 @dataclass(frozen=True)
 class Store:
-    """A directory that is ready to take rows."""
+    """A directory that is ready to receive rows."""
 
     path: Path
     identity: str
@@ -36,11 +36,11 @@ class Store:
 
     @property
     def key(self) -> tuple[Path, str]:
-        """What the compiled core needs to know."""
+        """The arguments that the compiled core needs."""
         return (self.path, self.identity)
 
     def tell(self, found: tuple[int, int]) -> None:
-        """Say what was in the store already."""
+        """Log the rows that were already in the store."""
         rows, damaged = found
         if rows:
             log.info("%d rows were already in the store %s", rows, self.path)
@@ -58,7 +58,7 @@ def prepare_store(
     link_lengths: str | None = None,
     progress: Progress | None = None,
 ) -> Store:
-    """Make a store of a directory, or find the same rows there; `chosen` (m,) are sources, numbers into the points."""
+    """Create a store, or open one of the same rows; `chosen` (m,) are sources, as row numbers of the points."""
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
@@ -87,12 +87,12 @@ def prepare_store(
 
 
 def store_path(path: str | os.PathLike[str]) -> Path:
-    """Return the directory of a store in full, so that messages name it and no later change of directory moves it."""
+    """Return the absolute directory of a store, for messages, and in case the working directory changes."""
     return Path(os.path.abspath(checked_path(path, "store")))
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """Return what a store says that it holds."""
+    """Return the description of a store."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
         raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one.")
@@ -111,13 +111,13 @@ def read_description(path: Path) -> dict[str, Any]:
 
 
 def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
-    """Keep in a store what made its rows."""
+    """Write the record of how rows were made into their store."""
     with atomic_path(Path(path) / "provenance.json") as temporary:
         temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8")
 
 
 def read_provenance(path: Path) -> Record:
-    """Return what made a store's rows; nothing if that is not known. Nothing depends on it."""
+    """Return the record of how a store's rows were made; empty if unknown. Nothing depends on it."""
     with suppress(OSError, ValueError):
         record = from_json((path / "provenance.json").read_text(encoding="utf-8"))
         return record if isinstance(record, dict) else {}
@@ -142,7 +142,7 @@ def _holds_files(path: Path) -> bool:
 
 
 def check_disk(path: Path, size: int) -> None:
-    """Say what room is needed on the disk, and refuse to start where it is not there."""
+    """Log the disk space that will be used, and raise an error if it is not free."""
     table = path / "rows.npy"
     need = max(0, size - (int(getattr(table.stat(), "st_blocks", 0)) * 512 if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
@@ -158,7 +158,7 @@ def check_disk(path: Path, size: int) -> None:
 
 
 def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-    """Make a store beside its place and move it there, so that there is all of it or nothing."""
+    """Make a store in a temporary directory and rename it, so that it is complete or does not exist."""
     beside = temporary_beside(path)
     try:
         beside.mkdir()
@@ -185,7 +185,7 @@ def _to_disk(file: Any) -> None:
 
 
 def _compare(path: Path, identity: dict[str, Any]) -> None:
-    """Refuse a store of other rows, and say what differs."""
+    """Raise an error if a store holds other rows, and name the differences."""
     there = read_description(path)
     if there == identity:
         return
@@ -207,7 +207,7 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
-    """Write an array again that was damaged."""
+    """Rewrite a damaged array."""
     with suppress(InputError):
         if array_hash(np.asarray(Table.open(path))) == expected:
             return
@@ -222,7 +222,7 @@ _COMPLETE = '{"complete": true}'
 
 @dataclass(frozen=True)
 class Journal:
-    """What a journal says."""
+    """The contents of a journal."""
 
     header: str  # its first line
     rows: int  # sources
@@ -232,7 +232,7 @@ class Journal:
 
 
 def read_journal(store: Path) -> Journal:
-    """Read the journal of a store; lines that cannot be read say nothing, and their rows are not finished."""
+    """Read the journal of a store; lines that cannot be read are ignored, and their rows count as unfinished."""
     path = store / "journal.jsonl"
     try:
         first, *lines = path.read_text(errors="replace").splitlines() or [""]
@@ -258,12 +258,12 @@ def read_journal(store: Path) -> Journal:
 
 
 def append(store: Path, checksums: Mapping[int, int]) -> None:
-    """Enter rows whose data are written."""
+    """Record rows whose data are written."""
     _append(store, "".join(f'{{"row": {row}, "crc32": "{sum_:08x}"}}\n' for row, sum_ in checksums.items()))
 
 
 def complete(store: Path) -> None:
-    """Enter that all rows are finished, once their data are on the disk."""
+    """Record that all rows are finished, after their data are on disk."""
     with (store / "rows.npy").open("r+b") as table:
         os.fsync(table.fileno())
     _append(store, _COMPLETE + "\n")

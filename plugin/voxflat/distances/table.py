@@ -1,4 +1,4 @@
-"""An array on disk, read where it is looked at: mapped, a file cut short would end the process (SIGBUS)."""
+"""An array on disk, read on demand. It is not memory-mapped: a truncated file would end the process (SIGBUS)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ FINISH = "Measure again with the same store to complete or repair it."
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory."""
+    """A `.npy` file of one or two axes, in C order; converting it to an array reads all of it."""
 
     path: Path
     shape: tuple[int, ...]
@@ -27,7 +27,7 @@ class Table:
 
     @classmethod
     def open(cls, path: Path) -> "Table":
-        """Open a file without reading its values; one shorter than its header says is refused."""
+        """Open a file without reading its values; raise an error if it is shorter than its header says."""
         try:
             with path.open("rb") as file:
                 major, _ = npy.read_magic(file)
@@ -67,7 +67,7 @@ class Table:
         return np.asarray(self._rows(np.arange(len(self)), 0, self._width), dtype=dtype).reshape(self.shape)
 
     def __getitem__(self, index: Any) -> Any:
-        """Return what an index of an array returns, from the rows that it names alone."""
+        """Index like an array, and read only the rows that are selected."""
         parts = index if isinstance(index, tuple) else (index,)
         plain = all(isinstance(part, slice | int | np.integer | np.ndarray | list) for part in parts)
         if not plain or not 1 <= len(parts) <= self.ndim or any(np.ndim(part) > 1 for part in parts[:1]):
@@ -94,7 +94,7 @@ class Table:
         return InputError(f"{self.path} was truncated to {there} of {self.start + self.nbytes} bytes. {FINISH}")
 
     def _rows(self, numbers: NDArray[np.int64], first: int, end: int) -> NDArray[Any]:
-        """Read the columns from `first` to `end` of some rows."""
+        """Read columns `first` to `end` of some rows."""
         block = np.empty((len(numbers), end - first), self.dtype)
         size = self.dtype.itemsize
         is_whole = end - first == self._width and (np.diff(numbers) == 1).all()

@@ -1,1 +1,1 @@
-"""The judge: flat maps of any tool, matched to their surface and measured by the same definitions."""
+"""Evaluation of flat maps, made by voxflat or any other tool, by the same definitions."""

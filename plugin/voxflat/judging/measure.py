@@ -1,4 +1,4 @@
-"""The judge: what flat maps, ours or other tools', do to a surface."""
+"""Measure the distortion of flat maps, made by voxflat or any other tool."""
 
 import textwrap
 from collections.abc import Mapping
@@ -43,18 +43,24 @@ _KEPT_SHARE = 4  # a quarter of the free memory
 
 @dataclass(frozen=True, eq=False)
 class JudgedMap:
-    """A flat map beside the surface that it was judged on.
+    """A flat map with the part of the surface on which it was measured.
+
+    A `Comparison` holds one for each map.
 
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
         Places in the plane, mm.
     vertex_ids : ndarray of int64, shape (N,)
-        The vertex of the surface's input that each one is; for voxels the vertex of the surface.
+        Vertex number of each place in the surface's input; for voxels, the vertex of the surface.
     faces : ndarray of uint32, shape (F, 3)
         Triangles.
     distortion : Distortion
-        What the map does to the surface.
+        Distortion of the map.
+
+    See Also
+    --------
+    compare : Measure several maps of a surface.
 
     Examples
     --------
@@ -75,14 +81,20 @@ class JudgedMap:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Recorded):
-    """Several flat maps of one surface, judged from the same sources.
+    """Several flat maps of one surface, measured from the same sources.
+
+    `voxflat.compare` returns it.
 
     Parameters
     ----------
     maps : dict of str to JudgedMap
-        By the names that they were given.
+        The maps by name.
     provenance : dict
-        What made it.
+        Record of how they were measured.
+
+    See Also
+    --------
+    compare : Measure several maps of a surface.
 
     Examples
     --------
@@ -99,11 +111,22 @@ class Comparison(Recorded):
         return f"<Comparison of {len(self.maps)} maps: {names}>"
 
     def __getitem__(self, name: str) -> Distortion:
-        """Return what a map does to the surface."""
+        """Return the distortion of a map."""
         return self.maps[name].distortion
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of each map by its name, ready for JSON: undefined ones are None.
+        """Return the figures of each map, ready for JSON.
+
+        Undefined figures are None.
+
+        Returns
+        -------
+        dict
+            The results of `Distortion.figures`, by the names of the maps.
+
+        See Also
+        --------
+        Comparison.table : The figures as text.
 
         Examples
         --------
@@ -115,7 +138,18 @@ class Comparison(Recorded):
         return {name: judged.distortion.figures() for name, judged in self.maps.items()}
 
     def table(self) -> str:
-        """Return the figures as a table of text, a map a column.
+        """Return a table of the figures as text.
+
+        There is one column per map.
+
+        Returns
+        -------
+        str
+            The table.
+
+        See Also
+        --------
+        Comparison.figures : The figures for JSON.
 
         Examples
         --------
@@ -139,43 +173,44 @@ def measure(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Distortion:
-    """Measure a flat map of a surface, whoever made it.
+    """Measure the distortion of a flat map of a surface, made by any tool.
 
     Distances are measured on the surface as it was cut for the map: over the map's triangles, and not across its seams.
 
     Parameters
     ----------
-    surface : Surface, or anything that `voxflat.surface` takes
+    surface : Surface, or any input of `voxflat.surface`
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
-        The map: a FreeSurfer patch (``lh.cortex.patch.flat``), GIFTI or another mesh file of the surface's vertices in
-        the same order, a map of voxflat (.npz), the texture coordinates of an .obj, .ply or .vtp, or places in the
-        plane, mm. Its triangles, or those of the surface with a place for all corners, are judged; a third coordinate
-        must be constant. With ``vertices``, which vertex of the surface each place is, a cut may have doubled some.
-        Where an .obj has several texture coordinates at a vertex the surface is cut.
+        The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
+        in the same order; a map of voxflat (.npz); the texture coordinates of an .obj, .ply or .vtp; or places in the
+        plane, mm. Its own triangles are measured, or those of the surface with a place for all corners. A third
+        coordinate must be constant. ``vertices`` gives the vertex of the surface for each place, so that cuts may
+        duplicate vertices. If a vertex of an .obj has several texture coordinates, the surface is cut there.
     sources : int, optional
-        How many random points distances are measured from. By default 300, or fewer where exact distances on a large
-        surface would take more than half a minute on two cores: 69 at 32,000 points, 6 from 160,000 points on, and
-        fewer where maps with different cuts are compared. From few sources the standard errors are rough estimates,
-        and so are the errors of single points in a heat map: give 300 for a figure that you publish.
+        Number of random points from which distances are measured. By default 300, or fewer if exact distances on a
+        large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 from 160,000 points on,
+        and fewer if maps with different cuts are compared. Few sources give rough standard errors and rough errors of
+        single points in a heat map; use 300 for figures to be published.
     reference : {"exact", "graph"}, optional
-        How distances are measured, as in `geodesic`. By default "exact" for meshes, whatever their size, and "graph"
-        for surfaces of voxels, whose triangles are an estimate themselves.
+        How distances are measured, as in `Surface.geodesic`. By default "exact" for meshes of any size, and "graph" for
+        surfaces of voxels, whose triangles are themselves an estimate.
     on_surface : bool
-        Judge on the given surface as it is. By default a map of voxflat is judged on the geometry that it was made on,
-        which it knows: one made midway to the pial surface is not measured on the white one. That is logged.
+        Measure on the given surface. By default a map of voxflat is measured on the geometry on which it was made: a
+        map made midway to the pial surface is not measured on the white surface. A warning reports this.
     seed : int
-        Of the choice of sources.
+        Seed of the choice of sources.
     threads : int, optional
-        How many threads work; by default one for each core.
+        Number of threads; by default one per core.
     memory_limit : int, optional
-        Bytes that may be used; by default what is free.
+        Maximum number of bytes to use; by default the free memory.
     progress : callable, optional
         As in `voxflat.flatten`.
 
     Returns
     -------
     Distortion
+        The distortion of the map.
 
     Raises
     ------
@@ -183,6 +218,10 @@ def measure(
         If the map does not belong to the surface, or is not flat.
     Cancelled
         If `progress` returned False.
+
+    See Also
+    --------
+    compare : Measure several maps of a surface.
 
     Examples
     --------
@@ -209,28 +248,45 @@ def compare(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Measure several flat maps of a surface from the same sources.
+    """Measure the distortion of several flat maps of a surface from the same sources.
 
-    The sources are random vertices that all maps have. Maps of the same triangles with the same cuts share their
-    distances, which are measured once.
+    The sources are random vertices that all maps have. Distances are measured only once for maps with the same
+    triangles and cuts.
 
     Parameters
     ----------
+    surface : Surface, or any input of `voxflat.surface`
+        The surface. All maps are measured on the same geometry.
     maps : dict of str to map
-        The maps, each as in `measure`, by their names.
-    surface, sources, reference, on_surface, seed, threads, memory_limit, progress
-        As in `measure`. All maps are judged on one geometry.
+        The maps by name, each as in `measure`.
+    sources : int, optional
+        As in `measure`.
+    reference : {"exact", "graph"}, optional
+        As in `measure`.
+    on_surface : bool
+        As in `measure`.
+    seed : int
+        As in `measure`.
+    threads, memory_limit : int, optional
+        As in `measure`.
+    progress : callable, optional
+        As in `measure`.
 
     Returns
     -------
     Comparison
+        The distortion of each map.
 
     Raises
     ------
     InputError
-        As in `measure`, or if no vertex is in all maps, or maps were made on different geometries.
+        As in `measure`; also if the maps have no vertex in common, or were made on different geometries.
     Cancelled
         If `progress` returned False.
+
+    See Also
+    --------
+    measure : Measure a single map.
 
     Examples
     --------
@@ -278,7 +334,7 @@ def compare(
 
 
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:
-    """Put maps of the same triangles and cuts together, each with which of its vertices the first map's are."""
+    """Group maps with the same triangles and cuts, each with the order of its vertices in the first map."""
     groups: list[list[tuple[Matched, NDArray[np.int64]]]] = []
     for one in matched:
         for group in groups:
@@ -307,14 +363,14 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
 
 
 def _usual_sources(points: list[int], reference: str) -> int:
-    """Return from how many sources maps are measured by default; `points` has the size of each group of maps."""
+    """Return the default number of sources; `points` has the size of each group of maps."""
     if reference == "graph":
         return _USUAL_SOURCES
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:
-    """Return what the surface is like as the map cuts it; it is a manifold, or would have been refused."""
+    """Return the topology of the surface as cut by the map, which is a manifold at this point."""
     found = one.core.topology()
     components = len(found["components"])
     if components > 1:
@@ -330,14 +386,14 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A surface where maps say that it lies."""
+    """A surface with the vertex positions that the maps use."""
 
     surface: Manifold  # the given one, its vertices moved to where the maps have them
     known: NDArray[np.bool_] | None = None  # vertices of the whole that the maps have; None: of the given geometry
     said_by: str = ""  # the name of the map that says so
 
     def check(self, name: str, matched: Matched) -> None:
-        """Refuse a map with vertices of which it is not known where they lie."""
+        """Raise an error for a map that has vertices of unknown position."""
         if self.known is None:
             return
         unknown = matched.vertices[~self.known[matched.vertices]]
@@ -350,7 +406,7 @@ class Geometry:
 
 
 def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
-    """Return the surface on which maps are judged: the given one, unless ours were made on another geometry."""
+    """Return the surface on which maps are measured: the given one, or the one on which maps of voxflat were made."""
     ours = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and not flat.is_voxels}
     places = {name: vertices_of(whole, flat) for name, flat in ours.items()}
     moved = [name for name, flat in ours.items() if not _agree(flat, flat.points, whole.points[places[name]])]
@@ -380,7 +436,7 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
 
 
 def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Tell whether a map's triangles have the same edges in both places, wherever these lie."""
+    """Return whether a map's triangles have the same edge lengths for both sets of positions."""
     ends = flat.faces, np.roll(flat.faces, 1, axis=1)
     lengths = [np.linalg.norm(points[ends[0]] - points[ends[1]], axis=2) for points in (one, other)]
     return bool(np.abs(lengths[0] - lengths[1]).max() <= _SAME * np.median(lengths[0]))

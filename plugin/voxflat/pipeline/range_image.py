@@ -1,4 +1,4 @@
-"""Range images: depths on a grid, as scanners give them, and the surface that they are."""
+"""Range images: depth on a grid, as scanners record it, and the surface that it describes."""
 
 import hashlib
 from collections.abc import Sequence
@@ -21,31 +21,38 @@ _JUMP = 8.0  # pixels: a slope of 83 degrees
 def range_image(
     depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
 ) -> Surface:
-    """Make a surface of a range image: every pixel with a depth is a vertex.
+    """Make a surface of a range image, in which every pixel with a depth is a vertex.
+
+    Columns run along x, rows along −y and depth along z, so the surface is seen from +z.
 
     Parameters
     ----------
     depth : array_like, shape (H, W)
-        Height towards the viewer, mm; of distances from a camera give the negative. NaN where there is no surface.
+        Height towards the viewer, in mm, or NaN where there is no surface. Pass the negative of distances from a
+        camera.
     spacing : float or sequence of 2 floats
-        Distance of rows and of columns, mm.
+        Distance between rows and between columns, in mm.
     mask : array_like of bool, shape (H, W), optional
-        Where the surface is.
+        True where there is a surface.
     jump : float, optional
-        Greatest difference of depth within a triangle, mm: across more the surface is cut, for there one thing hides
-        another. By default 8 times the larger spacing, a slope of 83 degrees.
+        Greatest difference of depth within a triangle, in mm. The surface is cut at larger differences, where one
+        object hides another. By default 8 times the larger spacing, a slope of 83 degrees.
 
     Returns
     -------
     Surface
-        Columns run along x, rows down along −y, depth along z; it is seen from +z. The pixel of each vertex is
-        ``np.unravel_index(s.ids, depth.shape)``, in maps ``m.ids``. ``metadata["range_image"]`` has the grid, the limit
-        ``jump`` (None for none) and how many triangles it ``cut``; that is said, too.
+        The pixel of each vertex is ``np.unravel_index(s.ids, depth.shape)``. ``metadata["range_image"]`` holds the
+        grid, the limit ``jump`` (None for no limit) and the number of triangles that were ``cut``, which is also
+        reported.
 
     Raises
     ------
     InputError
-        If the depths are no image, not finite, or leave no triangle; the message names the pixel.
+        If depth is not an image, has infinite values, or leaves no triangle; the message names the pixel.
+
+    See Also
+    --------
+    surface : Make a surface of a volume or a mesh.
 
     Examples
     --------
@@ -101,7 +108,7 @@ def range_image(
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
-    """Return depths as numbers, NaN where there is no surface."""
+    """Return depths as floats, with NaN where there is no surface."""
     if isinstance(depth, np.ma.MaskedArray):
         depth = np.ma.filled(depth.astype(np.float64), np.nan)
     try:
@@ -131,7 +138,7 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
-    """Return the distances of rows and of columns."""
+    """Return the distances between rows and between columns."""
     steps = array_of(spacing, "spacings")
     if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
         raise InputError(f"spacing is {shown(spacing)}. Pass one number, or one for rows and one for columns, in mm.")
@@ -142,7 +149,7 @@ def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
 
 
 def _faces(heights: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Cut each square of pixels along the shorter diagonal; one that leads to a pixel without a depth is longer."""
+    """Split each square of pixels along its shorter diagonal; a diagonal to a pixel without depth counts as longer."""
     reached = np.where(np.isnan(heights), np.inf, heights)
     a, b, c, d = reached[:-1, :-1], reached[1:, :-1], reached[1:, 1:], reached[:-1, 1:]  # counterclockwise from +z
     with np.errstate(invalid="ignore"):
