@@ -16,7 +16,7 @@ from voxflat._pyvista.given import Given
 from voxflat._pyvista.judged import rows_of
 from voxflat.arguments import Progress, checked_choice, log
 from voxflat.errors import InputError
-from voxflat.judging.measure import compare
+from voxflat.evaluation.measure import compare
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.check import check
 from voxflat.pipeline.surface import surface

@@ -92,7 +92,7 @@ class Atlas(FlatPieces, ABC):
     measured: NDArray[np.float64]
 
     _format: ClassVar[str]  # name and version of its files
-    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # what its files hold beside text
+    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # arrays in its files
 
     @property
     @abstractmethod
@@ -382,7 +382,7 @@ class Atlas(FlatPieces, ABC):
 
     def _repr_html_(self) -> str:
         """Return a picture of the page and a table of the pieces, for Jupyter."""
-        figure = importlib.import_module("voxflat.figures").atlas_page(self)  # it stands above atlases
+        figure = importlib.import_module("voxflat.figures").atlas_page(self)  # a higher layer
         return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
     @abstractmethod
@@ -486,7 +486,7 @@ class Atlas(FlatPieces, ABC):
         """
         path = checked_path(path)
         if path.suffix.lower() not in SAVED_ENDINGS:
-            raise InputError(f"Cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat.")
+            raise InputError(f"cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
         with (
@@ -546,7 +546,7 @@ class Atlas(FlatPieces, ABC):
             text = from_json(str(arrays.pop("text")))
             note(path)
             if text.pop("format") != cls._format:
-                raise InputError(f"{path} was written by another version of voxflat. Make the patches again.")
+                raise InputError(f"{path} was written by another version of voxflat. Make the patches again")
             with naming(path, AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)

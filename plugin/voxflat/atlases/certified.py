@@ -415,7 +415,7 @@ def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)
-    except Exception:  # what damage leads to is known to no one
+    except Exception:  # damaged files raise many kinds of errors
         return None
     if {"uv", "ids", "metadata"} <= names:
         return "map"

@@ -380,11 +380,11 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
     """Glue the patches of an atlas with a proven bound C ≤ `certified`: see `FlatAtlas.glue`."""
     if not is_number(bound):
-        raise InputError(f"bound is {shown(bound)}. Pass the greatest factor by which lengths may change.")
+        raise InputError(f"bound is {shown(bound)}. Pass the greatest factor by which lengths may change")
     threads = checked_threads(threads)
     core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):
-        raise InputError("The atlas's triangles are not a surface. Make the patches again.")
+        raise InputError("the atlas's triangles are not a surface. Make the patches again")
     flat = np.ascontiguousarray(atlas.uv[atlas.uv_faces].reshape(-1, 6))
     found = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)
     glued = GluedAtlas(

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-PACKINGS = ("boxes", "shapes")  # how pieces are packed
+PACKINGS = ("boxes", "shapes")  # packing methods
 
-_GAP = 0.05  # of the side of a square as large as a piece's box on the average
-_WIDTH = 1.05  # of the side of a square as large as all boxes
-_TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
+_GAP = 0.05  # share of the side of a square with the mean area of the pieces' boxes
+_WIDTH = 1.05  # share of the side of a square with the area of all boxes
+_TEXELS = 4  # texels of xatlas per gap; more are slow and do not make the page smaller
 
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
@@ -29,7 +29,7 @@ def lay_out(
     with the gap between boxes; "shapes" fits pieces into each other with xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
-        raise InputError(f"gap is {gap} mm. Pass a positive number.")
+        raise InputError(f"gap is {gap} mm. Pass a positive number")
     placed = _turned(uv, starts)
     sizes = _sizes(placed, starts)
     placed += np.repeat(_in_rows(sizes, gap), np.diff(starts), axis=0)
@@ -52,7 +52,7 @@ def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the direction of the longer side of the smallest rectangle, which has a side along one of the hull's."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
-    except scipy.spatial.QhullError:  # as thin as a line
+    except scipy.spatial.QhullError:  # degenerate to a line
         hull = places
     sides = np.roll(hull, -1, axis=0) - hull
     lengths = np.linalg.norm(sides, axis=1)
@@ -69,7 +69,7 @@ def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np
 
 
 def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
-    """Return the lowest corner of each box, in rows from the highest box to the lowest; the page is about square."""
+    """Return the lowest corner of each box, in rows from the highest to the lowest; the page is nearly square."""
     width = max(float(sizes[:, 0].max()), _WIDTH * float(np.sqrt((sizes + gap).prod(axis=1).sum())))
     corners = np.zeros_like(sizes)
     x = y = row = 0.0
@@ -89,7 +89,7 @@ def _by_shape(
     try:
         import xatlas
     except ImportError as error:
-        raise InputError("packing='shapes' needs xatlas: pip install 'voxflat[atlas]'. Or pass 'boxes'.") from error
+        raise InputError("packing='shapes' needs xatlas: pip install 'voxflat[atlas]'. Or pass 'boxes'") from error
     atlas = xatlas.Atlas()
     pieces = (np.searchsorted(starts, faces[:, 0], side="right") - 1).astype(np.uint32)
     atlas.add_uv_mesh(apart.astype(np.float32), faces.astype(np.uint32), pieces[:, None])
@@ -97,7 +97,7 @@ def _by_shape(
     options.padding, options.bilinear, options.texels_per_unit = _TEXELS, True, _TEXELS / gap
     atlas.generate(pack_options=options)
     if atlas.atlas_count != 1 or atlas.chart_count < len(starts) - 1:
-        raise InputError("xatlas cannot pack these pieces. Pass packing='boxes', or a larger gap.")
+        raise InputError("xatlas cannot pack these pieces. Pass packing='boxes', or a larger gap")
     rows, _, places = atlas.get_mesh(0)
     target = np.full_like(apart, np.nan)
     target[rows] = places.astype(np.float64) * [atlas.width, atlas.height] * gap / _TEXELS

@@ -228,7 +228,7 @@ class FlatPage(Planar):
         >>> page.label_image(pixel_size=1.0)
         <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
-        numbers = self.atlas.patch_ids + 1  # 0 is grey: unlabelled
+        numbers = self.atlas.patch_ids + 1  # 0 would be grey, for unlabelled
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
@@ -274,7 +274,7 @@ class FlatPage(Planar):
         left, right, bottom, top = image.extent
         coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():
-            raise InputError("The image does not belong to this page. Pass one that this page made.")
+            raise InputError("the image does not belong to this page. Pass one that this page made")
         return np.asarray(coordinates)
 
     @telling()
@@ -326,6 +326,6 @@ def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return colours without opacity; pixels without a colour get that of the nearest pixel."""
     empty = picture[..., 3] == 0
     if empty.all():
-        raise InputError("The image shows nothing on the page. Pass one that covers the pieces.")
+        raise InputError("the image shows nothing on the page. Pass one that covers the pieces")
     rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     return np.ascontiguousarray(picture[rows, columns, :3])

@@ -19,14 +19,14 @@ from voxflat._core import __version__
 from voxflat.arguments import Progress, free_memory, log
 from voxflat.errors import Cancelled, InputError
 
-LOCAL = "local"  # instead of an address: workers on this machine, for as long as they are needed
+LOCAL = "local"  # instead of an address: start workers on this machine
 
-_PATIENCE = 30  # s, in which a scheduler answers
-_WAITING = "waiting for workers"  # as long as there is none: they may come, or come back
-_POLL = 0.1  # s between two looks at whether the user has had enough
-_COUNT = 1.0  # s between two looks at how many workers there are, which costs the scheduler a message
-_ROOM = 2 << 30  # bytes that a worker of this machine has at least: a hemisphere of 160,000 vertices takes 1.3 GiB
-_ALONE = threading.Lock()  # a process has one working directory, and one log
+_PATIENCE = 30  # s within which a scheduler must answer
+_WAITING = "waiting for workers"  # shown while there are no workers
+_POLL = 0.1  # s between checks for cancellation
+_COUNT = 1.0  # s between queries of the number of workers
+_ROOM = 2 << 30  # minimum bytes for a local worker: a hemisphere of 160,000 vertices needs 1.3 GiB
+_ALONE = threading.Lock()  # the working directory and the log belong to the whole process
 
 Work = Callable[..., Any]
 """Called on a worker as ``work(item, threads=, progress=)``: a function that can be imported, or `partial` of one."""
@@ -76,24 +76,24 @@ class Cluster:
                     future = finished.get(timeout=_POLL)
                     done += 1
                     outcome = _outcome(future)
-                    future.release()  # or it would be computed again if the worker dies that holds the result
+                    future.release()  # otherwise it is recomputed if the worker that holds the result dies
                     yield of[future.key], *outcome
         finally:
-            with suppress(Exception):  # the scheduler may be gone, and takes them along
+            with suppress(Exception):  # the scheduler may be gone
                 self._client.cancel(futures)
 
 
 def _outcome(future: Any) -> tuple[Any, Exception | None]:
     """Return the result of a finished future, or its error."""
     if future.status == "cancelled" or future.status == "lost":
-        return None, InputError("The connection to the scheduler was lost. Run the same command again to resume.")
+        return None, InputError("the connection to the scheduler was lost. Run the same command again to resume")
     error = future.exception()
     if error is None:
         return future.result(), None
     if type(error).__name__ == "KilledWorker":
         return None, InputError(
-            f"The worker died {error.allowed_failures + 1} times, last at {error.last_worker.address}. Give workers "
-            "more memory or time."
+            f"the worker died {error.allowed_failures + 1} times, last at {error.last_worker.address}. Give workers "
+            "more memory or time"
         )
     return None, error if isinstance(error, Exception) else RuntimeError(str(error))
 
@@ -104,7 +104,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise InputError(f"A cluster needs {error.name}. Install it with: pip install 'voxflat[cluster]'") from error
+        raise InputError(f"a cluster needs {error.name}. Install it with: pip install 'voxflat[cluster]'") from error
     if address == LOCAL:
         cores = os.cpu_count() or 1
         count = max(1, min(cores, free_memory() // _ROOM, most))
@@ -116,36 +116,36 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         ):
             yield Cluster(client)
         return
-    try:  # the client waits for a file for ever
+    try:  # the client would wait for a file forever
         at = json.loads(Path(address).read_text())["address"] if address.endswith(".json") else address
         client = distributed.Client(at, timeout=_PATIENCE)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        why = "Check that it is running and can be reached from this machine."
-        raise InputError(f"No Dask scheduler answers at {address} ({error}). {why}") from error
+        why = "Check that it is running and can be reached from this machine"
+        raise InputError(f"no Dask scheduler answers at {address} ({error}). {why}") from error
     with client:
         found = client.run(version, "voxflat", on_error="return")
         for worker, own in found.items():
             if isinstance(own, PackageNotFoundError):
-                raise InputError(f"The worker {worker} has no voxflat. Install version {__version__} there.")
-            if isinstance(own, str):  # else it has died meanwhile
+                raise InputError(f"the worker {worker} has no voxflat. Install version {__version__} there")
+            if isinstance(own, str):  # otherwise the worker has died
                 _check_version(worker, own, __version__)
         yield Cluster(client)
 
 
 def _check_version(worker: str, own: str, wanted: str) -> None:
     if own != wanted:
-        raise InputError(f"The worker {worker} has voxflat {own}, this process {wanted}. Install the same version.")
+        raise InputError(f"the worker {worker} has voxflat {own}, this process {wanted}. Install the same version")
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:
     """Process an item on a worker, one at a time: the core uses several threads."""
     distributed = importlib.import_module("distributed")
     worker, key = distributed.get_worker(), distributed.worker.thread_state.key
-    _check_version(worker.address, __version__, of)  # it may have come later than the client
+    _check_version(worker.address, __version__, of)  # the worker may have joined after the client
 
     def go_on(*_: object) -> bool:
         task = worker.state.tasks.get(key)
-        return task is not None and task.state == "executing"  # else nobody waits for it any more
+        return task is not None and task.state == "executing"  # otherwise the result is no longer needed
 
     with _ALONE, _in(folder):
         return work(item, threads=threads or worker.state.nthreads, progress=go_on)

@@ -32,15 +32,15 @@ from voxflat.surfaces.manifold import Manifold
 
 try:
     import fcntl
-except ImportError:  # not on every system: there two callers at once compute rows twice
+except ImportError:  # not on every system; without it two simultaneous callers compute rows twice
     fcntl = None  # type: ignore[assignment]
 
-_UNKNOWN = 16  # parts where no worker is there yet
-_PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
-_ENDING = 60.0  # s, within which a worker that was killed has ended: first its writes do, and disks are slow
-_LOOK = 1.0  # s between two looks at how far workers are
+_UNKNOWN = 16  # number of parts if there is no worker yet
+_PATIENCE = 5.0  # s within which a stopped core releases its lock
+_ENDING = 60.0  # s within which a killed worker finishes its writes and ends
+_LOOK = 1.0  # s between checks of the workers' progress
 
-_kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works on, whose neighbours are joined
+_kept: dict[str, _core.Surface] = {}  # in a worker: its current surface, with a prepared graph
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Wanted:
     """Rows to compute."""
 
     surface: str  # a hash of it
-    sources: int | NDArray[np.uint32]  # how many to choose, or which, as numbers into the points
+    sources: int | NDArray[np.uint32]  # number of sources to choose, or row numbers of the points
     sampling: str
     seed: int
     geodesic: str  # as in `voxflat.geodesic`, over triangles
@@ -67,7 +67,7 @@ def rows_by_workers(
 ) -> DistanceRows:
     """Compute the rows that a store lacks on the workers of a cluster, and open it; finished rows are kept."""
     path = store_path(store)
-    beside = temporary_beside(path)  # until there is a store
+    beside = temporary_beside(path)  # used until the store exists
     sources = choice.count if choice.given is None else choice.given
     wanted = Wanted(_write_surface(part, beside), sources, choice.sampling, choice.seed, geodesic)
     how: dict[str, Any] = {"threads": threads, "progress": progress}
@@ -81,7 +81,7 @@ def rows_by_workers(
                     raise error
                 _finish(cluster, prepared, beside, partial(_part, wanted, prepared.identity, memory_limit), how)
             finally:
-                with suppress(Exception):  # they may be gone
+                with suppress(Exception):  # workers may be gone
                     cluster.everywhere(_forget)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
@@ -142,11 +142,11 @@ def _locked(store: Path) -> Iterator[None]:
 
 
 def _collect(store: Path) -> None:
-    """Take over what parts of an earlier call have finished."""
+    """Copy finished rows from parts of an earlier call."""
     whole = read_journal(store)
     known = len(whole.checksums)
     for part in sorted((store / "parts").glob("*/journal.jsonl")):
-        with suppress(InputError):  # it had not begun
+        with suppress(InputError):  # the part was not started
             own = read_journal(part.parent)
             if own.header == whole.header:
                 damaged = damaged_rows(store, own.checksums)
@@ -159,7 +159,7 @@ def _collect(store: Path) -> None:
 
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
-    """Make a part for each worker, as each has to join neighbours; the sources of one lie together."""
+    """Make a part for each worker, with neighbouring sources; each worker has to prepare the graph."""
     sources = Table.open(store / "points.npy")[Table.open(store / "sources.npy")[missing]]
     along = np.linalg.svd(sources - sources.mean(axis=0), full_matrices=False)[2][0]
     order = np.array(missing)[np.argsort(sources @ along, kind="stable")]
@@ -174,7 +174,7 @@ def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
 
 
 def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, how: dict[str, Any]) -> None:
-    """Have parts computed, and enter what is finished."""
+    """Compute parts on the workers, and record finished rows."""
     errors = []
     if how["progress"] is not None:
         how = {**how, "progress": _Rows(store, how["progress"])}
@@ -189,7 +189,7 @@ def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, how:
 
 
 class _Rows:
-    """Progress in rows, as journals tell them."""
+    """Progress in rows, read from journals."""
 
     def __init__(self, store: Path, progress: Progress) -> None:
         self._store, self._progress = store, progress
@@ -211,7 +211,7 @@ class _Rows:
 
 
 def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress: Progress) -> Store:
-    """Choose sources, and make a store of them, or find that an old one is of the same rows."""
+    """Choose sources and create a store of them, or check that an existing store has the same rows."""
     folder, path = places
     core = _surface(wanted.surface, folder)
     if isinstance(wanted.sources, int):
@@ -240,7 +240,7 @@ def _part(
         try:
             core.store_part(*key, geodesic=wanted.geodesic, threads=threads, progress=progress)
             return read_journal(part).checksums
-        except BlockingIOError:  # the worker that it was taken from has not ended yet
+        except BlockingIOError:  # the previous worker has not ended yet
             if time.monotonic() > deadline:
                 raise
 
@@ -252,7 +252,7 @@ def _surface(key: str, folder: Path) -> _core.Surface:
         points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))
         core, _ = _core.Surface.from_triangles(points, faces.astype(np.int64))
         if not (np.array_equal(core.points, points) and np.array_equal(core.faces, faces)):
-            raise InputError("The surface differs between processes. Do not pass dask.")
+            raise InputError("the surface differs between processes. Do not pass dask")
         _kept[key] = core
     return _kept[key]
 

@@ -31,7 +31,7 @@ from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 
-_CHUNK = 1 << 26  # bytes that are best asked for at once
+_CHUNK = 1 << 26  # best number of bytes per read
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """
     path = checked_path(path)
     if not path.exists():
-        raise InputError(f"{path}: store not found. Create one with Surface.geodesic(store=) or `voxflat rows`.")
+        raise InputError(f"{path}: store not found. Create one with Surface.geodesic(store=) or `voxflat rows`")
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
@@ -267,7 +267,7 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
         raise InputError(f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]}). {OTHER}")
     known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
     if not journal.is_complete or len(known) < journal.rows:
-        raise InputError(f"The store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
+        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
     return known
 
 

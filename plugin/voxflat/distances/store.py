@@ -23,7 +23,7 @@ from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")
-OTHER = "Choose another directory, or delete this one."
+OTHER = "Choose another directory, or delete this one"
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Store:
         if rows:
             log.info("%d rows were already in the store %s", rows, self.path)
         if damaged:
-            log.warning("Recomputed %d rows of the store %s, which did not match their checksums.", damaged, self.path)
+            log.warning("recomputed %d rows of the store %s, which did not match their checksums", damaged, self.path)
 
 
 def prepare_store(
@@ -95,7 +95,7 @@ def read_description(path: Path) -> dict[str, Any]:
     """Return the description of a store."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
-        raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one.")
+        raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one")
     check_regular_within(path)
     try:
         described = from_json(file.read_text())
@@ -133,11 +133,11 @@ def array_hash(array: NDArray[Any]) -> str:
 
 def _holds_files(path: Path) -> bool:
     if path.exists() and not path.is_dir():
-        raise InputError(f"The store {path} is a file. Pass a directory.")
+        raise InputError(f"the store {path} is a file. Pass a directory")
     names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
     if names and "store.json" not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        raise InputError(f"The directory {path} is not a store and holds files ({shown}). Pass a new or empty one.")
+        raise InputError(f"the directory {path} is not a store and holds files ({shown}). Pass a new or empty one")
     return bool(names)
 
 
@@ -196,7 +196,7 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
         if name in differ
     ]
     if told:
-        pass  # its points are numbered in another way, too
+        pass  # its points also have other numbers
     elif {"points", "points_sha256", "ids_sha256"} & set(differ):
         told.append(f"its surface differs ({there['points']} points; this one has {identity['points']})")
     elif "fingerprint" in differ:
@@ -228,7 +228,7 @@ class Journal:
     rows: int  # sources
     columns: int  # points
     checksums: dict[int, int]  # CRC-32 of each row that is finished
-    is_complete: bool  # whether it says that all are
+    is_complete: bool  # whether all rows are recorded as finished
 
 
 def read_journal(store: Path) -> Journal:
@@ -241,7 +241,7 @@ def read_journal(store: Path) -> Journal:
         if not (isinstance(rows, int) and isinstance(columns, int)):
             raise ValueError("its first line is not a header")
     except FileNotFoundError:
-        raise InputError(f"The store {store} has no rows yet. {FINISH}") from None
+        raise InputError(f"the store {store} has no rows yet. {FINISH}") from None
     except (OSError, ValueError, AttributeError) as error:
         raise InputError(f"{path} is damaged ({error}). {OTHER}") from error
     checksums: dict[int, int] = {}

@@ -12,7 +12,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-FINISH = "Measure again with the same store to complete or repair it."
+FINISH = "Measure again with the same store to complete or repair it"
 """What a store that is damaged or not complete asks for."""
 
 
@@ -34,7 +34,7 @@ class Table:
                 header = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
                 shape, is_fortran, dtype = header(file)
                 start = file.tell()
-        except Exception as error:  # of damaged headers NumPy's parser raises TokenError, OverflowError, ...
+        except Exception as error:  # NumPy's parser raises TokenError, OverflowError, ... for damaged headers
             raise InputError(f"{path} is damaged ({one_line(error)}). {FINISH}") from error
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
             raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}). {FINISH}")
@@ -62,7 +62,7 @@ class Table:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
-            raise ValueError(f"{self.path} is on disk, so its values must be copied. Do not pass copy=False.")
+            raise ValueError(f"{self.path} is on disk, so its values must be copied. Do not pass copy=False")
         check_room(self.nbytes)
         return np.asarray(self._rows(np.arange(len(self)), 0, self._width), dtype=dtype).reshape(self.shape)
 

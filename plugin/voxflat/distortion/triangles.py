@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from voxflat.distortion.distortion import Distortion
 
-_WEIGHTED = np.spacing(1.0)  # areas of triangles without one
+_WEIGHTED = np.spacing(1.0)  # lower bound for areas of degenerate triangles
 
 
 def measure_arrays(

@@ -383,11 +383,11 @@ class FlatMap(Planar):
         """
         values = array_of(values, "values")
         if not is_number(background):
-            raise InputError(f"background is {shown(background)}. Pass a number.")
+            raise InputError(f"background is {shown(background)}. Pass a number")
         if not _holds(values.dtype, background):
-            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert values.")
+            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert values")
         if values.ndim not in (1, 2) or len(values) != len(self):
-            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one each.")
+            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one each")
         self._triangles.on_surface.need_volume("has no voxels to paint")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
@@ -543,7 +543,7 @@ class FlatMap(Planar):
         else:
             endings = " or ".join(MAP_ENDINGS)
             why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
-            raise InputError(f"Cannot save a map as {path.name}{why}. Use a name that ends in {endings}.")
+            raise InputError(f"cannot save a map as {path.name}{why}. Use a name that ends in {endings}")
 
     def _save_all(self, path: Path) -> None:
         arrays: dict[str, Any] = {
@@ -583,7 +583,7 @@ class FlatMap(Planar):
             faces = faces[~self.torn]
             log.warning(
                 "%d of %d triangles are torn (there is no surface between their corners). They are not written to the "
-                "file; save as .vtp to keep them, marked as torn.",
+                "file; save as .vtp to keep them, marked as torn",
                 len(self.torn) - len(faces),
                 len(self.torn),
             )
@@ -600,7 +600,7 @@ class FlatMap(Planar):
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
-            raise InputError("A patch file needs vertex numbers of a mesh, but this map has voxels. Use .surf.gii.")
+            raise InputError("a patch file needs vertex numbers of a mesh, but this map has voxels. Use .surf.gii")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
 
@@ -751,7 +751,7 @@ def _drawing(module: str) -> Any:
 
 def _holds(dtype: np.dtype[Any], number: float) -> bool:
     """Return whether a type can hold a number, except for rounding."""
-    number = number.item() if isinstance(number, np.generic) else number  # or limits would be cast to its type
+    number = number.item() if isinstance(number, np.generic) else number  # otherwise limits would be cast to its type
     if dtype.kind in "iu":
         bounds = np.iinfo(dtype)
         return bool(bounds.min <= number <= bounds.max) and int(number) == number

@@ -17,7 +17,7 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-LIMIT = 5.0  # how far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick
+LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up to 4.5 mm thick
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,13 +218,13 @@ class Planar(ABC):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2).")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2)")
         of, rows, shape = self._triangles, wanted.reshape(-1, 2), wanted.shape[:-1]
         triangles, weights = self._finder.find(np.ascontiguousarray(rows))
         if (at := (triangles >= 0) & of.torn[triangles]).any():
             apart = np.linalg.norm(of.uv[of.faces[triangles[at]]] - rows[at, None], axis=2)
             weights[at] = np.eye(3)[apart.argmin(axis=1)]
-        found = np.einsum("pc,pcx->px", weights, of.on_surface.points[of.faces[triangles]])  # NaN where there is none
+        found = np.einsum("pc,pcx->px", weights, of.on_surface.points[of.faces[triangles]])  # NaN outside triangles
         pieces = np.where(triangles < 0, -1, 0 if of.piece_ids is None else of.piece_ids[triangles])
         return Places(
             triangles.reshape(shape), weights.reshape(*shape, 3), found.reshape(*shape, 3), pieces.reshape(shape)
@@ -284,25 +284,25 @@ class Planar(ABC):
         """
         wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
-            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ mm, shape (..., 3).")
+            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ mm, shape (..., 3)")
         limit = checked_number(limit, "limit")
         if not limit >= 0:
-            raise InputError(f"limit is {limit} mm. Pass 0 or a positive number.")
+            raise InputError(f"limit is {limit} mm. Pass 0 or a positive number")
         if not isinstance(space, str) or space not in ("surface", "scanner"):
-            raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'.")
+            raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
         of = self._triangles
         if space == "scanner":
             if of.on_surface.space.doubt:
-                log.warning("Points may lie beside the surface: %s.", of.on_surface.space.doubt)
+                log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
             wanted = of.on_surface.space.from_scanner(wanted)
         triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
-        uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN where there is none
+        uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN outside triangles
         return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
 
     @property
     @abstractmethod
     def provenance(self) -> Record:
-        """What made it."""
+        """The record of how it was made."""
 
     @telling()
     def image(

@@ -143,9 +143,9 @@ class Raster:
         values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
-        for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # np.einsum's order, and so its bits
+        for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # the order (and bits) of np.einsum
             weights = self.weights[..., corner].astype(np.float64)[each]
-            image += weights * values.take(self.corners[..., corner], axis=0, mode="clip")  # outside weights are NaN
+            image += weights * values.take(self.corners[..., corner], axis=0, mode="clip")  # NaN outside the map
         return image
 
 
@@ -510,7 +510,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         <FlatStack: overlay, 1 images (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
-            raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0.")
+            raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0")
         each, all_names = max(1, len(self.layers)), self.channels
         first = channel * each
         names = all_names.names[first : first + each]
@@ -554,10 +554,10 @@ class FlatStack(Sequence[FlatImage], Recorded):
         for n in range(len(self)):
             data = self.channels.read(n)
             if data.ndim != 2:
-                raise InputError("Cannot compute the percent change of colours. Pass images of values.")
+                raise InputError("cannot compute the percent change of colours. Pass images of values")
             total[n % each] = total[n % each] + data
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
-                raise Cancelled("Cancelled while averaging.")
+                raise Cancelled("cancelled while averaging")
         means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
         read = self.channels.read
         changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))

@@ -122,7 +122,7 @@ class Regions(Recorded):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2).")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2)")
         return self.places.labels(wanted.reshape(-1, 2)).reshape(wanted.shape[:-1])
 
     @cached_property
@@ -161,7 +161,7 @@ class Regions(Recorded):
         (441,)
         """
         if self._surface.is_voxels:
-            raise InputError("A map of a volume has no mesh vertices. Save a label volume, such as .nii.gz.")
+            raise InputError("a map of a volume has no mesh vertices. Save a label volume, such as .nii.gz")
         found = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
         is_in = self.labels != 0
         found[self._surface.ids[is_in][::-1]] = self.labels[is_in][::-1]
@@ -243,7 +243,7 @@ class Regions(Recorded):
         found = np.zeros(math.prod(shape), dtype=np.int32)
         found[voxels] = self.at(places)
         if not found.any():
-            raise InputError("No voxel of the volume has its centre in a region. Use a finer volume that covers it.")
+            raise InputError("no voxel of the volume has its centre in a region. Use a finer volume that covers it")
         return Volume(found.reshape(shape), grid.affine)
 
     def save(
@@ -293,11 +293,9 @@ class Regions(Recorded):
         path = checked_path(path)
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
-            raise InputError(
-                f"Cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}."
-            )
+            raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
         if name.endswith(_VERTEX_ENDINGS) and (volume is not None or depth is not None):
-            raise InputError(f"{path.name} holds vertices, so volume and depth do not apply. Do not pass them.")
+            raise InputError(f"{path.name} holds vertices, so volume and depth do not apply. Do not pass them")
         made = None
         with reading() as files:
             if not name.endswith(_VERTEX_ENDINGS):
@@ -317,14 +315,14 @@ class Regions(Recorded):
     def _grid(self) -> Volume:
         """Return the grid of the flattened volume, without its values."""
         if not self._surface.is_voxels:
-            raise InputError("A map of a mesh has no voxels. Pass volume, whose grid the labels will have.")
+            raise InputError("a map of a mesh has no voxels. Pass volume, whose grid the labels will have")
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
         return Volume(empty, self._surface.affine)
 
     def _write_vertices(self, path: Path, name: str, record: Record) -> None:
         labels = self.vertex_labels
         if not labels.any():
-            raise InputError("No vertex lies in a region. Draw regions on the map, larger than its triangles.")
+            raise InputError("no vertex lies in a region. Draw regions on the map, larger than its triangles")
         if name.endswith(".annot"):
             write_annot(path, labels, self.keys, self.names, self.colours)
         elif name.endswith(".label.gii"):
@@ -332,7 +330,7 @@ class Regions(Recorded):
             path.write_bytes(label_bytes(labels, self.keys, self.names, self.colours, structure, record))
         else:
             if len(self) != 1:
-                raise InputError(f"A .label file holds one region, not {len(self)}. Use .annot or .label.gii.")
+                raise InputError(f"a .label file holds one region, not {len(self)}. Use .annot or .label.gii")
             vertices = np.flatnonzero(labels)
             rows = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
             rows[self._surface.ids[::-1]] = np.arange(len(self._flat.uv))[::-1]
@@ -348,14 +346,14 @@ def _columns(
     surface, middle = flat.on_surface, 0.5
     if surface.white_points is not None and surface.pial_points is not None:
         if depth is not None:
-            raise InputError("depth does not apply to a map with white and pial surfaces. Do not pass it.")
+            raise InputError("depth does not apply to a map with white and pial surfaces. Do not pass it")
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:
-            raise InputError("This map has no pial surface. Pass depth, two distances from the surface in mm.")
+            raise InputError("this map has no pial surface. Pass depth, two distances from the surface in mm")
         low, high = (checked_number(value, "depth") for value in _pair(depth))
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first.")
+            raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")
         inner, outer = surface.at(Depths((low, high)))
         middle = min(max(-low / (high - low), 0.0), 1.0)
     inverse = np.linalg.inv(affine)
@@ -374,5 +372,5 @@ def _columns(
 def _pair(depth: object) -> tuple[float, float]:
     depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
     if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
-        raise InputError(f"depth is {shown(depth)}. Pass two distances from the surface, in mm.")
+        raise InputError(f"depth is {shown(depth)}. Pass two distances from the surface, in mm")
     return depth[0], depth[1]

@@ -18,7 +18,7 @@ from voxflat.maps.flat_map import FlatMap
 
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
-_MOST = 10.0  # of |log2| of a triangle's areas that is counted: one that has none on the map would be all there is
+_MOST = 10.0  # limit of a triangle's log2 of areas: one without area on the map would dominate
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +292,7 @@ class WorstPlaces(Recorded):
     def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
-                raise InputError(f"There is no place {number!r}. Pass a number from 1 to {len(self.places)}.")
+                raise InputError(f"there is no place {number!r}. Pass a number from 1 to {len(self.places)}")
         wanted = numbers or range(1, len(self.places) + 1)
         return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
 
@@ -438,7 +438,7 @@ class WorstPlaces(Recorded):
         """
         name = checked_path(path).name.lower()
         if not name.endswith(WORST_ENDINGS):
-            raise InputError(f"Cannot save places as {checked_path(path).name}. Use a name that ends in .json or .tsv.")
+            raise InputError(f"cannot save places as {checked_path(path).name}. Use a name that ends in .json or .tsv")
         if name.endswith(".json"):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:

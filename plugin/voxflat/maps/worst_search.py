@@ -20,7 +20,7 @@ from voxflat.surfaces.cutting import sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-_ON = 3.0  # times as deep as a place at the border is, its cut leads
+_ON = 3.0  # depth of the cut for a region at the border, in multiples of the region's depth
 
 
 @telling()
@@ -83,12 +83,12 @@ def worst_places(
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
-        raise InputError(f"count is {shown(count)}. Pass the number of places to find, a whole number.")
+        raise InputError(f"count is {shown(count)}. Pass the number of places to find, a whole number")
     factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
-        raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5.")
+        raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
-        raise InputError("The map has no triangles of the surface, and so no areas. Pass a map of another method.")
+        raise InputError("the map has no triangles of the surface, and so no areas. Pass a map of another method")
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())
@@ -174,7 +174,7 @@ class _Ways:
         voxels = flat_map.ids if flat_map.is_voxels else None
         part = Manifold(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
         self.part, faces, _ = close_holes(part, progress)
-        self.rows = self.part.vertices  # of the map
+        self.rows = self.part.vertices  # row of the map for each vertex
         count = len(self.rows)
         is_border = np.zeros(count, dtype=np.bool_)
         for line in rim(self.part.faces, count):
@@ -184,7 +184,7 @@ class _Ways:
         self.of_row[self.rows] = np.arange(count)
         sides = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
         ends = distinct(np.sort(sides, axis=1)).rows
-        self.ends = ends[~is_border[ends].all(axis=1)]  # a way along the border, or across to it, cuts nothing open
+        self.ends = ends[~is_border[ends].all(axis=1)]  # paths between border vertices open nothing
         self.lengths = np.linalg.norm(np.subtract(*(self.part.points[self.ends[:, end]] for end in (0, 1))), axis=1)
         self.from_border, self.to_border = self._dijkstra(np.flatnonzero(is_border), self.ends, self.lengths)
         self.error = self._sketch(None)

@@ -22,9 +22,9 @@ from voxflat.surfaces.standard.template import standard_template
 MUCH = 0.01
 """By which part of themselves distances may be off. Links usually are by 0.1 %."""
 
-_NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
-_FEWEST = 3  # corresponding points that settle a turn
-_FEW = 40  # exact reference sources, where links do not serve: a minute at 80,000 vertices
+_NO_GOOD_MAP = 0.25  # cortex usually has 0.05 to 0.15
+_FEWEST = 3  # corresponding points needed for a rotation
+_FEW = 40  # exact reference sources if graph distances are too inaccurate: one minute for 80,000 vertices
 
 
 def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
@@ -66,32 +66,32 @@ def map_over_triangles(
     distortion = _judged(part, result, more.get("geodesic", "graph"), links_error, how)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
-        warnings.append(f"The descent stopped after {steps} steps, before it converged. A better map may exist.")
+        warnings.append(f"the descent stopped after {steps} steps, before it converged. A better map may exist")
     error = distortion.best_scale.relative_error
     if error > _NO_GOOD_MAP:
         warnings.append(
-            f"Distances in the map are wrong by {100 * error:.0f} % on average, even at the best scale. Pass cuts or "
-            "relax=True, or flatten a smaller patch."
+            f"distances in the map are wrong by {100 * error:.0f} % on average, even at the best scale. Pass cuts or "
+            "relax=True, or flatten a smaller patch"
         )
     if distortion.triangles is not None and distortion.triangles.crossings:
         count = distortion.triangles.crossings
-        warnings.append(f"The map overlaps itself: its boundary crosses itself {count} times.")
+        warnings.append(f"the map overlaps itself: its boundary crosses itself {count} times")
     elif distortion.triangles is not None and distortion.triangles.covering and not distortion.triangles.flipped:
-        warnings.append(f"The map overlaps itself: {distortion.triangles.covering} triangles cover another one.")
+        warnings.append(f"the map overlaps itself: {distortion.triangles.covering} triangles cover another one")
     if distortion.triangles is not None and distortion.triangles.flipped:
         warnings.append(
-            f"The map folds over: {distortion.triangles.flipped} of {len(part.faces)} triangles are flipped."
+            f"the map folds over: {distortion.triangles.flipped} of {len(part.faces)} triangles are flipped"
         )
     anatomy = cut.anatomy(how.threads, how.progress)
     uv, framed = _framed(result["uv"], cut, how)
     merged, places = part._also_merged()
     rows_of: Any = slice(None)
     ids = part.ids
-    if len(merged):  # each has a row of its own, at the same place
+    if len(merged):  # each merged vertex has its own row, at the same place
         rows_of, ids = np.concatenate([np.arange(len(part)), places]), np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]
-    if distortion.triangles is not None:  # those that close holes are the last ones, and none of the map's
+    if distortion.triangles is not None:  # triangles that close holes come last, and are not part of the map
         of_map = {"areal": distortion.triangles.areal[rows_of]}
         of_map["is_flipped"] = distortion.triangles.is_flipped[: len(cut.faces)]
         distortion = replace(distortion, triangles=replace(distortion.triangles, **of_map))
@@ -160,7 +160,7 @@ def told(
     sampling: str | None,
     known: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Log the warnings of a map but those that were logged before, and return what its metadata say of its making."""
+    """Log the warnings that were not logged before, and return the metadata that describe how a map was made."""
     for warning in warnings:
         if warning not in known:
             log.warning(warning)

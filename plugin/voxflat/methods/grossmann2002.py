@@ -97,16 +97,16 @@ class Grossmann2002(Method):
         """Flatten the surface voxels from which a surface was made."""
         if isinstance(surface, Cutout) or where.is_given:
             raise InputError(
-                "The method 'grossmann2002' does not cut surfaces. Flatten a part of the surface (Surface.disk, "
-                "Surface.keep), and do not pass cuts, sphere, relax or adapt."
+                "the method 'grossmann2002' does not cut surfaces. Flatten a part of the surface (Surface.disk, "
+                "Surface.keep), and do not pass cuts, sphere, relax or adapt"
             )
         if how.mirror:
-            raise InputError("The method 'grossmann2002' does not support mirror. Do not pass it.")
+            raise InputError("the method 'grossmann2002' does not support mirror. Do not pass it")
         return self._map(voxel_graph(surface, self.link_lengths, how.progress), how)
 
     def _map(self, graph: VoxelGraph, how: How) -> FlatMap:
         part = graph.core
-        part.check_flattenable(how.progress)  # the first reason to refuse is the one that matters
+        part.check_flattenable(how.progress)  # report this error before others
         choice = source_choice(graph, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
         need = part.memory_need(choice.count, how.workers) + how.rows_memory_need(choice.count, len(part))
         need = how.check_memory(need)
@@ -150,15 +150,15 @@ def _warnings(graph: VoxelGraph, topology: dict[str, Any], torn: float) -> list[
     sizes = graph.whole.component_sizes()
     warnings = list(graph.remarks)
     if len(sizes) > 1 and not (graph.metadata["keep"] or graph.metadata["seed_point"] is not None):
-        warnings.append(f"Only the largest of {len(sizes)} components is used ({len(graph)} of {sum(sizes)} voxels).")
+        warnings.append(f"only the largest of {len(sizes)} components is used ({len(graph)} of {sum(sizes)} voxels)")
     if topology["euler_characteristic"] != 1:
         warnings.append(
-            f"The patch is not a disk: its Euler characteristic is {topology['euler_characteristic']} instead of 1. It "
-            "has holes, handles, or touching banks, across which distances jump. The method 'voxflat' separates banks."
+            f"the patch is not a disk: its Euler characteristic is {topology['euler_characteristic']} instead of 1. It "
+            "has holes, handles, or touching banks, across which distances jump. The method 'voxflat' separates banks"
         )
     if torn > _TORN_WARNING:
         warnings.append(
             f"{100 * torn:.1f} % of the map is torn: points that are neighbours in the map are not neighbours on the "
-            "surface. See the heat map, or flatten a smaller patch."
+            "surface. See the heat map, or flatten a smaller patch"
         )
     return warnings

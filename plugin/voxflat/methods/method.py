@@ -24,7 +24,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.cutting import Cutout, Where, cut_open
 from voxflat.surfaces.manifold import Manifold
 
-Rows = bool | str | os.PathLike[str]  # whether the distances are kept in memory, or the directory of a store on disk
+Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or the directory of a store
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class How:
     progress: Progress | None = None
 
     def __post_init__(self) -> None:
-        """Check how to flatten."""
+        """Check the options."""
         if not isinstance(self.rows, str | os.PathLike):
             object.__setattr__(self, "rows", checked_switch(self.rows, "rows"))
         object.__setattr__(self, "mirror", checked_switch(self.mirror, "mirror"))
@@ -116,10 +116,10 @@ class Method:
     def _check(self, how: How) -> None:
         """Raise an error if the method does not support the requested rows."""
         if how.rows is not False and not self.takes_rows:
-            raise InputError(f"The method {self.name!r} does not measure distances. Do not pass rows.")
+            raise InputError(f"the method {self.name!r} does not measure distances. Do not pass rows")
         if how.store is not None and not self.takes_store:
             raise InputError(
-                f"The method {self.name!r} cannot write a store. Pass rows=True to keep the distances in memory."
+                f"the method {self.name!r} cannot write a store. Pass rows=True to keep the distances in memory"
             )
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
@@ -135,7 +135,7 @@ class OverTriangles(Method):
         """Cut the surface open and flatten it."""
         if isinstance(surface, Cutout):
             if where.is_given:
-                raise InputError("The surface is already cut. Do not pass cuts, sphere, relax or adapt.")
+                raise InputError("the surface is already cut. Do not pass cuts, sphere, relax or adapt")
             return self._map(surface, how)
         return self._map(self._cut(surface, where, how), how)
 

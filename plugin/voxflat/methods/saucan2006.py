@@ -68,7 +68,7 @@ class Saucan2006(OverTriangles):
         """Check the options."""
         if not (is_number(self.bound) and 1 < self.bound <= 10):
             raise InputError(
-                f"bound is {shown(self.bound)}. Pass the largest factor by which lengths may change, above 1, up to 10."
+                f"bound is {shown(self.bound)}. Pass the largest factor by which lengths may change, above 1, up to 10"
             )
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
@@ -82,7 +82,7 @@ class Saucan2006(OverTriangles):
         bound = float(self.bound)
         result = cut.part.core.saucan2006(bound, how.seed, how.threads, how.progress)
         part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
-        faces = part.faces[: len(cut.faces)]  # holes that were closed come last
+        faces = part.faces[: len(cut.faces)]  # triangles of closed holes come last
         cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
         told = {
             "bound": bound,
@@ -91,5 +91,5 @@ class Saucan2006(OverTriangles):
             "before": {"certified_c": result["certified"], "c": result["before"]},
             "measured": measured(result["stretch"], part.points[part.faces]),
         }
-        doubts = [f"{seams.cuts:.0f} mm of the seams between patches remain cut."] if seams.cuts > 0 else []
+        doubts = [f"{seams.cuts:.0f} mm of the seams between patches remain cut"] if seams.cuts > 0 else []
         return map_over_triangles(self.name, cut, how, result, need, None, told, doubts)

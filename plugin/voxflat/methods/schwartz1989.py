@@ -15,8 +15,8 @@ from voxflat.methods.common import map_over_triangles
 from voxflat.methods.method import How, OverTriangles, checked_count
 from voxflat.surfaces.cutting import Cutout
 
-_SAME_STRESS = 1.01  # starts that end in the same map differ by a smaller factor,
-_NO_STRESS = 1e-9  # or by less than this: distances are right to 0.003 %
+_SAME_STRESS = 1.01  # starts that end in the same map differ by less than this factor
+_NO_STRESS = 1e-9  # or by less than this value: distances have an error of 0.003 %
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +92,7 @@ class Schwartz1989(OverTriangles):
         part = cut.part
         if is_whole(self.sources) and self.sources == 0:
             if how.keep_rows:
-                raise InputError("sources is 0, so there are no rows to keep. Pass sources, or do not pass rows.")
+                raise InputError("sources is 0, so there are no rows to keep. Pass sources, or do not pass rows")
             choice = SourceChoice(part, 0, np.empty(0, dtype=np.uint32), self.sampling, how.seed, "given")
         else:
             choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
@@ -107,7 +107,7 @@ class Schwartz1989(OverTriangles):
         chosen = choice.made(how.progress)
         result = part.core.schwartz1989(rings, chosen, self.starts, how.seed, how.keep_rows, how.threads, how.progress)
         if np.isnan(result["planarity"]):
-            result["planarity"] = None  # there were no sources
+            result["planarity"] = None  # without sources
         energies, converged = result["convergence"]
         told: dict[str, Any] = {
             "neighbourhood": rings or "all",
@@ -125,6 +125,6 @@ def _doubts(stresses: Sequence[float]) -> list[str]:
     if not others or others[0] <= _SAME_STRESS * least + _NO_STRESS:
         return []
     return [
-        f"Only one of {len(stresses)} random starts reached the least stress, {least:.3g} (the next best is "
-        f"{others[0]:.3g}), so a better map may exist. Use more starts, more sources or a larger neighbourhood."
+        f"only one of {len(stresses)} random starts reached the least stress, {least:.3g} (the next best is "
+        f"{others[0]:.3g}), so a better map may exist. Use more starts, more sources or a larger neighbourhood"
     ]

@@ -17,7 +17,7 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
     """Cut out the part that a map covers, along the map's own cuts."""
     kept = whole._has_triangles(start.vertices[start.core.faces])
     if kept is None:
-        raise InputError("start has triangles that the surface does not have. Pass a map of this surface.")
+        raise InputError("start has triangles that the surface does not have. Pass a map of this surface")
     part = whole._with_core(whole.core.part_of_faces(kept))
     places, _ = _at_corners(part.vertices, part.faces, start)
     cut = cut_out_as(whole, part, _chains(_seams(part.faces, places)), "start")
@@ -32,7 +32,7 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
         lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()
         raise InputError(
             f"start has no place for {int((~is_there).sum())} of the {len(is_there)} triangles to be flattened, such "
-            f"as that of vertices {lacking}. Pass a map that covers all of them, or do not pass start."
+            f"as that of vertices {lacking}. Pass a map that covers all of them, or do not pass start"
         )
     places = np.full((len(vertices), 2), np.nan)
     places[cut.faces] = found
@@ -41,7 +41,7 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
         vertex = int(vertices[cut.faces[tuple(torn[0])]])
         raise InputError(
             f"start is cut at vertex {vertex}, but the surface is not. Pass the cuts of the start, too, or do not pass "
-            "cuts, sphere, relax or adapt."
+            "cuts, sphere, relax or adapt"
         )
     return places
 
@@ -65,7 +65,7 @@ def _at_corners(
 
 
 def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the edges, (k, 2), whose ends have other places in one of their triangles than in the other."""
+    """Return the edges, (k, 2), whose ends have different places in their two triangles."""
     corners = np.stack([[0, 1], [1, 2], [2, 0]])
     ends = faces[:, corners].reshape(-1, 2).astype(np.int64)
     at = places[:, corners].reshape(-1, 2, 2)
@@ -80,7 +80,7 @@ def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np
 
 
 def _chains(edges: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Join edges to paths, which end where other than two of them meet."""
+    """Join edges to paths, which end at vertices where other than two edges meet."""
     beside: defaultdict[int, list[int]] = defaultdict(list)
     for a, b in edges.tolist():
         beside[a].append(b)
@@ -88,7 +88,7 @@ def _chains(edges: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     left = {(min(edge), max(edge)) for edge in edges.tolist()}
     paths = []
     ends = [vertex for vertex in sorted(beside) if len(beside[vertex]) != 2]
-    for first in [*ends, *sorted(beside)]:  # what has no end is a ring
+    for first in [*ends, *sorted(beside)]:  # the remaining edges form rings
         for second in beside[first]:
             path = [first]
             step = second

@@ -22,7 +22,7 @@ from voxflat.methods.start import cut_as, places_of
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 
-SCALES = ("distances", "areas")  # what a map's mm may be right for
+SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
 
 _WITHIN = 0.99
 """The power of a bound on areas that descent aims at: holes that were closed belong to what it counts as the whole."""
@@ -124,10 +124,10 @@ class Voxflat(OverTriangles):
         if self.geodesic is not None:
             checked_choice(self.geodesic, "geodesic", SOLVERS)
         if not (is_number(self.weighting) and 0 <= self.weighting <= 1):
-            raise InputError(f"weighting is {shown(self.weighting)}. Pass a number from 0 (local) to 1 (global).")
+            raise InputError(f"weighting is {shown(self.weighting)}. Pass a number from 0 (local) to 1 (global)")
         checked_choice(self.scale, "scale", SCALES)
         if self.max_area is not None and not (is_number(self.max_area) and 1 < self.max_area < np.inf):
-            raise InputError(f"max_area is {shown(self.max_area)}. Pass a factor greater than 1, such as 2.")
+            raise InputError(f"max_area is {shown(self.max_area)}. Pass a factor greater than 1, such as 2")
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
         """Cut a surface open to a disk, along the cuts of the start unless others are given."""
@@ -175,7 +175,7 @@ class Voxflat(OverTriangles):
 def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
     """Return a map that keeps the bound on areas; otherwise raise an error."""
     areas, logs = area_changes(flat)
-    areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # those that have an area on the surface
+    areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # triangles with an area on the surface
     reached = float(np.exp2(np.abs(logs).max()))
     flat = replace(flat, metadata={**flat.metadata, "max_area": max_area, "area_change": reached})
     if reached <= max_area:
@@ -186,10 +186,10 @@ def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
     lengths = [f"{place.cut.length:.0f}" for place in places.places if place.cut is not None]
     cuts = f"Add the cuts that voxflat.worst_places suggests ({' + '.join(lengths)} mm), use" if lengths else "Use"
     raise AreaBoundError(
-        f"No map was found in which every triangle changes its area by at most a factor of {max_area:g}. In the best "
+        f"no map was found in which every triangle changes its area by at most a factor of {max_area:g}. In the best "
         f"map, one triangle changes by {reached:.3g}, and {int(is_beyond.sum())} of {len(logs)} triangles "
         f"({100 * share:.2g} % of the area) by more than {max_area:g}. {cuts} relax=True, flatten a smaller patch, or "
-        "increase max_area.",
+        "increase max_area",
         flat,
         places,
     )
@@ -203,14 +203,14 @@ def _solver(part: Manifold, asked: str | None, links_error: float, how: How) -> 
     error = links_error if solver == "graph" else error_of_distances(part, solver, how)
     if not error > MUCH:
         return solver, error, []
-    told = f"Distances by {_NAMES[solver]} have an error of {100 * error:.1f} %, which thin triangles can cause."
+    told = f"distances by {_NAMES[solver]} have an error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
-        return solver, error, [f"{told} Omit geodesic, or pass 'exact'."]
+        return solver, error, [f"{told} Omit geodesic, or pass 'exact'"]
     solver, error = "marching", error_of_distances(part, "marching", how)
     if error > MUCH:
         solver, error = "exact", 0.0
         log.info("measuring exact distances, which is slower")
-    return solver, error, [f"{told} They are measured by {_NAMES[solver]} instead."]
+    return solver, error, [f"{told} They are measured by {_NAMES[solver]} instead"]
 
 
 _NAMES = {"graph": "graph paths", "marching": "fast marching", "exact": "exact geodesics"}

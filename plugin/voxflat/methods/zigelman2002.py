@@ -81,7 +81,7 @@ class Zigelman2002(OverTriangles):
         if self.sampling == "grid":
             if choice.given is not None:
                 raise InputError(
-                    "sampling is 'grid', which chooses the sources itself. Pass the number of sources, or omit it."
+                    "sampling is 'grid', which chooses the sources itself. Pass the number of sources, or omit it"
                 )
             grid = pixels_of(part)
         need = part.core.zigelman2002_memory_need(choice.count, how.workers)
@@ -101,7 +101,7 @@ def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     if grid is None:
         raise InputError(
             "sampling is 'grid', but the surface is not a range image. Make one with voxflat.range_image, or pass "
-            "sampling='decimation'."
+            "sampling='decimation'"
         )
     ids = part.ids
     unique, counts = np.unique(ids, return_counts=True)
@@ -109,6 +109,6 @@ def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
         row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
         raise InputError(
             f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides of a cut. Pass "
-            "sampling='decimation'."
+            "sampling='decimation'"
         )
     return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])

@@ -83,7 +83,7 @@ def check(
     True
     """
     if part is not None and not callable(part):
-        raise InputError(f"part is {shown(part)}. Pass a function that takes a Surface and returns a part of it.")
+        raise InputError(f"part is {shown(part)}. Pass a function that takes a Surface and returns a part of it")
     with reading(memory_limit):
         if isinstance(source, Surface):
             chosen = source if part is None else part(source)

@@ -64,7 +64,7 @@ class Cut:
 
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
-_ASIDE = 1 / 3  # of the way from the middle of a surface to its end: what lies beyond is on that side
+_ASIDE = 1 / 3  # share of the distance from a surface's centre to its end; points farther out are on that side
 
 
 def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
@@ -189,7 +189,7 @@ class CutSurface(Generic[_Surface]):
         True
         """
         if self.cutout is None:
-            raise InputError("This CutSurface does not record how it was cut. Pass one that Surface.cut returned.")
+            raise InputError("this CutSurface does not record how it was cut. Pass one that Surface.cut returned")
         return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
@@ -201,7 +201,7 @@ class CutSurface(Generic[_Surface]):
         """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
         lengths = ["" if one.length is None else f"{one.length:.0f} mm" for one in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
-        figure = importlib.import_module("voxflat.figures.opened").opened(self.surface)  # it stands above the pipeline
+        figure = importlib.import_module("voxflat.figures.opened").opened(self.surface)  # a higher layer
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
         return page(
             self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides; cuts in red"
@@ -238,7 +238,7 @@ class CutSurface(Generic[_Surface]):
         'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
-            raise InputError(f"Cut number is {shown(number)}. Pass a number from 0 to {len(self.cuts) - 1}.")
+            raise InputError(f"cut number is {shown(number)}, but there are {len(self.cuts)} cuts. Count from 0")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if of is None or not len(cut.ids):
@@ -321,9 +321,9 @@ class CutSurface(Generic[_Surface]):
         >>> cut_open.save_template("five_cuts.json")
         """
         if self.sphere is None or self.whole is None:
-            raise InputError("A template lies on a sphere, and this surface has none. Pass sphere (--sphere) to cut.")
+            raise InputError("a template lies on a sphere, and this surface has none. Pass sphere (--sphere) to cut")
         if not self.cuts and not len(self.left_out):
-            raise InputError("Cannot make a template: the surface has no cuts and no excluded vertices. Cut it first.")
+            raise InputError("cannot make a template: the surface has no cuts and no excluded vertices. Cut it first")
         kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
         assert kept is not None
         names: dict[str, int] = {}

@@ -64,28 +64,28 @@ def range_image(
     steps = _steps(spacing)
     limit = _JUMP * max(steps) if jump is None else jump
     if not is_number(limit) or not limit > 0:
-        raise InputError(f"jump is {shown(jump)} mm. Pass a positive difference of depth, or np.inf to cut nowhere.")
+        raise InputError(f"jump is {shown(jump)} mm. Pass a positive difference of depth, or np.inf to cut nowhere")
     limit = as_float(limit)
     is_there = np.isfinite(heights)
     faces = _faces(heights)
     inside = is_there.ravel()[faces].all(axis=1)
     if not inside.any():
         raise InputError(
-            f"No triangle of the range image has a depth at all three corners ({int(is_there.sum())} of {heights.size} "
-            "pixels have a depth). Pass an image in which pixels with a depth touch."
+            f"no triangle of the range image has a depth at all three corners ({int(is_there.sum())} of {heights.size} "
+            "pixels have a depth). Pass an image in which pixels with a depth touch"
         )
     corners = np.where(is_there, heights, 0.0).ravel()[faces]
     kept = inside & (np.ptp(corners, axis=1) <= limit)
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
         raise InputError(
-            f"Every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units of depth."
+            f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units of depth"
         )
     remarks = []
     if cut:
         remarks.append(
-            f"The surface was cut at {cut} of {int(inside.sum())} triangles, which span more than {limit:g} mm of "
-            "depth. Set jump to change this limit."
+            f"the surface was cut at {cut} of {int(inside.sum())} triangles, which span more than {limit:g} mm of "
+            "depth. Set jump to change this limit"
         )
     points = _points(np.where(is_there, heights, 0.0), steps)
     core, _ = _core.Surface.from_triangles(points, faces)
@@ -114,25 +114,25 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
     try:
         given = array_of(depth, "depths")
     except ValueError:
-        raise InputError("depth is not an array: its rows have different lengths. Pass an array (H, W).") from None
+        raise InputError("depth is not an array: its rows have different lengths. Pass an array (H, W)") from None
     if given.ndim != 2 or min(given.shape) < 2:
-        raise InputError(f"depth has shape {given.shape}. Pass an image (H, W) of at least 2 x 2 pixels.")
+        raise InputError(f"depth has shape {given.shape}. Pass an image (H, W) of at least 2 x 2 pixels")
     if given.dtype.kind not in "uif":
-        raise InputError(f"depth has type {given.dtype}. Pass real numbers, in mm.")
+        raise InputError(f"depth has type {given.dtype}. Pass real numbers, in mm")
     heights = given.astype(np.float64)
     if mask is not None:
         there = array_of(mask, "values of the mask")
         if there.shape != heights.shape:
-            raise InputError(f"mask has shape {there.shape}, but depth has shape {heights.shape}. Make them equal.")
+            raise InputError(f"mask has shape {there.shape}, but depth has shape {heights.shape}. Make them equal")
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
-            raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where the surface is.")
+            raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where the surface is")
         heights[there == 0] = np.nan
     bad = np.abs(heights) > FARTHEST  # NaN is not
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
         raise InputError(
             f"depth at row {row}, column {column} is {heights[row, column]:g} mm. Pass NaN where there is no surface, "
-            f"and depths of at most {FARTHEST:g} mm elsewhere."
+            f"and depths of at most {FARTHEST:g} mm elsewhere"
         )
     return heights
 
@@ -141,10 +141,10 @@ def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
     """Return the distances between rows and between columns."""
     steps = array_of(spacing, "spacings")
     if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
-        raise InputError(f"spacing is {shown(spacing)}. Pass one number, or one for rows and one for columns, in mm.")
+        raise InputError(f"spacing is {shown(spacing)}. Pass one number, or one for rows and one for columns, in mm")
     rows, columns = (float(step) for step in np.broadcast_to(steps, 2))
     if not (min(rows, columns) >= SMALLEST and max(rows, columns) <= FARTHEST):  # NaN is neither
-        raise InputError(f"spacing is {shown(spacing)} mm. Pass numbers from {SMALLEST:g} to {FARTHEST:g} mm.")
+        raise InputError(f"spacing is {shown(spacing)} mm. Pass numbers from {SMALLEST:g} to {FARTHEST:g} mm")
     return rows, columns
 
 

@@ -197,11 +197,11 @@ class TexturedSurface(Recorded):
         names = [path, *others]
         for name in names:
             if self.source is not None and name.exists() and self.source.exists() and name.samefile(self.source):
-                raise InputError(f"Cannot write {path}: {name} is the picture itself. Choose another name.")
+                raise InputError(f"cannot write {path}: {name} is the picture itself. Choose another name")
             check_not_read(name, self.provenance)
         for name in others:
             check_beside(path, name, overwrite=overwrite)
-        with ExitStack() as files:  # they take their places in reverse: the surface last, when what it names is there
+        with ExitStack() as files:  # put into place in reverse: the surface after the files that it names
             files.enter_context(saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite))
             temporary = [files.enter_context(atomic_path(name)) for name in names]
             with naming_file(path), naming(path, "choose another format"):
@@ -218,7 +218,7 @@ _Files = list[Path]
 
 def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     _, library, picture = names
-    # without -clamp on, which VTK takes for part of the file's name
+    # no -clamp on, which VTK would read as part of the file name
     lines = ["# voxflat", "newmtl texture", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 1", f"map_Kd {picture}"]
     if surface.picture.shape[2] == 4:
         lines.append(f"map_d {picture}")

@@ -325,7 +325,7 @@ class TestGeometry:
 
 
 def test_by_default_as_many_sources_are_taken_as_half_a_minute_allows():
-    from voxflat.judging.measure import _usual_sources
+    from voxflat.evaluation.measure import _usual_sources
 
     found = [_usual_sources([points], "exact") for points in (9, 10_242, 32_000, 160_000, 1_000_000)]
     assert found == [300, 300, 69, 6, 6]

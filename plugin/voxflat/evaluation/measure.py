@@ -29,8 +29,8 @@ from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.manifold import Manifold
 
-_SAME = 1e-3  # lengths of edges that agree so far, with their usual length: files hold float32
-_MOST_SOURCES = 2**31  # more than any surface has points: all of them
+_SAME = 1e-3  # tolerance for edge lengths, relative to their median: files hold float32
+_MOST_SOURCES = 2**31  # more than the points of any surface: use all
 
 _USUAL_SOURCES = 300
 _FEWEST_SOURCES = 6
@@ -297,12 +297,12 @@ def compare(
     """
     threads, seed = checked_threads(threads), checked_seed(seed)
     if sources is not None and (not is_whole(sources) or sources < 1):
-        raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1.")
+        raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
     checked_kind(maps, "collection of maps", "items", "maps by their names")
     if not maps:
-        raise InputError("maps is empty. Pass at least one map to measure.")
+        raise InputError("maps is empty. Pass at least one map to measure")
     whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}
@@ -314,7 +314,7 @@ def compare(
     groups = _grouped(list(matched.values()))
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
-    # others are computed twice
+    # rows beyond this limit are computed twice
     kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
@@ -357,7 +357,7 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
     for vertices, _ in known[1:]:
         common = np.intersect1d(common, vertices)
     if len(common) == 0:
-        raise InputError("The maps have no vertex in common. Measure them one by one.")
+        raise InputError("the maps have no vertex in common. Measure them one by one")
     chosen = common[_core.reference_sources(len(common), count, seed)]
     return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
 
@@ -374,8 +374,8 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
     found = one.core.topology()
     components = len(found["components"])
     if components > 1:
-        called = f"The map {name}" if name else "The map"
-        raise InputError(f"{called} has {components} pieces, between which distances are not defined. Pass one piece.")
+        called = f"the map {name}" if name else "the map"
+        raise InputError(f"{called} has {components} pieces, between which distances are not defined. Pass one piece")
     return {
         "components": components,
         "euler": found["euler"],
@@ -388,9 +388,9 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
 class Geometry:
     """A surface with the vertex positions that the maps use."""
 
-    surface: Manifold  # the given one, its vertices moved to where the maps have them
-    known: NDArray[np.bool_] | None = None  # vertices of the whole that the maps have; None: of the given geometry
-    said_by: str = ""  # the name of the map that says so
+    surface: Manifold  # the given surface, with vertices at the maps' positions
+    known: NDArray[np.bool_] | None = None  # the maps' vertices of the whole surface; None: given geometry
+    said_by: str = ""  # name of the map that defines the geometry
 
     def check(self, name: str, matched: Matched) -> None:
         """Raise an error for a map that has vertices of unknown position."""
@@ -401,7 +401,7 @@ class Geometry:
             raise InputError(
                 f"{_called(self.said_by)} was made on another geometry than that of the given surface, and "
                 f"{_called(name)} has {len(np.unique(unknown))} vertices of unknown position there. Pass the surface "
-                "that the map was made on (with its pial surface), or pass on_surface to use the given one."
+                "that the map was made on (with its pial surface), or pass on_surface to use the given one"
             )
 
 
@@ -422,13 +422,13 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
             if name not in moved or not _agree(flat, flat.points, expected):
                 raise InputError(
                     f"{_called(first)} was made on {_made_on(ours[first])}, but {_called(name)} on {_made_on(flat)}, a "
-                    "different geometry. Measure them one by one, or pass on_surface to use the given surface for both."
+                    "different geometry. Measure them one by one, or pass on_surface to use the given surface for both"
                 )
         points[at] = flat.points
         known[whole.vertices[at]] = True
     log.warning(
         "%s was made on another geometry than that of the given surface (%s). All figures refer to the geometry of the "
-        "map. Pass on_surface to use the given surface.",
+        "map. Pass on_surface to use the given surface",
         _called(first),
         _made_on(ours[first]),
     )
@@ -448,4 +448,4 @@ def _made_on(flat: FlatMap) -> str:
 
 
 def _called(name: str) -> str:
-    return name or "The map"
+    return name or "the map"
