@@ -93,7 +93,7 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     np.save(tmp_path / "ring.npy", surface)
     result = succeed("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
     memory, *warnings = result.stderr.splitlines()
-    assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
+    assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory will be used", memory)
     wanted = "warning: the surface is not a disk (0 handles, 2 boundary loops), so it was cut open"
     assert any(wanted in warning for warning in warnings)
     assert "warning" not in result.stdout
@@ -262,7 +262,7 @@ def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
 def test_labels_never_change_silently(tmp_path):
     image = FlatImage(np.array([[1.0, 614454277.0], [np.nan, 2.0]]), 0.5, (0.0, 0.0), "Allen atlas")
     for ending in (".tif", ".nii.gz"):
-        refused(r"614454277 are too large for float32.*use \.npy", image.save, tmp_path / f"atlas{ending}")
+        refused(r"614454277 are too large for float32.*Save as \.npy", image.save, tmp_path / f"atlas{ending}")
     assert list(tmp_path.iterdir()) == []
     image.save(tmp_path / "atlas.npy")
     assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)

@@ -152,4 +152,4 @@ def checked_count(value: object, name: str, wanted: str) -> int:
     """Return a positive whole number."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 1 <= value < 2**31:
         return int(value)
-    raise InputError(f"{name} is {shown(value)}; give {wanted}")
+    raise InputError(f"{name} is {shown(value)}. Pass {wanted}")
