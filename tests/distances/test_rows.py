@@ -174,11 +174,11 @@ def spoil(path, at, value=b"\xff"):
 
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
-    refused(r"the rows 39 of .*store do not match .* Measure again", voxflat.open_rows(stored.store).verify)
+    refused(r"store: the rows 39 do not match .* Measure again", voxflat.open_rows(stored.store).verify)
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
-    assert warning.startswith("1 rows of the store")
+    assert warning.startswith("recomputed 1 rows of the store")
     voxflat.open_rows(stored.store).verify()
 
 

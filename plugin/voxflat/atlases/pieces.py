@@ -17,7 +17,7 @@ FIGURES = {
     "quasi_conformal": "K: ratio of the stretches along and across",
     "areal": "area in the plane divided by area on the surface",
 }
-"""The figures of a triangle that a heat map shows, and what they mean."""
+"""The figures of triangles that heat maps show, with their descriptions."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

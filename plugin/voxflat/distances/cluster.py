@@ -29,7 +29,7 @@ _ROOM = 2 << 30  # minimum bytes for a local worker: a hemisphere of 160,000 ver
 _ALONE = threading.Lock()  # the working directory and the log belong to the whole process
 
 Work = Callable[..., Any]
-"""Called on a worker as ``work(item, threads=, progress=)``: a function that can be imported, or `partial` of one."""
+"""A function called on a worker as ``work(item, threads=, progress=)``: importable, or a `partial` of such."""
 
 _Item = TypeVar("_Item")
 

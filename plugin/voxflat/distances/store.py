@@ -190,20 +190,22 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
     if there == identity:
         return
     differ = [name for name in identity if there.get(name) != identity[name]]
-    told = [
+    differences = [
         f"its {name} is {there.get(name)!r}, not {identity[name]!r}"
         for name in ("geodesic", "link_lengths")
         if name in differ
     ]
-    if told:
+    if differences:
         pass  # its points also have other numbers
     elif {"points", "points_sha256", "ids_sha256"} & set(differ):
-        told.append(f"its surface differs ({there['points']} points; this one has {identity['points']})")
+        differences.append(f"its surface differs ({there['points']} points; this one has {identity['points']})")
     elif "fingerprint" in differ:
-        told.append("its surface has other triangles, or was processed by another version of voxflat")
-    if "sources_sha256" in differ and not told:
-        told.append(f"its sources differ ({there['sources']} sources; here there are {identity['sources']})")
-    raise InputError(f"{path} is a store of other rows: {' and '.join(told) or 'its store.json differs'}. {OTHER}")
+        differences.append("its surface has other triangles, or was processed by another version of voxflat")
+    if "sources_sha256" in differ and not differences:
+        differences.append(f"its sources differ ({there['sources']} sources; here there are {identity['sources']})")
+    raise InputError(
+        f"{path} is a store of other rows: {' and '.join(differences) or 'its store.json differs'}. {OTHER}"
+    )
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:

@@ -13,7 +13,7 @@ from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
 FINISH = "Measure again with the same store to complete or repair it"
-"""What a store that is damaged or not complete asks for."""
+"""Remedy for a store that is damaged or incomplete."""
 
 
 @dataclass(frozen=True, eq=False)

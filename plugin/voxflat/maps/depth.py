@@ -12,7 +12,7 @@ from voxflat.arguments import checked_choice, is_number, shown
 from voxflat.errors import InputError
 
 LAYERINGS = ("equivolume", "equidistant")
-"""What a fraction of cortical depth is a fraction of: the volume of the cortex there, or its thickness."""
+"""Whether a fraction of cortical depth refers to the local volume of the cortex or to its thickness."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ __all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "
 METHODS: dict[str, type[Method]] = {
     method.name: method for method in (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
 }
-"""The methods by their names, the default first."""
+"""The methods by name, the default first."""
 
 
 def method_of(method: str | Method) -> Method:

@@ -20,7 +20,7 @@ from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 from voxflat.surfaces.standard.template import standard_template
 
 MUCH = 0.01
-"""By which part of themselves distances may be off. Links usually are by 0.1 %."""
+"""Tolerated relative error of distances. Graph distances usually have an error of 0.1 %."""
 
 _NO_GOOD_MAP = 0.25  # cortex usually has 0.05 to 0.15
 _FEWEST = 3  # corresponding points needed for a rotation
@@ -32,7 +32,7 @@ def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
     return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
 
 
-def _judged(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
+def _measured(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
     """Measure the distortion against graph distances, or exact ones where those are not accurate enough."""
     reference, distances = "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
@@ -63,7 +63,7 @@ def map_over_triangles(
     warnings = [*cut.remarks, *doubts]
     if links_error is None:
         links_error = error_of_distances(part, "graph", how)
-    distortion = _judged(part, result, more.get("geodesic", "graph"), links_error, how)
+    distortion = _measured(part, result, more.get("geodesic", "graph"), links_error, how)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the descent stopped after {steps} steps, before it converged. A better map may exist")
@@ -109,7 +109,7 @@ def map_over_triangles(
             "method": method,
             **cut.metadata,
             **framed,
-            **told(how, chosen, result, need, warnings, sampling, known=cut.remarks if cut.is_told else ()),
+            **making_metadata(how, chosen, result, need, warnings, sampling, known=cut.remarks if cut.is_told else ()),
             **more,
         },
         rows=rows,
@@ -151,7 +151,7 @@ def _in_standard_frame(
     return np.ascontiguousarray(turned[: len(uv)]), count, float(np.sqrt((apart**2).mean()))
 
 
-def told(
+def making_metadata(
     how: How,
     chosen: NDArray[Any],
     result: dict[str, Any],

@@ -13,7 +13,7 @@ from voxflat.distances.store import prepare_store
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import told
+from voxflat.methods.common import making_metadata
 from voxflat.methods.method import How, Method
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
@@ -123,7 +123,7 @@ class Grossmann2002(Method):
         metadata = {
             "method": "grossmann2002",
             **graph.metadata,
-            **told(how, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule),
+            **making_metadata(how, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule),
             "topology": topology,
             "torn_faces": float(torn.mean()),
         }

@@ -84,7 +84,7 @@ class Saucan2006(OverTriangles):
         part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
         faces = part.faces[: len(cut.faces)]  # triangles of closed holes come last
         cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
-        told = {
+        metadata = {
             "bound": bound,
             "patches": result["patches"],
             "seams": seams.figures(),
@@ -92,4 +92,4 @@ class Saucan2006(OverTriangles):
             "measured": measured(result["stretch"], part.points[part.faces]),
         }
         doubts = [f"{seams.cuts:.0f} mm of the seams between patches remain cut"] if seams.cuts > 0 else []
-        return map_over_triangles(self.name, cut, how, result, need, None, told, doubts)
+        return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts)

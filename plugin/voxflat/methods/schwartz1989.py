@@ -109,14 +109,14 @@ class Schwartz1989(OverTriangles):
         if np.isnan(result["planarity"]):
             result["planarity"] = None  # without sources
         energies, converged = result["convergence"]
-        told: dict[str, Any] = {
+        metadata: dict[str, Any] = {
             "neighbourhood": rings or "all",
             "pairs": result["pairs"],
             "starts": result["stresses"],
             "descent": {"converged": converged, "energies": energies},
         }
         doubts, rows = _doubts(result["stresses"]), result["rows"]
-        return map_over_triangles(self.name, cut, how, result, need, rows, told, doubts, sampling=choice.rule)
+        return map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, sampling=choice.rule)
 
 
 def _doubts(stresses: Sequence[float]) -> list[str]:

@@ -25,7 +25,7 @@ from voxflat.surfaces.manifold import Manifold
 SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
 
 _WITHIN = 0.99
-"""The power of a bound on areas that descent aims at: holes that were closed belong to what it counts as the whole."""
+"""Exponent of the bound on areas during descent, whose total area includes closed holes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,21 +154,21 @@ class Voxflat(OverTriangles):
         result = part.core.voxflat(*wanted, key, places, max_area=bound)
         if store is not None:
             store.tell(result["found"])
-        told: dict[str, Any] = {
+        metadata: dict[str, Any] = {
             "geodesic": solver,
             "distance_error": error,
             "weighting": weighting,
             "scale": self.scale,
         }
         if self.start is not None:
-            told["start"] = True
+            metadata["start"] = True
         rows = result["rows"]
         if store is not None:
-            told["store"], rows = str(store.path), open_rows(store.path).rows
+            metadata["store"], rows = str(store.path), open_rows(store.path).rows
         energies, converged = result["convergence"]
-        told["descent"] = {"converged": converged, "energies": energies}
+        metadata["descent"] = {"converged": converged, "energies": energies}
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
-        flat = map_over_triangles(self.name, cut, how, result, need, rows, told, doubts, **more)
+        flat = map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, **more)
         return flat if max_area is None else _within(flat, max_area, how)
 
 
@@ -203,14 +203,14 @@ def _solver(part: Manifold, asked: str | None, links_error: float, how: How) -> 
     error = links_error if solver == "graph" else error_of_distances(part, solver, how)
     if not error > MUCH:
         return solver, error, []
-    told = f"distances by {_NAMES[solver]} have an error of {100 * error:.1f} %, which thin triangles can cause."
+    doubt = f"distances by {_NAMES[solver]} have an error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
-        return solver, error, [f"{told} Omit geodesic, or pass 'exact'"]
+        return solver, error, [f"{doubt} Omit geodesic, or pass 'exact'"]
     solver, error = "marching", error_of_distances(part, "marching", how)
     if error > MUCH:
         solver, error = "exact", 0.0
         log.info("measuring exact distances, which is slower")
-    return solver, error, [f"{told} They are measured by {_NAMES[solver]} instead"]
+    return solver, error, [f"{doubt} They are measured by {_NAMES[solver]} instead"]
 
 
 _NAMES = {"graph": "graph paths", "marching": "fast marching", "exact": "exact geodesics"}

@@ -22,10 +22,10 @@ from voxflat.io.files import REMEDY, check_regular, naming, retelling
 from voxflat.io.reading import check_room, note
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
-"""Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
+"""Formats that Pillow may open. By default it also opens PostScript, for which it runs a program."""
 
 _PIXEL_BYTES = 24
-"""How much memory decoding takes for each pixel: as Pillow has it, turned upright, in colours, and as an array."""
+"""Memory for decoding, per pixel: as decoded by Pillow, rotated upright, as colours, and as an array."""
 
 _SLACK = 1e-9  # share of a picture's side by which rounding may move a point across the border
 

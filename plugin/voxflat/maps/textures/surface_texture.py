@@ -21,7 +21,7 @@ from voxflat.maps.textures.pictures import as_picture, values_at
 from voxflat.unique_rows import numbered
 
 TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
-"""Endings of files of surfaces that may have a texture, or colours at their vertices."""
+"""Endings of surface files that may have a texture, or colours at vertices."""
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
