@@ -210,7 +210,7 @@ def test_maps_of_other_surfaces_are_refused(ball, flat_ball):
         ((points, faces + len(points), ids), "a triangle with point"),
         ((points, faces[:, :2], ids), "the map's triangles are"),
         ((points, faces, ids[1:]), "Pass one per place"),
-        ((points, faces, ids + 10**6), "has vertex 1000000"),
+        ((points, faces, ids + 10**6), "has no vertex 1000000"),
         ((points * np.nan, faces, ids), "not flat, or not finite"),
     ):
         refused(message, voxflat.measure, ball, bad)

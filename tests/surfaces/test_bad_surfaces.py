@@ -254,7 +254,7 @@ def test_pial_must_correspond(pial, message):
 
 def test_repair_of_what_cannot_be_repaired():
     refused("a mesh has no voxels. Pass 'cuts' or 'none'", voxflat.surface, square(), repair="voxels")
-    for wrong, message in (("glue", "repair is 'glue'"), (True, "repair is True; give 'none'")):
+    for wrong, message in (("glue", "repair is 'glue'"), (True, "repair is True. Pass 'none'")):
         for of in (shapes.ball(5), square()):
             refused(message, voxflat.surface, of, repair=wrong)
 

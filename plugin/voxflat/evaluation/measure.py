@@ -35,8 +35,8 @@ _MOST_SOURCES = 2**31  # more than the points of any surface: use all
 _USUAL_SOURCES = 300
 _FEWEST_SOURCES = 6
 _USUAL_WORK = 4e8
-"""The time for exact distances from one source is proportional to the number of points to the power of 1.5. This work took
-60 s of CPU time on a bumpy surface, half a minute on two cores, and less on a cortex."""
+"""The time for exact distances from one source is proportional to the number of points to the power of 1.5. This work
+took 60 s of CPU time on a bumpy surface, half a minute on two cores, and less on a cortex."""
 
 _KEPT_SHARE = 4  # a quarter of the free memory
 
