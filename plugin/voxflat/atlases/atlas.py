@@ -453,9 +453,9 @@ class Atlas(FlatPieces, ABC):
         return {**super().provenance, **told, "figures": self.figures()}
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the atlas to a file, which is complete or not written at all.
+        """Save the atlas to a file.
 
-        The file includes `provenance`.
+        The file includes `provenance`. The file is either complete or not written at all.
 
         Parameters
         ----------

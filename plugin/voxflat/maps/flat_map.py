@@ -485,9 +485,9 @@ class FlatMap(Planar):
         return replace(self, metadata={**self.metadata, "provenance": full})
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the map to a file, which is complete or not written at all.
+        """Save the map to a file.
 
-        The ending of the name selects the format.
+        The ending of the name selects the format. The file is either complete or not written at all.
 
         Parameters
         ----------

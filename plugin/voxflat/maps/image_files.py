@@ -37,7 +37,7 @@ def write_image(
     record: Record | None = None,
     unit: str = "mm",
 ) -> None:
-    """Write a flat image to a file, which is complete or not written at all; see `FlatImage.save`."""
+    """Write a flat image to a file (completely or not at all); see `FlatImage.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
@@ -139,7 +139,7 @@ class _Stack(Protocol):
 def write_stack(
     path: str | os.PathLike[str], stack: _Stack, record: Record | None = None, progress: Progress | None = None
 ) -> None:
-    """Write several images to one file, which is complete or not written at all; see `FlatStack.save`."""
+    """Write several images to one file (completely or not at all); see `FlatStack.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:

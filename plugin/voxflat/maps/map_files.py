@@ -35,7 +35,7 @@ _FORMAT = 5
 
 
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
-    """Write a map's arrays and description to an archive, which is complete or not written at all."""
+    """Write a map's arrays and description to an archive (completely or not at all)."""
     text = as_text({"format": _FORMAT, **description})
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, metadata=np.array(text), **arrays)

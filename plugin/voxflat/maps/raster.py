@@ -313,9 +313,9 @@ class FlatImage(Recorded):
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the image to a file, which is complete or not written at all.
+        """Save the image to a file.
 
-        The ending of the name selects the format.
+        The ending of the name selects the format. The file is either complete or not written at all.
 
         Parameters
         ----------
@@ -592,9 +592,9 @@ class FlatStack(Sequence[FlatImage], Recorded):
         overwrite: bool = False,
         progress: Progress | None = None,
     ) -> None:
-        """Save all images to one file, which is complete or not written at all.
+        """Save all images to one file.
 
-        Images are sampled and written one by one.
+        Images are sampled and written one by one. The file is either complete or not written at all.
 
         Parameters
         ----------

@@ -255,9 +255,9 @@ class Regions(Recorded):
         sidecar: bool = False,
         overwrite: bool = False,
     ) -> None:
-        """Save the regions to a file, which is complete or not written at all.
+        """Save the regions to a file.
 
-        The ending of the name selects the format.
+        The ending of the name selects the format. The file is either complete or not written at all.
 
         Parameters
         ----------
