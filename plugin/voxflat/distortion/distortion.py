@@ -37,7 +37,7 @@ class Distortion:
     reference : {"exact", "graph", "chain"}
         How reference distances were measured, as in `Surface.geodesic`.
     per_point : ndarray, shape (N,)
-        Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
+        Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1: the heat map.
     scatter : ndarray, shape (K, 2)
         A sample of pairs (δ, d), mm.
     triangles : TriangleFigures or None

@@ -18,13 +18,13 @@ class Figures:
     scale : float
         Factor applied to flat distances.
     relative_error : float
-        Mean of |d − δ|/δ over all pairs (Grossmann et al. 2002: ε̄_r).
+        Mean of ``|d − δ|/δ`` over all pairs (Grossmann et al. 2002: ε̄_r).
     relative_error_0_5mm, relative_error_5_15mm, relative_error_15_30mm : float
         The same for pairs with δ in these bands, which include their upper ends.
     relative_error_10mm, relative_error_30mm : float
         The same for pairs with δ ≤ 10 mm and ≤ 30 mm.
     absolute_error : float
-        Mean of |d − δ|, mm (Grossmann et al. 2002: ε̄).
+        Mean of ``|d − δ|``, mm (Grossmann et al. 2002: ε̄).
     stress_1 : float
         Kruskal's stress-1, √(Σ(d − δ)² / Σδ²).
     sammon_stress : float
@@ -69,14 +69,14 @@ class TriangleFigures:
     Parameters
     ----------
     areal_median, areal_p95 : float
-        Median and 95th percentile of |log2(A_flat / A_surface)| over the vertices, as in Connectome Workbench's
+        Median and 95th percentile of ``|log2(A_flat / A_surface)|`` over the vertices, as in Connectome Workbench's
         -surface-distortion.
     equal_area_scale : float
         Factor by which to scale the map so that its area equals that of the surface.
     equal_area_median, equal_area_p95 : float
         `areal_median` and `areal_p95` at that scale.
     edge : float
-        Mean of |l_flat / l_surface − 1| over the edges.
+        Mean of ``|l_flat / l_surface − 1|`` over the edges.
     angle : float
         Mean change of a corner's angle, degrees.
     quasi_conformal, isometric, symmetric_dirichlet : float
@@ -92,7 +92,7 @@ class TriangleFigures:
     covering : int
         Number of triangles that cover another one.
     areal : ndarray, shape (N,)
-        Change of area at each vertex, log2(A_flat / A_surface).
+        Change of area at each vertex, ``log2(A_flat / A_surface)``.
     is_flipped : ndarray of bool, shape (F,)
         Which triangles are flipped.
     area_beyond_1_25, area_beyond_1_5, area_beyond_2 : float

@@ -80,7 +80,7 @@ class WorstPlace:
     share : float
         Its share of the area of the whole surface.
     excess : float
-        Total distortion of the region, Σ A_surface |log2(A_flat / A_surface)|, mm².
+        Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, mm².
     worst_ratio, median_ratio : float
         A_flat / A_surface of the triangle where it is farthest from 1, and the area-weighted median, at the scale that
         preserves the total area.
