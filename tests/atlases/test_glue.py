@@ -187,7 +187,7 @@ class TestOneMap:
     def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
         ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
         flat = voxflat.flatten(ball, method=Saucan2006(bound=1.6))
-        assert any("stay cut" in warning for warning in flat.metadata["warnings"])
+        assert any("remain cut" in warning for warning in flat.metadata["warnings"])
         assert len(flat) > len(np.unique(flat.ids, axis=0))  # both sides of cuts
         assert flat.metadata["seams"]["cuts"] + sum(cut["length"] for cut in flat.metadata["automatic_cuts"]) > 10
         flat.save(tmp_path / "ball.npz")

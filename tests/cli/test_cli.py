@@ -122,7 +122,7 @@ def test_spacing_places_an_array_and_its_mask(shared, tmp_path):
 def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
     result = succeed("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
-    assert "of memory are needed" in result.stderr
+    assert "of memory will be used" in result.stderr
     content = json.loads(result.stdout)
     saved = voxflat.load(out)
     assert content["output"] == str(out)
@@ -195,7 +195,7 @@ def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_pa
     assert_array_equal(alpha, np.where(inside, 255, 0))
     low, high = np.percentile(expected.data[inside], (1, 99))
     assert_array_equal(grey[inside], np.round(255 * np.clip((expected.data[inside] - low) / (high - low), 0, 1)))
-    assert picture.text["Values"] == f"black {low:g}, white {high:g} (1st and 99th percentile)"
+    assert picture.text["Values"] == f"black {low:g}, white {high:g} (1st and 99th percentiles)"
     assert picture.text["Pixel size"] == f"{expected.pixel_size:.9g} mm"
     assert picture.info["dpi"][0] == pytest.approx(25.4 / expected.pixel_size, abs=0.02)
 
