@@ -5,8 +5,8 @@ Draw a region on the map and use it as a mask
 =============================================
 
 On a flat map you can outline a region that is hidden in a fold of the brain. This tutorial draws a region around the
-hand area of the motor cortex, carries it back through the cortex into the voxels of a volume, and reads values with it.
-It takes about fifteen seconds.
+hand area of the motor cortex, carries it back through the cortex into the voxels of a volume, and reads values with
+it. It takes about fifteen seconds.
 """
 
 import tempfile
@@ -35,17 +35,18 @@ flat_map = surface.drop("medial wall").flatten(cuts="standard", sphere=fsaverage
 # %%
 # Draw the region
 # ---------------
-# A region is a polygon in the coordinates of the map, (u, v) in mm. How do you find the coordinates of a place that you
-# know? :meth:`voxflat.FlatMap.points_to_map` takes points in the brain to the map. Here is the hand knob of the right
-# central sulcus, at (40, -22, 58) mm; the second result is its distance from the middle of the cortex.
+# A region is a polygon in the coordinates of the map, (u, v) in mm. How do you find the coordinates of a place that
+# you know? :meth:`voxflat.FlatMap.points_to_map` takes points in the brain to the map. Here is the peak of the
+# contrast, at (44, -21, 58) mm; the second result is its distance from the surface midway between white and pial
+# surface.
 
-uv, distance = flat_map.points_to_map([[40, -22, 58]])
+uv, distance = flat_map.points_to_map([[44, -21, 58]])
 print(f"(u, v) = {np.round(uv[0], 1)} mm, {distance[0]:.1f} mm from the surface")
 
 # %%
 # The polygon surrounds this place. Its corners were chosen by looking at the activation.
 
-hand = uv[0] + [[-26, -18], [-10, -26], [8, -22], [16, -4], [10, 20], [-8, 28], [-24, 20], [-30, 0]]
+hand = uv[0] + [[-30, 16], [-34, -14], [-16, -32], [6, -42], [22, -36], [26, -14], [12, 10], [-8, 26]]
 
 # %%
 # Draw the map in pyplot, and the polygon over it. The axes of the map inside the figure are in mm.
@@ -57,8 +58,8 @@ axes.fill(*hand.T, facecolor="none", edgecolor="black", linewidth=1.5)
 figure
 
 # %%
-# You need not type coordinates: :meth:`voxflat.FlatMap.regions` also reads paths that you draw into an SVG figure with
-# Inkscape, a Shapes layer of napari, and label images.
+# You need not type coordinates: :meth:`voxflat.FlatMap.regions` also reads paths that you draw into an SVG figure
+# with Inkscape, a Shapes layer of napari, and label images.
 
 regions = flat_map.regions({"hand area": hand})
 print(regions)
@@ -67,21 +68,21 @@ print(f"{(regions.vertex_labels > 0).sum()} vertices")
 # %%
 # Carry it into the volume
 # ------------------------
-# A voxel belongs to the region if its centre lies in the cortex below or above the region. The mask gets the grid of the
-# volume that you pass: here that of the statistic, with voxels of 3 mm.
+# A voxel belongs to the region if its centre lies in the cortex below or above the region. The mask gets the grid of
+# the volume that you pass: here that of the statistic, with voxels of 3 mm.
 
 regions.save(folder / "hand.nii.gz", volume=contrast)
 mask = image.load_img(folder / "hand.nii.gz")
 print(mask.shape, f"{int(mask.get_fdata().sum())} voxels")
 
 # %%
-# In the sections below the mask follows the cortical ribbon around the central sulcus. It does not leak into white matter
-# or across the sulcus, as a sphere around the same point would.
+# In the sections below the mask follows the cortical ribbon around the central sulcus. It does not leak into white
+# matter or across the sulcus, as a sphere around the same point would.
 
 template = data / "mni_icbm152_t1_tal_nlin_sym_09a_converted.nii.gz"
 fine = regions.volume(template)
 fine_mask = image.new_img_like(template, fine.data.astype(np.int32))
-plotting.plot_roi(fine_mask, bg_img=str(template), cut_coords=(40, -22, 58), cmap="autumn", black_bg=False)
+plotting.plot_roi(fine_mask, bg_img=str(template), cut_coords=(44, -21, 58), cmap="autumn", black_bg=False)
 
 # %%
 # Use the mask
@@ -96,7 +97,8 @@ print(f"mean z = {values.mean():.1f}, maximum {values.max():.1f}, in {values.siz
 # ------------------
 # A mask can be shown on the map like any other volume. The polygon and the voxels agree up to the size of a voxel.
 
-figure = flat_map.plot(figures.Overlay(fine, threshold=0.5, limits=(0, 1), colour_map="autumn", label="mask"), fraction=0.5)
+shown = figures.Overlay(fine, threshold=0.5, limits=(0, 1), colour_map="autumn_r", label="mask")
+figure = flat_map.plot(shown, fraction=0.5)
 axes = next(ax for ax in figure.axes if ax.get_label() == "map")
 axes.fill(*hand.T, facecolor="none", edgecolor="black", linewidth=1.5)
 figure
