@@ -131,12 +131,9 @@ for ax, letter, side in zip(axes, "LR", ("left", "right"), strict=True):
 figure.colorbar(image, ax=axes, label="mm", shrink=0.7)
 
 # %%
-# All figures are in a table, one row per hemisphere. ``outliers`` names the figures that deviate from the group.
-
-table = [line.split("\t") for line in (maps / "group_desc-voxflat_measures.tsv").read_text().splitlines()]
-print(f"{len(table) - 1} hemispheres, {len(table[0])} columns: {', '.join(table[0][:8])}, ...")
-
-# %%
+# ``group_desc-voxflat_measures.tsv`` has all figures, one row per hemisphere; its column ``outliers`` names those that
+# deviate from the group.
+#
 # Where to go next
 # ----------------
 # * ``voxflat freesurfer sub-01`` writes the maps of one subject into the subject's own FreeSurfer folder.

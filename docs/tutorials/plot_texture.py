@@ -41,8 +41,8 @@ print(np.round(np.ptp(surface.points, axis=0), 1), "cm")
 # and the reason for each.
 
 flat_map = surface.flatten()
-for cut in flat_map.metadata["cuts"]:
-    print(len(cut), "vertices", end="; ")
+for cut in flat_map.metadata["automatic_cuts"]:
+    print(f"{cut['length']:.1f} cm: {cut['reason']}")
 
 # %%
 # Below is the map, coloured by the height above the chin. Its border is where the surface was cut.
