@@ -14,9 +14,12 @@ from pathlib import Path
 import pyvista as pv
 from nilearn import datasets
 
+import voxflat
+
 folder = Path(datasets.__file__).parent / "data" / "fsaverage5"
 pv.OFF_SCREEN = True
-mesh = pv.read(folder / "white_left.gii.gz")
+white = voxflat.io.read_mesh(folder / "white_left.gii.gz")  # pv.read reads lh.white and .surf.gii by itself
+mesh = pv.PolyData.from_regular_faces(white.points, white.faces)
 flat = mesh.voxflat()
 flat.voxflat.plot("areal", window_size=(1400, 700)).image
 
@@ -31,12 +34,5 @@ mesh.voxflat.patches(bound=1.5).voxflat.plot("patch", window_size=(1400, 700)).i
 mesh.voxflat.geodesic(0).plot(scalars="geodesic_distance", cpos="yz", return_img=True, window_size=(900, 600))
 
 # %%
-# ``flat.voxflat.morph(14).save("unfold.gif")`` writes a movie from the surface to the map. Here are four of its
-# frames.
-
-plotter = pv.Plotter(shape=(1, 4), window_size=(1400, 380), border=False)
-for column, frame in enumerate(flat.voxflat.morph(4)):
-    plotter.subplot(0, column)
-    plotter.add_mesh(frame, scalars="areal", cmap="RdBu_r", clim=(-1, 1), show_scalar_bar=False)
-    plotter.view_vector((-1, 0, 0.2), viewup=(0, 0, 1)) if column < 3 else plotter.view_xy()
-plotter.screenshot()
+# ``flat.voxflat.morph(40).save("unfold.gif")`` writes a movie that unfolds the surface into its map, and
+# ``flat.voxflat.export_html("map.html")`` writes a page for browsers that shows both.
