@@ -5,7 +5,7 @@ from napari.layers import Labels
 from qtpy.QtCore import QCoreApplication, QPoint, Qt, QThreadPool
 from scipy.spatial import ConvexHull
 
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
 DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
@@ -59,7 +59,7 @@ def run(widget, qtbot, timeout=PATIENCE):
     """Flatten, and wait until all layers are there."""
     widget.start.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
-    qtbot.waitUntil(lambda: Workbench.of(widget._viewer).is_settled, timeout=timeout)
+    qtbot.waitUntil(lambda: ViewerState.of(widget._viewer).is_settled, timeout=timeout)
 
 
 def run_whole(widget, qtbot):
@@ -93,7 +93,7 @@ def open_file(viewer, qtbot, path):
     """Open a file by voxflat, and wait until all layers are there; return those that are new."""
     before = set(viewer.layers)
     viewer.open(str(path), plugin="voxflat")
-    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled, timeout=PATIENCE)
     return [layer for layer in viewer.layers if layer not in before]
 
 

@@ -7,7 +7,7 @@ from napari_window import PATIENCE
 from qtpy.QtGui import QOpenGLContext
 from vispy.gloo.glir import GlirProgram
 
-from voxflat._napari.results.listed import insert, make_room
+from voxflat._napari.results.layer_list import insert, make_room
 
 
 @pytest.mark.parametrize("dock", ["Check surface", "Flat map", "Measure map"])

@@ -23,7 +23,7 @@ from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
 
 CENTRE = np.array([3.0, -20.0, 15.0])  # of the volume, scanner RAS
@@ -304,9 +304,9 @@ def test_an_opened_map_is_the_current_run(viewer, last_of, tmp_path):
     for name in ("a", "b"):
         flat_map.save(tmp_path / f"{name}.voxflat")
         last_of(tmp_path / f"{name}.voxflat")
-    runs = Workbench.of(viewer).runs
+    runs = ViewerState.of(viewer).runs
     assert [run.name for run in runs] == ["a", "b"]
-    assert Workbench.of(viewer).current is runs[1]
+    assert ViewerState.of(viewer).current is runs[1]
     for run, names in zip(runs, (["a distortion"], ["b distortion"]), strict=True):
         assert [keywords["name"] for _, keywords, _ in run.layers.layers] == names
         assert_array_equal(run.flat_map.uv, flat_map.uv)
@@ -357,7 +357,7 @@ def test_the_palettes_commands_ask_for_the_file(subject, viewer, last_of, qtbot,
     reading = ("read_surface", "read_volume", "read_flat_map", "read_flat_map")  # the last time nothing is chosen
     for command in ("write_flat_map", "write_flat_image", *reading):
         get_app_model().commands.execute_command(f"voxflat.{command}").result()
-        qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
+        qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled)
     assert all(path.is_file() for path in paths)
     assert [layer.name for layer in viewer.layers[1:]] == ["lh.white", "ones", "map distortion [1]"]
     assert not answers

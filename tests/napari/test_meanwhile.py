@@ -11,7 +11,7 @@ from napari_window import PATIENCE, wait_for_threads
 from qtpy.QtGui import QCursor
 from qtpy.QtWidgets import QLabel
 
-from voxflat._napari.garbage import _PutOff, put_off_collections
+from voxflat._napari.garbage_collection import _Deferral, defer_collections
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled
 
@@ -30,11 +30,11 @@ def usual(qapp, monkeypatch):
         pytest.skip("this Python collects in small steps")
     monkeypatch.setattr(QCursor, "pos", lambda: (0, 0))
     monkeypatch.setattr(gc, "get_count", lambda: (0, 3, 999))  # nothing is made, and there is enough
-    if _PutOff.one is not None:  # of a test before
-        _PutOff.one._end()
+    if _Deferral.one is not None:  # of a test before
+        _Deferral.one._end()
     yield gc.get_threshold()
-    if _PutOff.one is not None:
-        _PutOff.one._end()
+    if _Deferral.one is not None:
+        _Deferral.one._end()
 
 
 def old_garbage():
@@ -46,58 +46,58 @@ def old_garbage():
 
 
 def test_a_full_collection_waits_for_rest(usual):
-    put_off_collections()
+    defer_collections()
     assert gc.get_threshold()[:2] == usual[:2]
     assert gc.get_threshold()[2] > usual[2]
     garbage = old_garbage()
-    _PutOff.one.look()  # where the mouse is
+    _Deferral.one.look()  # where the mouse is
     assert garbage() is not None
-    _PutOff.one.look()  # and it has not moved since
+    _Deferral.one.look()  # and it has not moved since
     assert garbage() is None
-    assert _PutOff.one is None
+    assert _Deferral.one is None
     assert gc.get_threshold() == usual
 
 
 def test_it_waits_for_jobs_and_the_mouse_but_not_for_ever(usual, monkeypatch):
     places = iter(range(1, 1000))
-    put_off_collections()
+    defer_collections()
     garbage = old_garbage()
     for _ in range(30):
-        put_off_collections()  # as a job does, many times between two looks
-        _PutOff.one.look()
+        defer_collections()  # as a job does, many times between two looks
+        _Deferral.one.look()
     assert garbage() is not None
     monkeypatch.setattr(QCursor, "pos", lambda: (next(places), 0))
     for _ in range(8):
-        _PutOff.one.look()
-    put_off_collections()  # layers come: it begins anew
+        _Deferral.one.look()
+    defer_collections()  # layers come: it begins anew
     for _ in range(9):
-        _PutOff.one.look()
+        _Deferral.one.look()
     assert garbage() is not None
-    _PutOff.one.look()
+    _Deferral.one.look()
     assert garbage() is not None  # who moves the mouse is not disturbed
-    assert _PutOff.one is None
+    assert _Deferral.one is None
     assert gc.get_threshold() == usual  # Python does as it did
 
 
 def test_what_others_said_stays(usual):
     gc.disable()
     try:
-        put_off_collections()
-        assert _PutOff.one is None
+        defer_collections()
+        assert _Deferral.one is None
     finally:
         gc.enable()
-    put_off_collections()
+    defer_collections()
     others = (usual[0] + 1, *usual[1:])
     gc.set_threshold(*others)
     try:
-        _PutOff.one._end()
+        _Deferral.one._end()
         assert gc.get_threshold() == others
     finally:
         gc.set_threshold(*usual)
 
 
 def test_who_asks_gets_it_at_once(usual):
-    put_off_collections()
+    defer_collections()
     garbage = old_garbage()
     gc.collect()
     assert garbage() is None
@@ -107,11 +107,11 @@ class Endless:
     """Works until it is cancelled."""
 
     def __init__(self):
-        self.go_on = threading.Event()
+        self.released = threading.Event()
 
     def run(self, tell):
         while tell("counting", 3, 7):
-            self.go_on.wait(0.001)
+            self.released.wait(0.001)
         raise Cancelled("cancelled")
 
 
@@ -128,7 +128,7 @@ def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
     worker, errors = JobWorker(Endless().run, "Flatten"), []
     worker.errored.connect(errors.append)
     calls = []
-    monkeypatch.setattr("voxflat._napari.worker.put_off_collections", lambda: calls.append(worker.stage))
+    monkeypatch.setattr("voxflat._napari.worker.defer_collections", lambda: calls.append(worker.stage))
     worker.start()
     qtbot.waitUntil(lambda: bool(progress._all_instances), timeout=PATIENCE)
     (bar,) = progress._all_instances

@@ -21,7 +21,7 @@ import voxflat
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 
 def test_manifest_is_valid_and_its_commands_resolve():
@@ -276,7 +276,7 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     viewer.window._qt_viewer._qt_open([f"{path}.voxflat"], stack=False)  # as File → Open does: no other reader is asked
-    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
+    qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled)
     opened = viewer.layers[-1]
     assert opened.name == "map distortion"
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)

@@ -13,15 +13,15 @@ from qtpy.QtCore import Qt
 import voxflat
 from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 
 RADIUS = 20.0
 
 
-def sheet_of(points, faces, **how):
-    return Sheet.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
+def prepared_map_of(points, faces, **how):
+    return PreparedMap.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +29,13 @@ def plane():
     """A flat sheet at the height 7, 2 mm apart, whose map is itself, turned."""
     points, faces, _ = bumps(15)
     points[:, 2] = 7
-    return sheet_of(points, faces)
+    return prepared_map_of(points, faces)
 
 
 @pytest.fixture(scope="module")
 def ball():
     """A sphere, which was cut open."""
-    return sheet_of(*sphere(250, RADIUS))
+    return prepared_map_of(*sphere(250, RADIUS))
 
 
 def paths(*lines):
@@ -132,7 +132,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     assert not dock.left_out.isVisible()
     spots, shift = points[[30, 100, 120]], np.array([1, 0, 0])
     foci = viewer.add_points(spots, name="foci", face_color=["red", "red", "lime"], **place)
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
 
     def expected(spots):
         return flat_map.points_to_map(spots * [2, 0.5, 3] + [5, -4, 7])[0]
@@ -183,7 +183,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     foci.visible = False
     run(widget, qtbot)
     wait_for_picture(dock, qtbot)
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     same(dots(dock, qtbot), points[[90]])
     dock._on_map_clicked(*expected(points[30]))
     wait_for_picture(dock, qtbot)
@@ -196,7 +196,7 @@ def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
     points, faces, values = bumps(13)
     film = Image(np.zeros((3, 30, 30, 9), dtype=np.uint8), name="film")
     viewer, _, dock = flattened(Surface((points, faces, values), name="bumps"), film)
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     viewer.add_points([[0, *points[30]], [2, *points[100]]], name="seen at times")
     viewer.add_layer(Shapes([[[2, *points[30]], [2, *points[34]]]], shape_type="line", name="then"))
     viewer.add_layer(Points([[3, 3]], name="flat"))
@@ -247,7 +247,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
 
     run(widget, qtbot)  # the next map's
     wait_for_picture(dock, qtbot)
-    assert len(seen()[0]) == len(edges(dock.sheet)[1])
+    assert len(seen()[0]) == len(edges(dock.prepared)[1])
     canvas = canvas_widget(dock)
     for where in (canvas, dock.canvas):  # keys work in both
         qtbot.keyClick(where, Qt.Key.Key_O, Qt.KeyboardModifier.ShiftModifier)

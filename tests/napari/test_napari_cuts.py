@@ -16,7 +16,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog
 
 import voxflat
 from voxflat._napari.editing.drawing import Drawing
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.surfaces.standard.template import read_template
 
@@ -145,7 +145,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     viewer.window.remove_dock_widget(dock)
     assert [layer.name for layer in viewer.layers if layer.name in ("cuts", "stops of cuts")] == []
     assert viewer.layers["ball"].visible
-    assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
+    assert len(ViewerState.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
 
 
 def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
@@ -192,11 +192,11 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
 def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp_path, monkeypatch, messages):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
-    bench = Workbench.of(viewer)
-    assert not widget.form.go_on.isVisibleTo(widget)
+    state = ViewerState.of(viewer)
+    assert not widget.form.continues.isVisibleTo(widget)
     run(widget, qtbot)
-    first = bench.current.flat_map
-    assert widget.form.go_on.isVisibleTo(widget)
+    first = state.current.flat_map
+    assert widget.form.continues.isVisibleTo(widget)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
     press(dock, qtbot, "begin", "of_map")
     told = first.metadata
@@ -215,15 +215,15 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     dock.again.click()
     assert ["is at work" in message.message for message in messages] == [True]
     messages.clear()
-    qtbot.waitUntil(lambda: bench.current.flat_map is not first and bench.is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: state.current.flat_map is not first and state.is_settled, timeout=PATIENCE)
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
-    second = bench.current.flat_map
+    second = state.current.flat_map
     paths = [np.asarray(path) for path in [*own, dock.drawing.paths()[-1]]]
     expected = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(start=first), cuts=paths)
     assert_array_equal(second.uv, expected.uv)
     assert second.metadata["start"] is True
     assert len(second) > len(first)  # both sides of the new cut
-    assert widget.form.go_on.isChecked()
+    assert widget.form.continues.isChecked()
 
     # the script goes on from the same map
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
@@ -241,9 +241,9 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     dock.again.click()
     qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=PATIENCE)
     assert "start" in widget.status.text()
-    assert bench.current.flat_map is second
+    assert state.current.flat_map is second
     viewer.layers.remove("ball")
-    assert not widget.form.go_on.isChecked()
+    assert not widget.form.continues.isChecked()
 
 
 def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
@@ -260,10 +260,10 @@ def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_thei
     press(dock, qtbot, "weigh")
     assert gains() == ["", "unknown"]
     assert "too small" in dock.status.text()
-    dock._on_weighed((0.1, [0.02]))
+    dock._on_evaluated((0.1, [0.02]))
     assert gains() == ["", "+2.0 %"]
     assert "10.0 % off" in dock.status.text()
-    dock.weigh.click()
+    dock.evaluate.click()
     draw(dock, 30)  # as a click on the surface meanwhile
     qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
     assert gains() == ["", ""]

@@ -12,12 +12,12 @@ from numpy.testing import assert_array_equal
 from scipy import ndimage
 
 import voxflat
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.demo import DEPTH
 
 
 def newest_map(viewer):
-    return Workbench.of(viewer).current.flat_map
+    return ViewerState.of(viewer).current.flat_map
 
 
 def test_parts_are_those_of_the_library(open_widget, qtbot):

@@ -30,7 +30,7 @@ import voxflat
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
 
@@ -47,7 +47,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     place = {"scale": factor * SCALE, "translate": factor * CORNER, "units": unit}
     volume = Image(np.random.default_rng(0).random((60, 60, 30)).astype(np.float32), name="v", **place)
     viewer, _, dock = flattened(volume, Surface((points, faces, values), name="bumps", **place))
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     world = factor * (points * SCALE + CORNER)
     u, v = flat_map.uv[int(np.flatnonzero(flat_map.ids == 12 * 25 + 12)[0])]
 
@@ -138,7 +138,7 @@ def test_what_the_map_shows(flattened, qtbot):
     along = np.indices((24, 24, 24))[2].astype(np.float32)
     series = da.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
     viewer, _, dock = flattened(Image(along, name="k"), Labels(cap(), name="sheet"))
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     names = [dock.contents.itemText(n) for n in range(dock.contents.count())]
     assert names == ["Distances", "Areas", "Angles", "sheet", "k", "Folds only"]
 
@@ -148,24 +148,24 @@ def test_what_the_map_shows(flattened, qtbot):
         return dock.picture
 
     heat = shown("Distances")
-    assert_allclose(heat.data, 100 * flat_map.heat_map(dock.sheet.pixel_size).data, rtol=1e-5)
-    assert heat.scale.title == dock.strip.scale.title == "mean relative error of distances (%)"
+    assert_allclose(heat.data, 100 * flat_map.heat_map(dock.prepared.pixel_size).data, rtol=1e-5)
+    assert heat.scale.title == dock.legend.scale.title == "mean relative error of distances (%)"
     areas = shown("Areas")
     low, high = areas.scale.limits
     assert low == -high < 0
     assert areas.scale.title == "area, log2(flat / surface)"
     assert 0 < np.nanmedian(shown("Angles").data) < 45
     assert shown("Folds only") is None
-    assert dock.strip.scale is None
+    assert dock.legend.scale is None
 
     on_surface = shown("k")
-    expected = flat_map.image(along, dock.sheet.pixel_size, interpolation="linear").data
+    expected = flat_map.image(along, dock.prepared.pixel_size, interpolation="linear").data
     assert_allclose(on_surface.data, expected, rtol=1e-5)
     viewer.layers["k"].contrast_limits = (3, 30)
     viewer.layers["k"].colormap = "viridis"
     wait_for_picture(dock, qtbot)
-    assert dock.strip.scale.limits == (3, 30)
-    assert_array_equal(dock.strip.scale.colours[0, :3], [68, 1, 84])
+    assert dock.legend.scale.limits == (3, 30)
+    assert_array_equal(dock.legend.scale.colours[0, :3], [68, 1, 84])
     labels = shown("sheet")
     assert set(np.unique(labels.data[np.isfinite(labels.data)])) <= {0, 3}
 
@@ -214,7 +214,7 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     points, faces, values = bumps(13)
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
     layers = list(viewer.layers)
-    workbench = Workbench.of(viewer)
+    state = ViewerState.of(viewer)
     widget.form.options.sources.setValue(40)
     run(widget, qtbot)
     widgets = widgets_in(viewer)
@@ -222,8 +222,8 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
         run(widget, qtbot)
     wait_for_picture(dock, qtbot)
     assert list(viewer.layers) == layers  # the same, with other data
-    assert viewer.layers["bumps distortion"].metadata["voxflat"] is workbench.current.flat_map
-    assert dock.sheet.run is workbench.current
+    assert viewer.layers["bumps distortion"].metadata["voxflat"] is state.current.flat_map
+    assert dock.prepared.run is state.current
     qtbot.waitUntil(lambda: widgets_in(viewer) <= widgets, timeout=PATIENCE)
     assert not dock.runs.isVisible()
 
@@ -237,20 +237,20 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     dock.runs.setCurrentIndex(0)
     dock.runs.activated.emit(0)
     wait_for_picture(dock, qtbot)
-    assert dock.sheet.run is workbench.runs[0]
-    assert widget.results.flat_map is workbench.runs[0].flat_map
+    assert dock.prepared.run is state.runs[0]
+    assert widget.results.flat_map is state.runs[0].flat_map
 
     # closing docks loses nothing
     viewer.window.remove_dock_widget(dock)
     viewer.window.remove_dock_widget(widget)
     again = map_dock(viewer, qtbot)
     assert again is not dock
-    assert again.sheet.run is workbench.runs[0]
+    assert again.prepared.run is state.runs[0]
     assert again.keep.isChecked()
     assert again.runs.count() == 2
     _, form = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
     assert form.results.title.text() == "Map of <b>bumps</b>"
-    workbench.remove(workbench.runs[0])
+    state.remove(state.runs[0])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3)
 
 
@@ -258,13 +258,13 @@ def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_v
     points, faces, _ = bumps(9)
     layers = map_layers(voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)), "it")
     viewer = make_napari_viewer()
-    workbench, controls = Workbench.of(viewer), viewer.window._qt_viewer.controls
-    workbench.add(Run(layers, "it"))
+    state, controls = ViewerState.of(viewer), viewer.window._qt_viewer.controls
+    state.add(Run(layers, "it"))
     qtbot.waitUntil(lambda: len(controls.widgets) > len(viewer.layers))  # they are made ahead
-    workbench.remove(workbench.current)
+    state.remove(state.current)
     assert len(controls.widgets) == 0
-    workbench.add(Run(layers, "it"))
-    qtbot.waitUntil(lambda: workbench.is_settled)
+    state.add(Run(layers, "it"))
+    qtbot.waitUntil(lambda: state.is_settled)
     assert set(controls.widgets) == {*viewer.layers} == {viewer.layers["it distortion"]}
     assert controls.count() == 2  # and the empty one
     viewer.layers.selection = {*viewer.layers}
@@ -300,7 +300,7 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     layer = viewer.layers["bumps in the map's colours"]
     world = layer.vertices[layer.faces].mean(axis=1)
     assert_allclose(np.sort(world, axis=0), np.sort((points * SCALE)[faces].mean(axis=1), axis=0), atol=1e-9)
-    scale, ids = dock.picture.scale, dock.sheet.run.flat_map.ids
+    scale, ids = dock.picture.scale, dock.prepared.run.flat_map.ids
     expected = scale.paint(values[ids][None])[0] / 255
     assert np.median(np.abs(layer.vertex_colors - expected)) < 0.02
     dock.contents.setCurrentIndex(0)
@@ -318,9 +318,9 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     choose(widget.form.patch, "values")  # the next map, of fewer points, takes the layer over
     run(widget, qtbot)
     wait_for_picture(dock, qtbot)
-    assert len(layer.vertices) == len(dock.sheet.points) < len(points)
+    assert len(layer.vertices) == len(dock.prepared.points) < len(points)
     assert layer.vertex_colors.shape == (len(layer.vertices), 4)
-    assert layer.metadata["voxflat"] is dock.sheet.run.flat_map
+    assert layer.metadata["voxflat"] is dock.prepared.run.flat_map
     assert [layer.visible, viewer.layers["bumps"].visible] == [True, False]
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
     assert "bumps in the map's colours" not in viewer.layers
@@ -334,7 +334,7 @@ def click(dock, qtbot, *places):
 
 def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
     viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=(2.0, 2.0, 2.0), units="mm"))
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     u, v = flat_map.uv.mean(axis=0)
     dock.click.setCurrentText("marks a point")
     click(dock, qtbot, (u, v), (u + 6, v))
@@ -375,10 +375,10 @@ def test_a_page_of_patches(open_widget, qtbot):
         dock.contents.setCurrentIndex(n)
         wait_for_picture(dock, qtbot)
         assert dock.picture.pixels[..., 3].any()
-    u, v = dock.sheet.run.flat_map.page().corners[7].mean(axis=0)
-    spot = dock.sheet.spot(u, v)
+    u, v = dock.prepared.run.flat_map.page().corners[7].mean(axis=0)
+    spot = dock.prepared.spot(u, v)
     assert_allclose(spot.point, points[faces[7]].mean(axis=0), atol=1e-6)
-    assert_allclose(dock.sheet.place(spot.point), (u, v), atol=1e-6)
+    assert_allclose(dock.prepared.place(spot.point), (u, v), atol=1e-6)
     wait_for_threads(qtbot)
 
 

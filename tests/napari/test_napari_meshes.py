@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import voxflat
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Space, read_mesh
 
 
@@ -45,7 +45,7 @@ def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
     for name, value in doors.OPTIONS.items():
         getattr(widget.form.options, name).setValue(value)
     run(widget, qtbot)
-    found, own = Workbench.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
+    found, own = ViewerState.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
     for name in ("uv", "ids", "faces", "points"):
         assert getattr(found, name).tobytes() == getattr(own, name).tobytes()
     assert found.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()

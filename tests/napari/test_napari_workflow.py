@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh
 
 FSAVERAGE2 = 162  # whose vertices are the first of fsaverage5's
@@ -122,7 +122,7 @@ def flatten(hand, viewer):
     widget = dock(viewer, "Flatten surface")
     hand.press(widget.start)
     hand.wait(widget.start.isEnabled)
-    assert Workbench.of(viewer).current is not None, widget.status.text()
+    assert ViewerState.of(viewer).current is not None, widget.status.text()
     flat = dock(viewer, "Flat map")
     hand.wait(lambda: flat.is_drawn)
     return flat
@@ -130,7 +130,7 @@ def flatten(hand, viewer):
 
 def point_at(hand, flat, row):
     """Point into a triangle at a vertex, which may lie on the border, until the line below says what is there."""
-    flat_map = flat.sheet.run.flat_map
+    flat_map = flat.prepared.run.flat_map
     u, v = flat_map.uv[flat_map.faces[(flat_map.faces == row).any(axis=1)][0]].mean(axis=0)
 
     def told():
@@ -142,7 +142,7 @@ def point_at(hand, flat, row):
 
 def parts_of(flat):
     """What of the dock *Flat map* is always to be seen."""
-    return flat.canvas, flat.strip, flat.text, flat.contents, flat.on_surface, flat.outlined, flat.whole, flat.keep
+    return flat.canvas, flat.legend, flat.text, flat.contents, flat.on_surface, flat.outlined, flat.whole, flat.keep
 
 
 def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
@@ -160,7 +160,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
     flat = flatten(hand, viewer)
-    flat_map = Workbench.of(viewer).current.flat_map
+    flat_map = ViewerState.of(viewer).current.flat_map
     assert flat_map.metadata["cuts_by"] == "standard"
     expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
     assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
@@ -169,7 +169,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.wait(lambda: flat.is_drawn)
     hand.wheel(canvas_widget(flat), -5)  # beside the dock less is to be seen
     point_at(hand, flat, len(flat_map) // 2)
-    assert (flat.sheet.side, {one.letter for one in flat.sheet.directions}) == ("L", {"A", "S"})
+    assert (flat.prepared.side, {one.letter for one in flat.prepared.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
     look(hand, viewer, "map", *parts_of(flat))
     hand.choose(flat.contents, "lh.thickness")
@@ -193,7 +193,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     for shift in (-30, 30):
         hand.click(canvas, QPoint(canvas.width() // 2 + shift, canvas.height() // 2))
     assert len(cuts.drawing.cuts) == found + 1
-    hand.press(cuts.weigh)
+    hand.press(cuts.evaluate)
     hand.wait(cuts.begin.isEnabled)
     assert all("%" in cuts.cuts.item(row, 2).text() for row in range(found))
     hand.picture(pictures / "napari_cuts.png")
@@ -222,7 +222,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.wait(saved.is_file)
     viewer.layers.clear()
     open_files(hand, viewer, saved)
-    assert_array_equal(Workbench.of(viewer).current.flat_map.uv, flat_map.uv)
+    assert_array_equal(ViewerState.of(viewer).current.flat_map.uv, flat_map.uv)
     again = dock(viewer, "Flat map")
     hand.wait(lambda: again.is_drawn)
 
@@ -241,6 +241,6 @@ def test_the_demo_cortex(window, pictures, look, request):
     flat = flatten(hand, viewer)
     assert flat.contents.currentText() == "T1"
     hand.wheel(canvas_widget(flat), -1)
-    point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
+    point_at(hand, flat, len(flat.prepared.run.flat_map) // 2)
     hand.picture(pictures / "napari.png")
     look(hand, viewer, "demo", *parts_of(flat))

@@ -10,13 +10,13 @@ from napari import Viewer
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
+from voxflat._napari.docks import TaskDock
 from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.report import table
-from voxflat._napari.tabs import WorkingDock
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError
@@ -33,7 +33,7 @@ _PLACES = {
 }
 
 
-class Findings(WorkingDock):
+class Findings(TaskDock):
     """A button to find out, which cancels while that is done, and a table of what was found, below what is asked."""
 
     def __init__(self, action: str, above: QWidget | None = None) -> None:
@@ -62,7 +62,7 @@ class Findings(WorkingDock):
         told = "".join(f"<li>{escape(line)}</li>" for line in advice)
         self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{told}</ul>")
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         """Show a text, or a table of it, column below column."""
         self.table.setCurrentFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.table.setPlainText(message)
@@ -108,7 +108,7 @@ class CheckSurface(Findings):
         self.form = CheckForm(napari_viewer)
         super().__init__("Check", self.form)
         self._viewer = napari_viewer
-        Workbench.of(napari_viewer)  # for what it sees to while layers go
+        ViewerState.of(napari_viewer)  # for what it sees to while layers go
         self._origin: dict[str, str] = {}
 
     def look(self) -> None:
@@ -165,17 +165,17 @@ class MeasureMap(Findings):
         """Tell the figures, or start to measure."""
         layer = self._viewer.layers.selection.active
         about: dict[str, Any] = {} if layer is None else layer.metadata
-        run = Workbench.of(self._viewer).current
+        run = ViewerState.of(self._viewer).current
         flat_map = about.get("voxflat", None if run is None else run.flat_map)
         if "patch_file" in about:
             self._find(partial(_measured, about["surface_file"], about["patch_file"]), self._show)
         elif flat_map is not None:
-            self._say(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
+            self._show_message(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
         else:
-            self._say("No flat map: flatten, open one, or select a flat patch.")
+            self._show_message("No flat map: flatten, open one, or select a flat patch.")
 
     def _show(self, found: Distortion) -> None:
-        self._say(found.table())
+        self._show_message(found.table())
 
 
 def _measured(surface: str, patch: str, progress: Progress) -> Distortion:

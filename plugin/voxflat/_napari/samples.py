@@ -69,9 +69,9 @@ def _make_ready(viewer: Viewer) -> None:
     """Have made what napari's first layers need, in another thread or bit by bit, while the window is drawn."""
     from qtpy.QtCore import QCoreApplication, QEventLoop
 
-    from voxflat._napari.garbage import put_off_collections
+    from voxflat._napari.garbage_collection import defer_collections
 
-    put_off_collections()
+    defer_collections()
 
     def load() -> None:
         with suppress(ImportError):  # another napari may need others
@@ -112,8 +112,8 @@ def _add_when_read(viewer: Viewer) -> None:
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.viewer_parts import show_sagittal
-    from voxflat._napari.results.listed import drop_controls, insert, make_controls
-    from voxflat._napari.timers import BREATH
+    from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
+    from voxflat._napari.timers import PAUSE
     from voxflat._napari.worker import JobWorker
 
     there, earlier = weakref.ref(viewer), weakref.WeakSet(viewer.layers)
@@ -121,7 +121,7 @@ def _add_when_read(viewer: Viewer) -> None:
     arrived: list[Layer] = []
     steps: deque[Callable[[Viewer], None]] = deque()
 
-    def go_on() -> None:
+    def proceed() -> None:
         """Take a step, and come back for the next one when the window has lived."""
         shown = there()
         if shown is None:
@@ -133,7 +133,7 @@ def _add_when_read(viewer: Viewer) -> None:
             return
         steps.popleft()(shown)
         if steps:
-            QTimer.singleShot(BREATH, go_on)
+            QTimer.singleShot(PAUSE, proceed)
 
     def show_seed(shown: Viewer) -> None:
         for layer in shown.layers:
@@ -150,7 +150,7 @@ def _add_when_read(viewer: Viewer) -> None:
         """Add the layers, a step at a time."""
         steps.extend(partial(make, data=data) for data in found)
         steps.extend((choose, look, show_seed))  # the seed point last: alone it would fill the view
-        QTimer.singleShot(0, go_on)
+        QTimer.singleShot(0, proceed)
 
     def make(shown: Viewer, data: LayerData) -> None:
         layer = Layer.create(*hidden(data))
@@ -173,4 +173,4 @@ def _add_when_read(viewer: Viewer) -> None:
         shown.dims.set_point(range(3), SEED_POINT)
 
     steps.append(read)
-    QTimer.singleShot(BREATH, go_on)
+    QTimer.singleShot(PAUSE, proceed)

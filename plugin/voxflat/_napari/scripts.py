@@ -34,7 +34,7 @@ class Recipe:
 
     def __init__(self, job: Job | PatchesJob) -> None:
         self._job = job
-        self._prints: list[str] = []
+        self._fingerprints: list[str] = []
 
     @property
     def name(self) -> str:
@@ -44,7 +44,7 @@ class Recipe:
     def run(self, progress: Progress) -> FlatLayers:
         """Do the job, and remember what its data were."""
         result = self._job.run(progress)
-        self._prints = _prints(self._job)
+        self._fingerprints = _fingerprints(self._job)
         return result
 
     def needs_folder(self) -> bool:
@@ -53,7 +53,7 @@ class Recipe:
 
     def script(self, folder: Path | None = None) -> str:
         """Write a script with the run's bits; data in no file go to a folder. InputError if layers changed."""
-        if _prints(self._job) != self._prints:
+        if _fingerprints(self._job) != self._fingerprints:
             raise InputError("layers of this run were changed since: flatten again, then copy")
         return _Script(self._job, folder).text()
 
@@ -286,7 +286,7 @@ def _file_name(name: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name)
 
 
-def _prints(job: Job | PatchesJob) -> list[str]:
+def _fingerprints(job: Job | PatchesJob) -> list[str]:
     """Return fingerprints of all arrays of a job that may be edited in place."""
     held = (np.ascontiguousarray(array).reshape(-1).view(np.uint8).data for array in _arrays(job))
     return [hashlib.sha256(data).hexdigest() for data in held]

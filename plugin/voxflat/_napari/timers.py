@@ -5,11 +5,11 @@ from typing import Any
 
 from qtpy.QtCore import QObject, QTimer
 
-BREATH = 10
+PAUSE = 10
 """Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
 
 
-def once(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
+def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
     """Return a timer that, once started, acts after a pause, ms: several starts until then are one."""
     timer = QTimer(parent)
     timer.setSingleShot(True)

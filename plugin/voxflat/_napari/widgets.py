@@ -20,6 +20,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from voxflat._napari.docks import TaskDock
 from voxflat._napari.forms.patches_form import PatchesForm
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map
@@ -28,15 +29,14 @@ from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.results.maps import C_MEANING
 from voxflat._napari.scripts import Recipe
-from voxflat._napari.tabs import WorkingDock
-from voxflat._napari.timers import BREATH, once
-from voxflat._napari.workbench import Workbench
-from voxflat._napari.worker import GLANCE
+from voxflat._napari.timers import PAUSE, single_shot
+from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.worker import POLL_INTERVAL
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
 
-class FlattenWidget(WorkingDock):
+class FlattenWidget(TaskDock):
     """Flattens what a form asks for in another thread, and shows what came out."""
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
@@ -45,16 +45,16 @@ class FlattenWidget(WorkingDock):
         self._started = 0.0
         self._has_finished = True
         self._arriving: tuple[Run, str] | None = None
-        self._coming = once(self, BREATH, self._arrive)
+        self._coming = single_shot(self, PAUSE, self._arrive)
         self._timer = QTimer(self)
-        self._timer.setInterval(GLANCE)
+        self._timer.setInterval(POLL_INTERVAL)
         self._timer.timeout.connect(self._show_progress)
         self.form = form
         self.results = results
         self._make_actions(action)
         self._lay_out()
         self._show_work(None)
-        Workbench.of(viewer).changed.connect(self._show_current)
+        ViewerState.of(viewer).changed.connect(self._show_current)
         self._show_current()
 
     # ------------------------------------------------------------------------------------------ making
@@ -137,7 +137,7 @@ class FlattenWidget(WorkingDock):
         self._timer.stop()
         run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
         self._arriving = run, f"{report.summary(result.flat_map)} in {seconds:.1f} s"
-        if not Workbench.of(self._viewer).runs:
+        if not ViewerState.of(self._viewer).runs:
             open_flat_map(self._viewer)
         self._coming.start()
 
@@ -146,15 +146,15 @@ class FlattenWidget(WorkingDock):
         assert self._arriving is not None
         (run, summary), self._arriving = self._arriving, None
         if self._worker is not None and not self._worker.abort_requested:
-            Workbench.of(self._viewer).add(run)
+            ViewerState.of(self._viewer).add(run)
             self.status.setText(summary)
             self._viewer.status = summary
         self._end()
 
     def _show_current(self) -> None:
         """Tell of the current run, if it is of this widget's kind."""
-        run = Workbench.of(self._viewer).current
-        if run is not None and isinstance(run.flat_map, FlatMap) == self.results.tells_of_maps:
+        run = ViewerState.of(self._viewer).current
+        if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
 
     def _on_errored(self, error: Exception) -> None:
@@ -181,7 +181,7 @@ class FlattenWidget(WorkingDock):
         self._worker = None
         self._show_work(None)
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         self.status.setText(message)
 
     # ------------------------------------------------------------------------------------------- ending
@@ -189,7 +189,7 @@ class FlattenWidget(WorkingDock):
     def _release(self) -> None:
         self.cancel()
         self.form.release()
-        Workbench.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
+        ViewerState.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
 
 
 class FlattenSurface(FlattenWidget):
@@ -199,18 +199,18 @@ class FlattenSurface(FlattenWidget):
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
-        Workbench.of(napari_viewer).asked_again.connect(self._on_asked_again)
+        ViewerState.of(napari_viewer).flatten_requested.connect(self._on_flatten_requested)
 
-    def _on_asked_again(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
+    def _on_flatten_requested(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
         if not self.start.isEnabled():
             show_warning("Flatten surface is at work: wait for its map, or cancel it, then press Flatten again")
             return
-        self.form.ask_again(layer, **foreground)
+        self.form.continue_from_shown_map(layer, **foreground)
         self.flatten()
 
     def _release(self) -> None:
         super()._release()
-        Workbench.of(self._viewer).asked_again.disconnect(self._on_asked_again, missing_ok=True)
+        ViewerState.of(self._viewer).flatten_requested.disconnect(self._on_flatten_requested, missing_ok=True)
 
 
 class FlattenPatches(FlattenWidget):

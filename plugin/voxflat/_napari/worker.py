@@ -10,18 +10,18 @@ from napari.utils import cancelable_progress
 from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QApplication, QLabel, QMainWindow
 
-from voxflat._napari.garbage import put_off_collections
-from voxflat._napari.timers import BREATH
+from voxflat._napari.garbage_collection import defer_collections
+from voxflat._napari.timers import PAUSE
 from voxflat.arguments import Progress
 
-GLANCE = 250
+POLL_INTERVAL = 250
 """Between two looks at a worker, ms: whatever changes has the whole window put together anew."""
 
 _TICK = 50  # ms between two looks at whether it was cancelled
 _CALM = 12  # %, four frames a second
 
 
-class Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
+class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     """Calls a function in a thread of Qt's pool.
 
     napari waits for threads when it closes, but not for one that starts in that moment. Python then waits for it before
@@ -59,7 +59,7 @@ def _wait_at_exit() -> None:
     atexit.register(WorkerBase.await_workers)
 
 
-class Latest(QObject):
+class LatestTask(QObject):
     """Does one thing at a time in a thread; of what is asked for meanwhile, only the last."""
 
     done = Signal(object)
@@ -72,7 +72,7 @@ class Latest(QObject):
         super().__init__(parent)
         self.done.connect(done)
         self.failed.connect(failed)
-        self._worker: Errand | None = None
+        self._worker: BackgroundTask | None = None
         self._next: Callable[[], Any] | None = None
 
     @property
@@ -85,7 +85,7 @@ class Latest(QObject):
         if self._worker is not None:
             self._next = work
             return
-        self._worker = worker = Errand(work)
+        self._worker = worker = BackgroundTask(work)
         worker.returned.connect(self._on_returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
@@ -116,7 +116,7 @@ class Latest(QObject):
             self.ask(work)
 
 
-class JobWorker(Errand):
+class JobWorker(BackgroundTask):
     """Does work outside the GUI's thread, told in napari's activity dock; errors are emitted; `quit` cancels it."""
 
     def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
@@ -127,15 +127,15 @@ class JobWorker(Errand):
 
     def start(self) -> None:
         """Show the bar, and start the thread when the window has lived since; called in the GUI's."""
-        put_off_collections()
+        defer_collections()
 
         def show() -> None:
             if not self.abort_requested:
                 self._activity = _Activity(self)
                 self.finished.connect(self._activity.end)
-            QTimer.singleShot(BREATH, super(JobWorker, self).start)
+            QTimer.singleShot(PAUSE, super(JobWorker, self).start)
 
-        QTimer.singleShot(BREATH, show)
+        QTimer.singleShot(PAUSE, show)
 
     def _progress(self, stage: str, done: int, total: int) -> bool:
         self.stage = (stage, done, total)
@@ -164,11 +164,11 @@ class _Activity(QObject):
         self._timer.start()
 
     def _look(self) -> None:
-        put_off_collections()
+        defer_collections()
         if self._bar.is_canceled:
             self._worker.quit()
         self._looks += 1
-        if self._looks % (GLANCE // _TICK) == 0:
+        if self._looks % (POLL_INTERVAL // _TICK) == 0:
             self._show()
 
     def _show(self) -> None:

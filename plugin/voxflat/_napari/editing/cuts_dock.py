@@ -23,16 +23,16 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
 )
 
+from voxflat._napari.docks import TaskDock
+from voxflat._napari.editing.cut_layers import CutLayers, places_in_world
+from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
-from voxflat._napari.editing.scene import Scene, places_in_world
-from voxflat._napari.editing.works import Found, cuts_of_map, find_cuts, make_surface, save_template, weigh_cuts
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
-from voxflat._napari.tabs import WorkingDock
-from voxflat._napari.workbench import DrawnCuts, Workbench
+from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
@@ -45,7 +45,7 @@ _COLUMNS = ("cut", "length", "gain")
 _GAIN = "By how much distances are further off without the cut, in a sketch of the map"
 
 
-class DrawCuts(WorkingDock):
+class DrawCuts(TaskDock):
     """Cuts a surface where someone clicks on it in 3D."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
@@ -54,8 +54,8 @@ class DrawCuts(WorkingDock):
         self._layer: Layer | None = None  # what is cut
         self._foreground: dict[str, Any] = {}  # and what of a volume is
         self.drawing: Drawing | None = None
-        self._scene: Scene | None = None
-        self._weighed: tuple[Drawn, ...] = ()
+        self._layers: CutLayers | None = None
+        self._evaluated: tuple[Drawn, ...] = ()
         self.form = CutsForm(napari_viewer)
         self.begin = self._button("Begin", "Show the surface in 3D, and draw cuts on it", self._on_begin)
         self.draw = self._button("Draw", "Click on the surface: a cut takes the shortest way from stop to stop", None)
@@ -69,8 +69,8 @@ class DrawCuts(WorkingDock):
         self.remove = self._button("Remove", "Take the chosen cut away", self._on_remove)
         self.standard = self._button("Standard", "Begin with cuts that are the same for every brain", self._standard)
         self.automatic = self._button("Automatic", "Begin with cuts that suit this surface best", self._automatic)
-        self.of_map = self._button("Of the map", "Begin with the cuts of the map that is shown", self._of_map)
-        self.weigh = self._button("Weigh", f"{_GAIN}: some seconds a cut", self._on_weigh)
+        self.from_map = self._button("Of the map", "Begin with the cuts of the map that is shown", self._of_map)
+        self.evaluate = self._button("Weigh", f"{_GAIN}: some seconds a cut", self._on_evaluate)
         self.save = self._button("Save…", "As a file that cuts= and --cuts take", self._on_save)
         self.load = self._button("Load…", "A file of cuts, or a template", self._on_load)
         self.template = self._button(
@@ -99,7 +99,7 @@ class DrawCuts(WorkingDock):
         self.status.setWordWrap(True)
         self._lay_out()
         buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
-        Workbench.of(napari_viewer).changed.connect(self._enable)
+        ViewerState.of(napari_viewer).changed.connect(self._enable)
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
@@ -111,8 +111,8 @@ class DrawCuts(WorkingDock):
         return button
 
     def _lay_out(self) -> None:
-        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.of_map, self.load)
-        below = (self.remove, self.weigh, self.save, self.template, self.use, self.again)
+        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
+        below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)
         layout = QVBoxLayout(self)
         layout.addWidget(self.form)
         layout.addWidget(self.begin)
@@ -152,18 +152,18 @@ class DrawCuts(WorkingDock):
             unit = str(shown_on.units[0])
             unit = None if unit == "pixel" else unit
         self.drawing = drawing
-        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name, world, self)
-        self._scene.appeared.connect(self._on_appeared)
+        self._layers = CutLayers(self._viewer, drawing, curvature, places, unit, self._layer.name, world, self)
+        self._layers.appeared.connect(self._on_appeared)
         self._enable()
 
     def _on_appeared(self) -> None:
-        if self._scene is None:
+        if self._layers is None:
             return
         canvas, units = canvas_widget(self), self._viewer.layers.units
         if canvas is not None:
-            ratio = 1.0 if units is None else unit_ratio(self._scene.surface.units, units[-3:])
+            ratio = 1.0 if units is None else unit_ratio(self._layers.surface.units, units[-3:])
             size = canvas.width(), canvas.height()
-            fill(self._viewer, ratio * self._scene.places, size, self.form.world.currentData())
+            fill(self._viewer, ratio * self._layers.places, size, self.form.world.currentData())
         self.draw.setChecked(True)
         self._update("Click on the surface where a cut begins, then where it leads.")
 
@@ -180,9 +180,9 @@ class DrawCuts(WorkingDock):
         """Add a stop where the mouse is pressed and released without a move in between."""
         if not (yield from is_click(event)):
             return
-        if self._scene is None or not self._scene.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
+        if self._layers is None or not self._layers.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
             return
-        layer = self._scene.surface
+        layer = self._layers.surface
         place = in_units_of(layer, event.position, viewer.layers.units)
         start, end = layer.get_ray_intersections(place, event.view_direction, event.dims_displayed)
         vertex = None if start is None else first_vertex(layer, start, end)
@@ -231,26 +231,26 @@ class DrawCuts(WorkingDock):
             self._work(partial(find_cuts, self.drawing.surface, by), "finding cuts", self._on_found)
 
     def _of_map(self) -> None:
-        flat_map = Workbench.of(self._viewer).map_of(self._layer)
+        flat_map = ViewerState.of(self._viewer).map_of(self._layer)
         if self.drawing is not None and flat_map is not None:
             self._work(partial(cuts_of_map, self.drawing.surface, flat_map), "finding cuts", self._on_found)
 
     def _on_found(self, found: Found) -> None:
         self._do(lambda drawing: drawing.set_cuts(*found))
 
-    def _on_weigh(self) -> None:
+    def _on_evaluate(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
-            work = partial(weigh_cuts, self.drawing.surface, paths, self.drawing.left_out)
-            self._weighed = self.drawing.cuts
-            self._work(work, "weighing the cuts", self._on_weighed)
+            work = partial(evaluate_cuts, self.drawing.surface, paths, self.drawing.left_out)
+            self._evaluated = self.drawing.cuts
+            self._work(work, "weighing the cuts", self._on_evaluated)
 
-    def _on_weighed(self, weighed: tuple[float, list[float]]) -> None:
+    def _on_evaluated(self, weighed: tuple[float, list[float]]) -> None:
         """Tell what cuts are worth, unless they are others by now."""
-        if self.drawing is None or self.drawing.cuts != self._weighed:
+        if self.drawing is None or self.drawing.cuts != self._evaluated:
             self.status.setText("The cuts were changed meanwhile: weigh them again.")
             return
         error, gains = weighed
-        rows = [row for row, cut in enumerate(self._weighed) if cut.is_complete]
+        rows = [row for row, cut in enumerate(self._evaluated) if cut.is_complete]
         for row, gain in zip(rows, gains, strict=True):
             self.cuts.setItem(
                 row, 2, _cell(f"{100 * gain:+.1f} %".replace("-", "−") if np.isfinite(gain) else "unknown")
@@ -297,13 +297,13 @@ class DrawCuts(WorkingDock):
 
     def _on_use(self) -> None:
         if self.drawing is not None and self._layer is not None:
-            Workbench.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
+            ViewerState.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
             self.status.setText(f"Flatten surface will cut '{self._layer.name}' so.")
 
     def _on_again(self) -> None:
         self._on_use()
         self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # unless it is open
-        Workbench.of(self._viewer).asked_again.emit(self._layer, self._foreground)
+        ViewerState.of(self._viewer).flatten_requested.emit(self._layer, self._foreground)
 
     # ------------------------------------------------------------------------------------------- working
 
@@ -312,7 +312,7 @@ class DrawCuts(WorkingDock):
             self.status.setText(f"{what}…")
         self._enable()
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         self.status.setText(message)
 
     def _update(self, status: str | None = None) -> None:
@@ -322,8 +322,8 @@ class DrawCuts(WorkingDock):
             assert self.drawing is not None
             for column, text in enumerate((self.drawing.title(cut), f"{self.drawing.length(cut):.0f} mm", "")):
                 self.cuts.setItem(row, column, _cell(text))
-        if self._scene is not None and self._scene.is_there:
-            self._scene.update()
+        if self._layers is not None and self._layers.is_there:
+            self._layers.update()
         if self.drawing is not None:
             total = sum(self.drawing.length(cut) for cut in cuts)
             self.status.setText(status or f"{len(cuts)} cuts, {total:.0f} mm.")
@@ -331,32 +331,32 @@ class DrawCuts(WorkingDock):
 
     def _enable(self) -> None:
         drawing = self.drawing
-        idle = self._worker is None and not (self._scene is not None and self._scene.is_coming)
+        idle = self._worker is None and not (self._layers is not None and self._layers.is_coming)
         self.begin.setEnabled(idle)
         for button in (self.draw, self.standard, self.automatic, self.load):
             button.setEnabled(idle and drawing is not None)
-        is_mapped = Workbench.of(self._viewer).map_of(self._layer) is not None
-        self.of_map.setEnabled(idle and drawing is not None and is_mapped)
+        is_mapped = ViewerState.of(self._viewer).map_of(self._layer) is not None
+        self.from_map.setEnabled(idle and drawing is not None and is_mapped)
         self.again.setEnabled(idle and drawing is not None and bool(drawing.cuts) and is_mapped)
         self.end_cut.setEnabled(idle and drawing is not None and drawing.is_open)
         self.undo.setEnabled(idle and drawing is not None and drawing.can_undo)
         self.redo.setEnabled(idle and drawing is not None and drawing.can_redo)
-        for button in (self.remove, self.weigh, self.save, self.template, self.use):
+        for button in (self.remove, self.evaluate, self.save, self.template, self.use):
             button.setEnabled(idle and drawing is not None and bool(drawing.cuts))
 
     # -------------------------------------------------------------------------------------------- ending
 
     def _end(self) -> None:
         self.draw.setChecked(False)
-        if self._scene is not None:
-            self._scene.remove()
-        self._scene = self.drawing = self._layer = None
+        if self._layers is not None:
+            self._layers.remove()
+        self._layers = self.drawing = self._layer = None
         self._update()
 
     def _release(self) -> None:
         super()._release()
         self._keys.release()
-        Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
+        ViewerState.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
         self.form.release()
         self._end()
 

@@ -137,9 +137,9 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.dock import open_flat_map
-    from voxflat._napari.workbench import Workbench
+    from voxflat._napari.viewer_state import ViewerState
 
-    Workbench.of(viewer)
+    ViewerState.of(viewer)
     if any(keywords.get("metadata", {}).get("voxflat") is not None for _, keywords, _ in layers):
         open_flat_map(viewer)
     are_volumes = all(kind in ("image", "labels") and np.ndim(data) == 3 for data, _, kind in layers)

@@ -8,8 +8,8 @@ from napari.layers import Labels
 from qtpy.QtWidgets import QComboBox, QWidget
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.timers import once
-from voxflat._napari.worker import Errand
+from voxflat._napari.timers import single_shot
+from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.foreground import labels_in
 
 _SCANNED = 2**29  # voxels; larger layers, perhaps on a disk far away, are not read only to list their labels
@@ -23,7 +23,7 @@ class LabelChoice(QComboBox):
         super().__init__(parent)
         self._layer: Labels | None = None
         self._labels: dict[int, int] | None = None  # and their numbers of voxels, once they are known
-        self._timer = once(self, _PAUSE, self.scan)
+        self._timer = single_shot(self, _PAUSE, self.scan)
 
     @property
     def label(self) -> int | None:
@@ -56,7 +56,7 @@ class LabelChoice(QComboBox):
         """List the labels, in another thread."""
         if self._layer is None or np.prod(finest(self._layer).shape) > _SCANNED:
             return
-        worker = Errand(partial(_labels, finest(self._layer)))
+        worker = BackgroundTask(partial(_labels, finest(self._layer)))
         worker.returned.connect(self._on_scanned)
         worker.start()
 

@@ -7,7 +7,7 @@ from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of
 from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QSpinBox, QWidget
 
 from voxflat._napari.forms.fields import choice, offer, show_row, spin
-from voxflat._napari.workbench import DrawnCuts
+from voxflat._napari.viewer_state import DrawnCuts
 from voxflat.methods import METHODS
 from voxflat.methods.method import OverTriangles
 

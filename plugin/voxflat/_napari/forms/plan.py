@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from qtpy.QtWidgets import QLabel, QWidget
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.timers import once
-from voxflat._napari.worker import Errand
+from voxflat._napari.timers import single_shot
+from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.standard.sphere import sphere_at
 
 _COUNTED = 2**27  # voxels; in larger layers, perhaps on a disk far away, surface voxels are not counted only for this
@@ -53,7 +53,7 @@ class Plan(QLabel):
         self._asked: _Asked | None = None
         self._counted: tuple[Any, ...] = ()  # of what
         self._count: int | None = None
-        self._timer = once(self, _PAUSE, self._start_counting)
+        self._timer = single_shot(self, _PAUSE, self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
         """Tell the plan for a layer and what else the form asks for; none for no layer."""
@@ -75,7 +75,9 @@ class Plan(QLabel):
         asked = self._asked
         if asked is None or not isinstance(finest(asked.layer), np.ndarray) or finest(asked.layer).size > _COUNTED:
             return
-        worker = Errand(partial(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted))
+        worker = BackgroundTask(
+            partial(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted)
+        )
         worker.returned.connect(self._on_counted)
         worker.start()
 

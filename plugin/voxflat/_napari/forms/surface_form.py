@@ -20,7 +20,7 @@ from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS
@@ -42,7 +42,7 @@ class SurfaceForm(LayerForm):
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
-        self._workbench = Workbench.of(viewer)
+        self._state = ViewerState.of(viewer)
         self._make_fields(viewer)
         self._add_rows(
             (
@@ -58,7 +58,7 @@ class SurfaceForm(LayerForm):
                 ("Show on map", self.sampled),
                 ("at depth", self.sample_depth),
                 ("Method", self.method),
-                ("Go on", self.go_on),
+                ("Go on", self.continues),
                 ("World axes", self.world),
             ),
             advanced=self.options,
@@ -66,15 +66,15 @@ class SurfaceForm(LayerForm):
         self._rows.addRow(self.plan)
         self.patch.currentIndexChanged.connect(self._on_patch)
         self.method.currentIndexChanged.connect(self._on_method)
-        self.label.currentIndexChanged.connect(self._tell_plan)
-        self.options.changed.connect(self._tell_plan)
+        self.label.currentIndexChanged.connect(self._update_plan)
+        self.options.changed.connect(self._update_plan)
         for followed in (self.pial, self.polygon, self.masked_by, self.sampled):
-            followed.chosen.connect(self._tell_plan)
-        self.threshold.box.valueChanged.connect(self._tell_plan)
-        self.radius.valueChanged.connect(self._tell_plan)
-        self.go_on.toggled.connect(self._tell_plan)
-        self._workbench.cuts_drawn.connect(self._on_cuts_drawn)
-        self._workbench.changed.connect(self._offer_to_go_on)
+            followed.chosen.connect(self._update_plan)
+        self.threshold.box.valueChanged.connect(self._update_plan)
+        self.radius.valueChanged.connect(self._update_plan)
+        self.continues.toggled.connect(self._update_plan)
+        self._state.cuts_drawn.connect(self._on_cuts_drawn)
+        self._state.changed.connect(self._offer_to_go_on)
         self._on_surface()
         self._on_patch()
         self._on_method()
@@ -100,8 +100,8 @@ class SurfaceForm(LayerForm):
         self.masked_by = LayerChoice(viewer, self._mask_rank)
         self.masked_by.setPlaceholderText("open a Labels layer of the same voxels")
         self.masked_by.setToolTip("Only where this Labels layer, of the same shape, is not 0")
-        self.go_on = QCheckBox("from the map that is shown")
-        self.go_on.setToolTip(
+        self.continues = QCheckBox("from the map that is shown")
+        self.continues.setToolTip(
             "The new map starts from the one that is shown and keeps its position: use it after a change of cuts or "
             "options. The shown map must contain all that is flattened; without other cuts its own are kept"
         )
@@ -124,12 +124,12 @@ class SurfaceForm(LayerForm):
         self.masked_by.refresh()
         self._show_row(self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
-        self.options.offer_drawn(self._workbench.cuts_of(layer))
+        self.options.offer_drawn(self._state.cuts_of(layer))
         self._offer_to_go_on()
-        self._tell_plan()
+        self._update_plan()
 
     def _on_cuts_drawn(self) -> None:
-        self.options.offer_drawn(self._workbench.cuts_of(self.surface.layer), chosen=True)
+        self.options.offer_drawn(self._state.cuts_of(self.surface.layer), chosen=True)
 
     def _on_patch(self) -> None:
         part = self.patch.currentData()
@@ -137,24 +137,24 @@ class SurfaceForm(LayerForm):
             self._show_row(field, part == "disk")
         self._show_row(self.polygon, part == "polygon")
         self._show_row(self.masked_by, part == "mask")
-        self._tell_plan()
+        self._update_plan()
 
     def _on_method(self) -> None:
         self.options.set_method(self.method.currentData())
         self._offer_to_go_on()
-        self._tell_plan()
+        self._update_plan()
 
     def _offer_to_go_on(self) -> None:
         is_there = self._map_to_go_on_from() is not None
         if not is_there:
-            self.go_on.setChecked(False)
-        self._show_row(self.go_on, is_there)
+            self.continues.setChecked(False)
+        self._show_row(self.continues, is_there)
 
     def _map_to_go_on_from(self) -> FlatMap | None:
         is_known = takes(self.method.currentData(), "start")
-        return self._workbench.map_of(self.surface.layer) if is_known else None
+        return self._state.map_of(self.surface.layer) if is_known else None
 
-    def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
+    def continue_from_shown_map(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
         """Ask for a layer's surface along the cuts that were drawn, from the map that is shown."""
         self.surface.choose(layer)
         if label is not None:
@@ -163,10 +163,10 @@ class SurfaceForm(LayerForm):
             self.threshold.setValue(threshold)
         self.method.setCurrentIndex(self.method.findData("voxflat"))
         self.patch.setCurrentIndex(self.patch.findData("whole"))
-        self.options.offer_drawn(self._workbench.cuts_of(layer), chosen=True)
-        self.go_on.setChecked(True)
+        self.options.offer_drawn(self._state.cuts_of(layer), chosen=True)
+        self.continues.setChecked(True)
 
-    def _tell_plan(self) -> None:
+    def _update_plan(self) -> None:
         layer = self.surface.layer
         if layer is None or layer.ndim != 3:
             self.plan.follow(None)
@@ -179,7 +179,7 @@ class SurfaceForm(LayerForm):
             cuts=self.options.cuts,
             radius=self.radius.value(),
             has_pial=is_mesh and self.pial.layer is not None,
-            goes_on=self.go_on.isChecked(),
+            goes_on=self.continues.isChecked(),
             **({} if is_mesh else self._foreground(layer)),
         )
 
@@ -218,7 +218,7 @@ class SurfaceForm(LayerForm):
             pixel_size=self.pixel_size.value() or None,
             shown=self._shown(layer, world),
             options=self.options.options(method),
-            start=self._map_to_go_on_from() if self.go_on.isChecked() else None,
+            start=self._map_to_go_on_from() if self.continues.isChecked() else None,
             **self._part(layer, world),
             **how,
         )
@@ -258,8 +258,8 @@ class SurfaceForm(LayerForm):
     def release(self) -> None:
         """Stop following the viewer."""
         super().release()
-        self._workbench.cuts_drawn.disconnect(self._on_cuts_drawn)
-        self._workbench.changed.disconnect(self._offer_to_go_on)
+        self._state.cuts_drawn.disconnect(self._on_cuts_drawn)
+        self._state.changed.disconnect(self._offer_to_go_on)
         self.seed.release()
         self.plan.follow(None)
         for followed in (self.pial, self.polygon, self.masked_by):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import LayerPlace, moved
-from voxflat._napari.map_viewer.sheet import FAR, Sheet
-from voxflat._napari.timers import once
+from voxflat._napari.map_viewer.prepared_map import FAR, PreparedMap
+from voxflat._napari.timers import single_shot
 from voxflat.maps.lines import ellipse
 
 _CLOSED = ("polygon", "rectangle", "ellipse")
@@ -70,17 +70,17 @@ class OnMap:
     left_out: str  # what lies too far from the surface, in words; empty if nothing does
 
 
-def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
+def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
     """Carry annotations to the nearest places of a map's surface within `FAR`; lines follow it, but not over cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
-    dots = sheet.places(points)
+    dots = prepared.places(points)
     known = np.isfinite(dots[:, 0])
     lines, line_colours, shapes, far = [], [], 0, 0
     for one in annotations:
         for line, colour in zip(one.lines, one.line_colours, strict=True):
-            places = sheet.places(_along(line, sheet))
-            parts = split(places, sheet.spacing)
+            places = prepared.places(_along(line, prepared))
+            parts = split(places, prepared.spacing)
             lines += parts
             line_colours += [colour] * len(parts)
             shapes += 1
@@ -101,10 +101,10 @@ def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float6
     return [part for part in np.split(places, breaks) if len(part) > 1]
 
 
-def _along(line: NDArray[np.float64], sheet: Sheet) -> NDArray[np.float64]:
+def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float64]:
     """Return places along a line, so near that no point is left out; what lies beyond the surface is one NaN."""
-    low, high = sheet.points.min(axis=0) - FAR, sheet.points.max(axis=0) + FAR
-    step = sheet.spacing / _FINER
+    low, high = prepared.points.min(axis=0) - FAR, prepared.points.max(axis=0) + FAR
+    step = prepared.spacing / _FINER
     found = []
     for a, b in pairwise(line):
         along = b - a
@@ -147,7 +147,7 @@ class VolumeAnnotations(QObject):
         super().__init__(parent)
         self._viewer = viewer
         self._events: list[Any] = []
-        self._soon = once(self, 0, self.changed)
+        self._soon = single_shot(self, 0, self.changed)
         for event in self._of_list:
             event.connect(self._on_layers)
         self._on_layers()

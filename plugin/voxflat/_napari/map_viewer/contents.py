@@ -14,7 +14,7 @@ from superqt.utils import signals_blocked
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import Run, limits
 
 Content: TypeAlias = "Measure | Layer | None"
@@ -33,11 +33,11 @@ def suits(layer: Layer, run: Run) -> bool:
     return isinstance(layer, Surface) and told["kind"] == "mesh" and len(layer.vertices) == told["vertices"]
 
 
-def drawing(shown: Shown) -> Callable[[Sheet], Picture]:
-    """Return what draws a layer's values on a sheet, in any thread."""
+def drawing(shown: Shown) -> Callable[[PreparedMap], Picture]:
+    """Return what draws a layer's values on a prepared, in any thread."""
 
-    def draw(sheet: Sheet) -> Picture:
-        image = shown.image(sheet.planar, sheet.pixel_size)
+    def draw(prepared: PreparedMap) -> Picture:
+        image = shown.image(prepared.planar, prepared.pixel_size)
         if image.is_colour:
             return Picture(image.data, image.origin, image.pixel_size)
         data = image.data.astype(np.float32)

@@ -6,7 +6,7 @@ from qtpy.QtCore import QEvent, QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPen
 from qtpy.QtWidgets import QGraphicsItem, QWidget
 
-from voxflat._napari.timers import once
+from voxflat._napari.timers import single_shot
 
 SIZE = 25.0
 """Side of the square that holds it, pixels."""
@@ -54,7 +54,7 @@ class RingWidget(QWidget):
         self.setFixedSize(int(SIZE), int(SIZE))
         self.is_near = True
         self._has_moved = False
-        self._rest = once(self, _REST, canvas.update)
+        self._rest = single_shot(self, _REST, canvas.update)
         self.hide()
         canvas.installEventFilter(self)
 

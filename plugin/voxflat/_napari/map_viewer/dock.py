@@ -13,25 +13,25 @@ from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButto
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
+from voxflat._napari.docks import Dock
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
-from voxflat._napari.map_viewer.link import ViewerLink
+from voxflat._napari.map_viewer.legend import Legend
 from voxflat._napari.map_viewer.measures import DISTANCES, Measure
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
-from voxflat._napari.map_viewer.sheet import Sheet, Spot
-from voxflat._napari.map_viewer.strip import Strip
+from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
+from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import Run
-from voxflat._napari.tabs import Dock
-from voxflat._napari.timers import once
-from voxflat._napari.workbench import Workbench
-from voxflat._napari.worker import Latest
+from voxflat._napari.timers import single_shot
+from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.worker import LatestTask
 from voxflat.errors import VoxflatError
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
@@ -39,7 +39,7 @@ _MM, _CORTEX = "mm outside", "of cortex"
 _SHARE = 0.43  # of the window: as wide is the dock at first; as much is left for the viewer
 _CLEAR = 0.85  # the folds show through a little
 
-_Drawn: TypeAlias = tuple[Sheet, Picture | None, NDArray[np.uint8] | None]
+_Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None]
 
 GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
 """What a click on the map may do."""
@@ -70,11 +70,11 @@ class FlatMapDock(Dock):
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
         self._viewer = napari_viewer
-        self._workbench = Workbench.of(napari_viewer)
+        self._state = ViewerState.of(napari_viewer)
         self._run: Run | None = None
         self._looks: list[Any] = []
         self._told: tuple[Spot | None, tuple[float, float] | None] | None = None
-        self.sheet: Sheet | None = None
+        self.prepared: PreparedMap | None = None
         """The run's map, ready to be looked up; None until it is drawn."""
         self.picture: Picture | None = None
         """What is shown over the folds."""
@@ -82,10 +82,10 @@ class FlatMapDock(Dock):
         self._points: list[drawings.Place] = []  # that are about to be in the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
-        self._carrier = Latest(self, self._on_carried, self._on_not_carried)
-        self._annotator = Latest(self, self._on_annotated, self._on_not_annotated)
-        self._painter = Latest(self, self._on_drawn, self._on_failed)
-        self._soon = once(self, 0, self._draw)  # several changes at once are one
+        self._carrier = LatestTask(self, self._on_carried, self._on_not_carried)
+        self._annotator = LatestTask(self, self._on_annotated, self._on_not_annotated)
+        self._painter = LatestTask(self, self._on_drawn, self._on_failed)
+        self._soon = single_shot(self, 0, self._draw)  # several changes at once are one
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -105,7 +105,7 @@ class FlatMapDock(Dock):
         self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.keep = QCheckBox("Keep maps")
         self.keep.setToolTip("Keep earlier maps in the list; otherwise a new map replaces the one before")
-        self.keep.setChecked(self._workbench.keeps_earlier)
+        self.keep.setChecked(self._state.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
         self.contents.setToolTip(
             "What the map shows: a distortion measure, or a layer of the viewer "
@@ -137,7 +137,7 @@ class FlatMapDock(Dock):
             f"Fit the map to the window ({key_text(_WHOLE)}, or double click). Scroll to zoom, drag to move"
         )
         self.canvas = MapCanvas()
-        self.strip = Strip()
+        self.legend = Legend()
         self.text = QLabel(NOTHING)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -172,12 +172,12 @@ class FlatMapDock(Dock):
         layout.addLayout(first)
         layout.addLayout(second)
         layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.strip)
+        layout.addWidget(self.legend)
         layout.addWidget(self.text)
         layout.addWidget(self.left_out)
 
     def _connect(self) -> None:
-        self._workbench.changed.connect(self._on_runs)
+        self._state.changed.connect(self._on_runs)
         self._viewer.events.theme.connect(self._on_theme)
         self._viewer.dims.events.current_step.connect(self._on_step)
         self.runs.activated.connect(self._on_run_chosen)
@@ -200,8 +200,8 @@ class FlatMapDock(Dock):
         self.link.clicked.connect(self._on_viewer_clicked)
         self.annotations.changed.connect(self._annotate)
         self.outline.failed.connect(self._on_failed)
-        self.outline.switched.connect(self.outlined.setChecked)
-        self.painted.switched.connect(self.on_surface.setChecked)
+        self.outline.toggled.connect(self.outlined.setChecked)
+        self.painted.toggled.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
         """Return what keys do."""
@@ -217,7 +217,7 @@ class FlatMapDock(Dock):
 
     def _on_runs(self) -> None:
         """Offer the runs that there are, and show the current one."""
-        runs, current = self._workbench.runs, self._workbench.current
+        runs, current = self._state.runs, self._state.current
         with signals_blocked(self.runs):
             self.runs.clear()
             self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
@@ -227,13 +227,13 @@ class FlatMapDock(Dock):
             self._show_run(current)
 
     def _on_run_chosen(self, index: int) -> None:
-        self._workbench.choose(self._workbench.runs[index])
+        self._state.choose(self._state.runs[index])
 
     def _on_keep(self, keep: bool) -> None:
-        self._workbench.keeps_earlier = keep
+        self._state.keeps_earlier = keep
 
     def _show_run(self, run: Run | None) -> None:
-        self._run, self.sheet, self.link.sheet = run, None, None
+        self._run, self.prepared, self.link.prepared = run, None, None
         self._told = None
         self._points, self._regions, self._annotations = [], [], []
         self._say_left_out("")
@@ -245,8 +245,8 @@ class FlatMapDock(Dock):
         self.contents.show_run(run)
         if run is None:
             self.canvas.hide_map()
-            self.strip.show_marks([], None)
-            self.strip.show_colours(None)
+            self.legend.show_marks([], None)
+            self.legend.show_colours(None)
             self.painted.remove()
             self.outline.remove()
 
@@ -317,7 +317,7 @@ class FlatMapDock(Dock):
             self._on_failed(error)
             return
         opacity = self.opacity.value() if self.on_surface.isChecked() else None
-        self._painter.ask(partial(_drawn, run, self.sheet, draw, opacity))
+        self._painter.ask(partial(_drawn, run, self.prepared, draw, opacity))
 
     def _drawing(self, content: Content) -> Any:
         if content is None:
@@ -348,56 +348,56 @@ class FlatMapDock(Dock):
     def _on_outlined(self, outlined: bool) -> None:
         if not outlined:
             self.outline.hide()
-        elif self.sheet is not None:
-            self.outline.show(self.sheet)
+        elif self.prepared is not None:
+            self.outline.show(self.prepared)
 
     def _on_drawn(self, result: _Drawn) -> None:
-        sheet, picture, colours = result
-        if sheet.run is not self._run:
+        prepared, picture, colours = result
+        if prepared.run is not self._run:
             return
-        if sheet is not self.sheet:
-            self.sheet = self.link.sheet = sheet
-            self.canvas.show_map(sheet.folds, sheet.outline)
-            self.strip.show_marks(sheet.directions, sheet.side)
+        if prepared is not self.prepared:
+            self.prepared = self.link.prepared = prepared
+            self.canvas.show_map(prepared.folds, prepared.outline)
+            self.legend.show_marks(prepared.directions, prepared.side)
             self.text.setText(_HINT)
             self._annotate()
-            self.painted.take_up(sheet)
-            self.outline.take_up(sheet)
+            self.painted.take_up(prepared)
+            self.outline.take_up(prepared)
             self._on_outlined(self.outlined.isChecked())
         self.picture = picture
         self.canvas.show_picture(picture)
-        self.strip.show_colours(None if picture is None else picture.scale)
+        self.legend.show_colours(None if picture is None else picture.scale)
         if self._told is not None:
             self._tell(*self._told)
         if colours is not None and self.on_surface.isChecked():
-            self.painted.show(sheet, colours)
+            self.painted.show(prepared, colours)
 
     def _on_failed(self, error: Exception) -> None:
-        if self.sheet is None:  # what is painted and outlined is of a map before
+        if self.prepared is None:  # what is painted and outlined is of a map before
             self.painted.remove()
             self.outline.remove()
         self.canvas.show_picture(None)
-        self.strip.show_colours(None)
+        self.legend.show_colours(None)
         self.text.setText(" ".join(str(error).split()))
 
     # ------------------------------------------------------------------------------ drawn in the volume
 
     def _annotate(self) -> None:
         """Have points and shapes of the volume carried to the map in a thread, if there are others than before."""
-        if self.sheet is None:
+        if self.prepared is None:
             return
         try:
-            found = self.annotations.taken(self.sheet.origin.get("world_axes", "RAS"))
+            found = self.annotations.taken(self.prepared.origin.get("world_axes", "RAS"))
         except VoxflatError as error:
             self._on_not_annotated(error)
             return
         before, self._annotations = self._annotations, found
         if len(found) != len(before) or not all(one.is_same(other) for one, other in zip(found, before, strict=True)):
-            self._annotator.ask(partial(_annotated, self.sheet, found))
+            self._annotator.ask(partial(_annotated, self.prepared, found))
 
-    def _on_annotated(self, result: tuple[Sheet, OnMap]) -> None:
-        sheet, found = result
-        if sheet is self.sheet:
+    def _on_annotated(self, result: tuple[PreparedMap, OnMap]) -> None:
+        prepared, found = result
+        if prepared is self.prepared:
             self.canvas.show_annotations(found)
             self._say_left_out(found.left_out)
 
@@ -413,7 +413,7 @@ class FlatMapDock(Dock):
     # -------------------------------------------------------------------------------------------- link
 
     def _on_map_pointed(self, u: float, v: float) -> None:
-        spot = None if self.sheet is None else self.sheet.spot(u, v)
+        spot = None if self.prepared is None else self.prepared.spot(u, v)
         self.canvas.place_ring(None)  # the mouse is there
         self.link.mark(None if spot is None else spot.point)
         self._tell(spot, (u, v))
@@ -423,31 +423,31 @@ class FlatMapDock(Dock):
         self._tell(None, None)
 
     def _on_map_clicked(self, u: float, v: float) -> None:
-        spot = None if self.sheet is None else self.sheet.spot(u, v)
-        if self.sheet is None or spot is None:
+        spot = None if self.prepared is None else self.prepared.spot(u, v)
+        if self.prepared is None or spot is None:
             return
         wanted = self.click.currentText()
         if wanted == GO:
             self.link.centre(spot.point)
         elif wanted == MARK:
             self._points.append((u, v))
-            self._carrier.ask(partial(drawings.points, self.sheet, [*self._points]))
+            self._carrier.ask(partial(drawings.points, self.prepared, [*self._points]))
             self._show_drawn([])
         else:
             self._corners.append((u, v))
             self._show_drawn([np.array(self._corners)] if wanted == REGION else [])
             if wanted == MEASURE and len(self._corners) == 2:
-                self._carrier.ask(partial(drawings.way, self.sheet, *self._corners))
+                self._carrier.ask(partial(drawings.way, self.prepared, *self._corners))
                 self._corners = []
 
     def _on_double_click(self) -> None:
         """Close the region, if one is drawn; else show the whole map."""
         if self.click.currentText() != REGION:
             self.canvas.fit()
-        elif self.sheet is not None and len(self._corners) > 2:
+        elif self.prepared is not None and len(self._corners) > 2:
             self._regions.append(self._corners)
             self._corners = []
-            self._carrier.ask(partial(drawings.regions, self.sheet, [*self._regions]))
+            self._carrier.ask(partial(drawings.regions, self.prepared, [*self._regions]))
 
     def _on_carried(self, drawn: drawings.Drawn) -> None:
         layer = drawings.put(self._viewer, drawn.layer)
@@ -473,7 +473,7 @@ class FlatMapDock(Dock):
     def _on_viewer_pointed(self, place: tuple[float, float] | None) -> None:
         self.canvas.place_ring(place)
         self.link.mark(None)
-        spot = None if place is None or self.sheet is None else self.sheet.spot(*place)
+        spot = None if place is None or self.prepared is None else self.prepared.spot(*place)
         self._tell(spot, place)
 
     def _on_viewer_clicked(self, place: tuple[float, float]) -> None:
@@ -484,7 +484,7 @@ class FlatMapDock(Dock):
         """Say in a line what lies at a place."""
         self._told = (spot, place)
         if spot is None or place is None:
-            self.text.setText(_HINT if self.sheet is not None else self.text.text())
+            self.text.setText(_HINT if self.prepared is not None else self.text.text())
             return
         x, y, z = spot.point
         number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {_joined(spot.vertex)}"
@@ -499,12 +499,12 @@ class FlatMapDock(Dock):
         self.text.setText("   ·   ".join(told).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
-        self.strip.show_length(self.canvas.scale_factor)
+        self.legend.show_length(self.canvas.scale_factor)
 
     def _on_theme(self) -> None:
         background, ink = theme_colours(self._viewer)
         self.canvas.setBackgroundBrush(background)
-        self.strip.set_ink(ink)
+        self.legend.set_ink(ink)
 
     # ------------------------------------------------------------------------------------------ ending
 
@@ -522,20 +522,20 @@ class FlatMapDock(Dock):
         for event in self._looks:
             event.disconnect(self._on_look)
         self._looks = []
-        self._workbench.changed.disconnect(self._on_runs, missing_ok=True)
+        self._state.changed.disconnect(self._on_runs, missing_ok=True)
         self._viewer.events.theme.disconnect(self._on_theme)
         self._viewer.dims.events.current_step.disconnect(self._on_step)
 
 
-def _drawn(run: Run, sheet: Sheet | None, draw: Any, opacity: float | None) -> _Drawn:
+def _drawn(run: Run, prepared: PreparedMap | None, draw: Any, opacity: float | None) -> _Drawn:
     """Draw, and find the surface's colours if they are asked for; called by a thread."""
-    ready = Sheet.of(run) if sheet is None else sheet
+    ready = PreparedMap.of(run) if prepared is None else prepared
     picture = None if draw is None else draw(ready)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity)
 
 
-def _annotated(sheet: Sheet, annotations: list[Annotation]) -> tuple[Sheet, OnMap]:
-    return sheet, on_map(sheet, annotations)
+def _annotated(prepared: PreparedMap, annotations: list[Annotation]) -> tuple[PreparedMap, OnMap]:
+    return prepared, on_map(prepared, annotations)
 
 
 def _joined(numbers: tuple[int, ...]) -> str:

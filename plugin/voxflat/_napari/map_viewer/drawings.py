@@ -10,9 +10,9 @@ from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import from_ras
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
-from voxflat._napari.results.listed import insert
+from voxflat._napari.results.layer_list import insert
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
@@ -33,45 +33,45 @@ class Drawn:
     told: str = ""
 
 
-def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
+def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
     """Carry points (u, v) of the map to the surface."""
-    spots = [spot for spot in (sheet.spot(*place) for place in places) if spot is not None]
+    spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     keywords = {
         "name": "points of the map",
         "face_color": _COLOUR,
         "size": 2,
-        "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [sheet.run.name] * len(spots)},
-        **_placement(sheet),
+        "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)},
+        **_placement(prepared),
     }
-    return Drawn((_world(sheet, np.array([spot.point for spot in spots])), keywords, "points"))
+    return Drawn((_world(prepared, np.array([spot.point for spot in spots])), keywords, "points"))
 
 
-def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
+def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
     """Carry polygons of a map to voxels or vertices; raises InputError if none lies in one, or for a page."""
-    flat_map = _map(sheet)
+    flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     told = f"{len(polygons)} region{'s' * (len(polygons) > 1)}"
-    keywords: dict[str, Any] = {"name": "regions of the map", **_placement(sheet)}
+    keywords: dict[str, Any] = {"name": "regions of the map", **_placement(prepared)}
     if not flat_map.is_voxels:
-        surface = (_world(sheet, sheet.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
+        surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
         return Drawn((surface, {**keywords, **look}, "surface"), told)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
     if not np.isnan(flat_map.normals).all():  # of what has an outside, where the cortex lies
-        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if sheet.pial_is_known else _CORTEX)
+        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if prepared.pial_is_known else _CORTEX)
         labels = np.where(labels == 0, cortex.data, labels)
     to_mm = flat_map.affine
-    corners = _world(sheet, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
+    corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
     affine = np.eye(4)
     affine[:3, 3] = corners[0]
     affine[:3, :3] = (corners[1:] - corners[0]).T
     return Drawn((labels, {**keywords, "affine": affine}, "labels"), told)
 
 
-def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
+def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
     """Find the shortest way between two places of the map on its surface, of a mesh across cuts, too; or InputError."""
-    flat_map = _map(sheet)
-    ends = [sheet.place_row(*end) for end in (a, b)]
+    flat_map = _map(prepared)
+    ends = [prepared.place_row(*end) for end in (a, b)]
     if None in ends:
         raise InputError("one of the places lies beside the map")
     faces = flat_map.faces[~flat_map.torn].astype(np.int64)
@@ -82,13 +82,13 @@ def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
     found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
     told = f"{found.length:.1f} mm over the surface, {flat:.1f} mm on the map"
-    line = _world(sheet, flat_map.space.to_scanner(found.points))
+    line = _world(prepared, flat_map.space.to_scanner(found.points))
     keywords = {
         "name": "way over the surface",
         "shape_type": "path",
         "edge_color": _COLOUR,
         "edge_width": 0.7,
-        **_placement(sheet),
+        **_placement(prepared),
     }
     return Drawn(([line], keywords, "shapes"), told)
 
@@ -116,17 +116,17 @@ def put(viewer: Viewer, data: LayerData) -> Layer:
     return layer
 
 
-def _map(sheet: Sheet) -> FlatMap:
-    flat_map = sheet.run.flat_map
+def _map(prepared: PreparedMap) -> FlatMap:
+    flat_map = prepared.run.flat_map
     if not isinstance(flat_map, FlatMap):
         raise InputError("this needs a map of one piece, not a page of patches")
     return flat_map
 
 
-def _world(sheet: Sheet, of: NDArray[np.float64]) -> NDArray[np.float64]:
+def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
     """Carry points from RAS+ mm to mm along the world's axes."""
-    return from_ras(of.reshape(-1, 3), sheet.origin.get("world_axes", "RAS"))
+    return from_ras(of.reshape(-1, 3), prepared.origin.get("world_axes", "RAS"))
 
 
-def _placement(sheet: Sheet) -> dict[str, Any]:
-    return {"units": units(sheet.run.flat_map, 3)}
+def _placement(prepared: PreparedMap) -> dict[str, Any]:
+    return {"units": units(prepared.run.flat_map, 3)}

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import from_ras, to_ras
-from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.map_viewer.switched import SwitchedLayer
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
-from voxflat._napari.worker import Latest
+from voxflat._napari.worker import LatestTask
 from voxflat.unique_rows import distinct
 
 _PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])  # red, green, blue, opacity
@@ -26,33 +26,35 @@ Segments: TypeAlias = NDArray[np.float64]
 """Segments, shape (S, 2, 3): their ends, RAS+ mm in scanner space."""
 
 
-def width(sheet: Sheet) -> float:
+def width(prepared: PreparedMap) -> float:
     """Return how wide lines on a surface are, that they are seen from as far as all of it, mm."""
-    return _WIDTH * float(np.linalg.norm(np.ptp(sheet.points, axis=0)))
+    return _WIDTH * float(np.linalg.norm(np.ptp(prepared.points, axis=0)))
 
 
-def edges(sheet: Sheet) -> tuple[Segments, Segments]:
+def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
     """Return the border of the part on a map, and the cuts (of a page its seams), which are there from both sides."""
     pairs = np.concatenate(
-        [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in sheet.rim)]
+        [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in prepared.rim)]
     )
     rows, which = np.unique(pairs, return_inverse=True)
-    same = distinct(sheet.points[rows]).which  # both sides of a cut are at one place
+    same = distinct(prepared.points[rows]).which  # both sides of a cut are at one place
     ends = distinct(np.sort(same[which].reshape(-1, 2), axis=1))
-    found = sheet.points[pairs[ends.first]]
+    found = prepared.points[pairs[ends.first]]
     return found[ends.counts == 1], found[ends.counts > 1]
 
 
-def lifted(sheet: Sheet, segments: Segments) -> Segments:
+def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
     """Return segments a little outside of a surface on which they lie, so that it does not hide them."""
-    rows = scipy.spatial.cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
-    outwards = np.nan_to_num(sheet.planar._triangles.on_surface.normals[rows])  # a thin sheet has no outside
-    return np.asarray(segments + width(sheet) / 2 * outwards.reshape(segments.shape))
+    rows = scipy.spatial.cKDTree(prepared.points).query(segments.reshape(-1, 3))[1]
+    outwards = np.nan_to_num(
+        prepared.planar._triangles.on_surface.normals[rows]
+    )  # a one-voxel-thick surface has no outside
+    return np.asarray(segments + width(prepared) / 2 * outwards.reshape(segments.shape))
 
 
-def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
+def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
     """Return where a surface meets a plane across an axis of RAS, at a level, mm, and marks where cuts meet it."""
-    of, points = sheet.planar._triangles, sheet.points
+    of, points = prepared.planar._triangles, prepared.points
     height = points[:, axis] - level
     above = height > 0
     corners = above[of.faces]
@@ -74,7 +76,7 @@ def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Seg
     nearest = scipy.spatial.cKDTree(surface.mean(axis=1)).query(places)[1]
     along = surface[nearest, 1] - surface[nearest, 0]
     across = np.cross(along, np.eye(3)[axis])
-    across *= _MARK * width(sheet) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    across *= _MARK * width(prepared) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     return surface, np.stack([places - across, places + across], axis=1)
 
 
@@ -98,16 +100,16 @@ _View: TypeAlias = tuple[int, float] | None
 
 
 def _drawn(
-    sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View
-) -> tuple[Sheet, tuple[Segments, Segments], Segments, int]:
+    prepared: PreparedMap, known: tuple[Segments, Segments] | None, view: _View
+) -> tuple[PreparedMap, tuple[Segments, Segments], Segments, int]:
     """Find what is shown; called by a thread."""
-    found = edges(sheet) if known is None else known
-    part, marks = (lifted(sheet, one) for one in found) if view is None else in_slice(sheet, found[1], *view)
-    segments = from_ras(np.concatenate([part, marks]), sheet.origin.get("world_axes", "RAS"))
-    return sheet, found, segments.reshape(-1, 2, 3), len(part)
+    found = edges(prepared) if known is None else known
+    part, marks = (lifted(prepared, one) for one in found) if view is None else in_slice(prepared, found[1], *view)
+    segments = from_ras(np.concatenate([part, marks]), prepared.origin.get("world_axes", "RAS"))
+    return prepared, found, segments.reshape(-1, 2, 3), len(part)
 
 
-class PatchOutline(SwitchedLayer[Vectors]):
+class PatchOutline(ToggledLayer[Vectors]):
     """A Vectors layer that shows, in slices, the surface on the map, and its cuts; in 3D its border and cuts."""
 
     failed = Signal(object)
@@ -115,11 +117,11 @@ class PatchOutline(SwitchedLayer[Vectors]):
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
-        self._sheet: Sheet | None = None
+        self._prepared: PreparedMap | None = None
         self._known: tuple[Segments, Segments] | None = None
         self._view: _View | str = "none yet"
         self._is_wanted = False
-        self._finder = Latest(self, self._on_found, self.failed)
+        self._finder = LatestTask(self, self._on_found, self.failed)
         self._events = (viewer.dims.events.point, viewer.dims.events.ndisplay, viewer.dims.events.order)
         for event in self._events:
             event.connect(self._on_view)
@@ -129,19 +131,19 @@ class PatchOutline(SwitchedLayer[Vectors]):
         """Whether what is shown is about to change."""
         return self._finder.is_busy or self.is_coming
 
-    def show(self, sheet: Sheet) -> None:
+    def show(self, prepared: PreparedMap) -> None:
         """Show where the part lies that is on a map."""
-        self.take_up(sheet)
+        self.take_up(prepared)
         if self.there is None:
             self.layer = None
         self._is_wanted, self._view = True, "none yet"
         self._on_view()
 
-    def take_up(self, sheet: Sheet) -> None:
+    def take_up(self, prepared: PreparedMap) -> None:
         """Become the outline of another map, seen or not."""
-        if sheet is self._sheet:
+        if prepared is self._prepared:
             return
-        self._sheet, self._known = sheet, None
+        self._prepared, self._known = prepared, None
         if self.there is not None and not self._is_wanted:
             self._describe(self.there)
             self.there.data = np.empty((0, 2, 3))
@@ -153,7 +155,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
 
     def remove(self) -> None:
         """Take the layer out of the viewer."""
-        self._sheet = self._known = None
+        self._prepared = self._known = None
         self._is_wanted = False
         super().remove()
 
@@ -166,7 +168,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
 
     def _on_view(self) -> None:
         """Have drawn what is seen now, if it is another slice."""
-        if self._sheet is None or not self._is_wanted or self._was_taken_out:
+        if self._prepared is None or not self._is_wanted or self._was_taken_out:
             return
         dims = self._viewer.dims
         view: _View = None
@@ -174,22 +176,22 @@ class PatchOutline(SwitchedLayer[Vectors]):
             across = [axis - dims.ndim + 3 for axis in dims.not_displayed if axis >= dims.ndim - 3]
             if len(across) != 1:  # a slice along time
                 return
-            world = self._sheet.origin.get("world_axes", "RAS")
+            world = self._prepared.origin.get("world_axes", "RAS")
             point = np.asarray(dims.point, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
             axis = int(np.abs(to_ras(np.eye(3)[across], world)[0]).argmax())
             view = axis, float(to_ras(point[None], world)[0, axis])
         if view != self._view:
             self._view = view
-            self._finder.ask(partial(_drawn, self._sheet, self._known, view))
+            self._finder.ask(partial(_drawn, self._prepared, self._known, view))
 
-    def _on_found(self, found: tuple[Sheet, tuple[Segments, Segments], Segments, int]) -> None:
-        sheet, known, segments, parts = found
-        if sheet is not self._sheet:
+    def _on_found(self, found: tuple[PreparedMap, tuple[Segments, Segments], Segments, int]) -> None:
+        prepared, known, segments, parts = found
+        if prepared is not self._prepared:
             return
         self._known = known
         if not self._is_wanted or self._was_taken_out:
             return
-        seen = width(sheet) / (1 if self._view is None else 2)
+        seen = width(prepared) / (1 if self._view is None else 2)
         colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)
         layer = self.there
         if layer is not None:
@@ -208,7 +210,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
             edge_width=seen / step,
             edge_color=colours if len(colours) else _PART,
             scale=(step,) * 3,
-            units=units(sheet.run.flat_map, 3),
+            units=units(prepared.run.flat_map, 3),
             vector_style="line",
         )
         self._describe(layer)
@@ -216,9 +218,9 @@ class PatchOutline(SwitchedLayer[Vectors]):
 
     def _describe(self, layer: Vectors) -> None:
         """Let the layer say of which map it is."""
-        assert self._sheet is not None
-        layer.metadata = {"voxflat": self._sheet.run.flat_map}
-        layer.name = f"{self._sheet.run.name}, the part on the map"
+        assert self._prepared is not None
+        layer.metadata = {"voxflat": self._prepared.run.flat_map}
+        layer.name = f"{self._prepared.run.name}, the part on the map"
 
     @property
     def _was_taken_out(self) -> bool:

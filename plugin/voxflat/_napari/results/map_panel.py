@@ -50,7 +50,7 @@ class MapPanel(QWidget):
         self.hide()
 
     @property
-    def tells_of_maps(self) -> bool:
+    def shows_maps(self) -> bool:
         """Whether it tells of maps, and not of atlases."""
         return self._what == "map"
 

@@ -39,7 +39,7 @@ class Spot:
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class PreparedMap:
     """What lies in the plane, made once for a run, outside the GUI's thread; then each look-up takes a moment."""
 
     run: Run
@@ -52,7 +52,7 @@ class Sheet:
     points: NDArray[np.float64]  # (N, 3), RAS+ mm in scanner space
 
     @classmethod
-    def of(cls, run: Run) -> Sheet:
+    def of(cls, run: Run) -> PreparedMap:
         """Prepare a run."""
         from voxflat.figures.flat_maps import folds
         from voxflat.figures.marks import directions, side

@@ -12,9 +12,9 @@ from napari.layers import Layer
 from napari.utils.events import Event
 from qtpy.QtCore import QTimer
 
-from voxflat._napari.garbage import put_off_collections
+from voxflat._napari.garbage_collection import defer_collections
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
-from voxflat._napari.timers import BREATH
+from voxflat._napari.timers import PAUSE
 
 _PLACE = ("name", "metadata", "units", "scale", "translate")
 _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
@@ -46,7 +46,7 @@ class ListedLayers:
 
     def show(self, result: FlatLayers) -> None:
         """List the layers of a run."""
-        put_off_collections()
+        defer_collections()
         earlier = self.layers
         for data in [*result.in_space, *result.layers]:
             taken = next((layer for layer in earlier if _is_like(layer, data)), None)
@@ -89,7 +89,7 @@ class ListedLayers:
         try:
             self._steps.popleft()(viewer)
         finally:  # a layer that fails keeps no other one
-            QTimer.singleShot(BREATH, self._go_on)
+            QTimer.singleShot(PAUSE, self._go_on)
 
     def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
         if taken is not None and taken in viewer.layers:

@@ -11,9 +11,9 @@ from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
-from voxflat._napari.timers import once
+from voxflat._napari.timers import single_shot
 
 _CLICK = 4  # pixels; what moves farther is no click
 _IN_SLICE = 1.0  # mm from the slice that is shown
@@ -32,11 +32,11 @@ class ViewerLink(QObject):
         super().__init__(inside)
         self._viewer = viewer
         self._inside = inside
-        self.sheet: Sheet | None = None
+        self.prepared: PreparedMap | None = None
         self._marked: NDArray[np.float64] | None = None
         self.ring: RingWidget | None = None
         """The mark in the viewer, once there was something to mark."""
-        self._drawn = once(
+        self._drawn = single_shot(
             self, 15, self._draw
         )  # once the viewer has turned, and not for each of the events that tell of it
         self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
@@ -56,7 +56,7 @@ class ViewerLink(QObject):
         ):
             if own in callbacks:
                 callbacks.remove(own)
-        self.sheet = None
+        self.prepared = None
         if self.ring is not None:
             self.ring.hide()
             self.ring.deleteLater()
@@ -66,30 +66,30 @@ class ViewerLink(QObject):
 
     @property
     def _is_linked(self) -> bool:
-        return self.sheet is not None and bool(self.sheet.origin) and self._viewer.dims.ndim >= 3
+        return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
 
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where a point, RAS+ mm, lies in the viewer's world; axes before the last three stay as shown."""
-        assert self.sheet is not None
+        assert self.prepared is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
-        world[-3:] = from_ras(point[None], self.sheet.origin["world_axes"])[0] / mm_per_unit(self._viewer)
+        world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / mm_per_unit(self._viewer)
         return world
 
     def _to_ras(self, world: Any) -> NDArray[np.float64]:
         """Carry a place, or a direction from the origin, to RAS+ mm."""
-        assert self.sheet is not None
+        assert self.prepared is not None
         mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
-        return np.asarray(to_ras(mm[None], self.sheet.origin["world_axes"])[0])
+        return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
 
     def _place(self, event: Any) -> tuple[float, float] | None:
         """Return the place of the map at which the mouse points, in a slice or on the surface."""
         if not self._is_linked:
             return None
-        assert self.sheet is not None
+        assert self.prepared is not None
         point: NDArray[np.float64] | None = self._to_ras(event.position)
         if self._viewer.dims.ndisplay == 3:
-            point = self.sheet.met(self._to_ras(event.position), self._to_ras(event.view_direction))
-        return None if point is None else self.sheet.place(point)
+            point = self.prepared.met(self._to_ras(event.position), self._to_ras(event.view_direction))
+        return None if point is None else self.prepared.place(point)
 
     # ------------------------------------------------------------------------------------- the viewer
 

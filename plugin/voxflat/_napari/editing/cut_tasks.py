@@ -62,7 +62,7 @@ def save_template(
     return file
 
 
-def weigh_cuts(
+def evaluate_cuts(
     whole: Surface, paths: Paths, left_out: NDArray[np.int64], progress: Progress
 ) -> tuple[float, list[float]]:
     """Return the mean relative error of distances in a sketch, and how much greater it is without each cut."""

@@ -16,23 +16,23 @@ _LOOKS = 10  # then it is left to Python again
 _PATIENCE = 100  # times as much garbage as usual, and Python collects meanwhile, too
 
 
-def put_off_collections() -> None:
+def defer_collections() -> None:
     """Have full collections wait until nothing goes on, for ten seconds at most unless this is called again.
 
     Whoever asks for a collection gets it at once, as napari does when a layer goes. A Python that collects in small
     steps, and one that was told not to collect, are left alone.
     """
     application = QApplication.instance()
-    if _PutOff.one is not None:
-        _PutOff.one.looks = 0
+    if _Deferral.one is not None:
+        _Deferral.one.looks = 0
     elif application is not None and gc.isenabled() and gc.get_threshold()[2] > 0:
-        _PutOff.one = _PutOff(application)
+        _Deferral.one = _Deferral(application)
 
 
-class _PutOff(QObject):
+class _Deferral(QObject):
     """Waits until the mouse rests and Python makes nothing, and collects what Python would have collected."""
 
-    one: ClassVar["_PutOff | None"] = None
+    one: ClassVar["_Deferral | None"] = None
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)

@@ -22,7 +22,7 @@ _LENGTH = 90.0  # the scale bar is as long, or shorter
 _BAR, _THICK = 240.0, 9.0  # the colour bar, or shorter
 
 
-class Strip(QWidget):
+class Legend(QWidget):
     """Paints the marks of a map."""
 
     def __init__(self, parent: QWidget | None = None) -> None:

@@ -6,14 +6,14 @@ from napari import Viewer
 from napari.layers import Layer
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
-from voxflat._napari.results.listed import drop_controls, insert, make_controls
-from voxflat._napari.timers import BREATH, once
+from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
+from voxflat._napari.timers import PAUSE, single_shot
 
-OfLayer = TypeVar("OfLayer", bound=Layer)
+LayerType = TypeVar("LayerType", bound=Layer)
 """Which kind of layer."""
 
 
-class SwitchedLayer(QObject, Generic[OfLayer]):
+class ToggledLayer(QObject, Generic[LayerType]):
     """A layer that is hidden where it is not wanted: napari takes 0.25 s for one that goes, 0.1 s for a new one."""
 
     switched = Signal(bool)
@@ -22,11 +22,11 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = viewer
-        self.layer: OfLayer | None = None
-        self._coming = once(self, BREATH, self._arrive)
+        self.layer: LayerType | None = None
+        self._coming = single_shot(self, PAUSE, self._arrive)
 
     @property
-    def there(self) -> OfLayer | None:
+    def there(self) -> LayerType | None:
         """The layer, if it is in the list, or about to be."""
         is_there = self.layer is not None and (self.is_coming or self.layer in self._viewer.layers)
         return self.layer if is_there else None
@@ -51,7 +51,7 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
             self._viewer.layers.remove(self.layer)
         self.layer = None
 
-    def _insert(self, layer: OfLayer) -> None:
+    def _insert(self, layer: LayerType) -> None:
         """Make the layer's controls, and put it into the list when the window has lived in between."""
         self.layer = layer
         make_controls(self._viewer, layer)
@@ -69,4 +69,4 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
 
     def _on_visible(self) -> None:
         if self.there is not None:
-            self.switched.emit(self.there.visible)
+            self.toggled.emit(self.there.visible)

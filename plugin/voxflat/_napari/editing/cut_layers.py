@@ -16,8 +16,8 @@ from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  #
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
-from voxflat._napari.results.listed import drop_controls, insert, make_controls
-from voxflat._napari.timers import BREATH
+from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
+from voxflat._napari.timers import PAUSE
 
 _GREYS = (0.72, 0.45)  # of gyri and sulci
 _OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not to be flattened
@@ -26,7 +26,7 @@ _LEFT_OUT = (0.55, 0.4, 0.35)  # of red, green and blue where no map shows the s
 _WIDTH = 0.006  # of the surface's size
 
 
-class Scene(QObject):
+class CutLayers(QObject):
     """Shows a drawing in a viewer, a step at a time: between them the window lives."""
 
     appeared = Signal()
@@ -88,7 +88,7 @@ class Scene(QObject):
             self._steps += [partial(make_controls, viewer, layer), partial(insert, viewer, layer)]
         self._steps += [self._turn, self._look]
         self._timer = QTimer(self)
-        self._timer.setInterval(BREATH)
+        self._timer.setInterval(PAUSE)
         self._timer.timeout.connect(self._take_step)
         self._timer.start()
 

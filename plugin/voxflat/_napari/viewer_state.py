@@ -14,7 +14,7 @@ from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
-from voxflat._napari.results.listed import ListedLayers
+from voxflat._napari.results.layer_list import ListedLayers
 from voxflat.maps.flat_map import FlatMap
 
 
@@ -26,7 +26,7 @@ class DrawnCuts:
     left_out: NDArray[np.int64]  # as `drop`; empty for nothing
 
 
-class Workbench:
+class ViewerState:
     """The runs of one viewer, whatever docks are open; `changed` tells these to read again."""
 
     changed = Signal()
@@ -35,10 +35,10 @@ class Workbench:
     cuts_drawn = Signal()
     """Someone drew cuts for a layer."""
 
-    asked_again = Signal(object, object)
+    flatten_requested = Signal(object, object)
     """Someone wants a layer, and what of it is foreground, flattened again along the cuts that were drawn."""
 
-    _of: ClassVar["dict[int, Workbench]"] = {}
+    _of: ClassVar["dict[int, ViewerState]"] = {}
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = weakref.ref(viewer)
@@ -50,13 +50,13 @@ class Workbench:
         """Whether earlier runs stay when a new one comes, unless it says otherwise."""
 
     @classmethod
-    def of(cls, viewer: Viewer) -> "Workbench":
-        """Return the workbench of a viewer, for as long as the viewer lives."""
+    def of(cls, viewer: Viewer) -> "ViewerState":
+        """Return the state of a viewer, for as long as the viewer lives."""
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
-            bench = cls._of[key] = cls(viewer)
-            viewer.layers.events.inserted.connect(bench._adopt)
+            state = cls._of[key] = cls(viewer)
+            viewer.layers.events.inserted.connect(state._adopt)
             keep_canvas_current(viewer)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]

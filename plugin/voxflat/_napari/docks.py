@@ -7,7 +7,7 @@ from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject
 from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
 
-from voxflat._napari.timers import once
+from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import JobWorker
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
@@ -23,9 +23,9 @@ class Tab(QObject):
         self._widget = widget
         windows = [one for one in QApplication.topLevelWidgets() if isinstance(one, QMainWindow)]
         self._sizes = {id(window): window.size() for window in windows}
-        self._soon = once(self, 0, self._join)  # when napari has put the dock somewhere
+        self._soon = single_shot(self, 0, self._join)  # when napari has put the dock somewhere
         widget.installEventFilter(self)
-        once(self, _LATE, self._sizes.clear).start()  # until then nobody has resized them
+        single_shot(self, _LATE, self._sizes.clear).start()  # until then nobody has resized them
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802  # Qt's
         """Wait until the widget is shown for the first time."""
@@ -78,7 +78,7 @@ class Dock(QWidget):
         """End what is under way, and stop following the viewer."""
 
 
-class WorkingDock(Dock):
+class TaskDock(Dock):
     """A dock that has things done in another thread, one at a time."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class WorkingDock(Dock):
         """Show what is under way, if something is."""
         raise NotImplementedError
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         """Show what went wrong."""
         raise NotImplementedError
 
@@ -116,7 +116,7 @@ class WorkingDock(Dock):
 
     def _fail(self, error: Exception) -> None:
         message = " ".join((str(error) or type(error).__name__).split())
-        self._say(message)
+        self._show_message(message)
         show_error(message)
 
     def _release(self) -> None:
