@@ -270,7 +270,7 @@ def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_thei
     assert "weigh them again" in dock.status.text()
 
     dock.begin.click()  # and closed while its layers come, one by one
-    qtbot.waitUntil(lambda: dock._scene is not None and "tiny, to be cut" in viewer.layers, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: dock._layers is not None and "tiny, to be cut" in viewer.layers, timeout=PATIENCE)
     assert not dock.begin.isEnabled()
     viewer.window.remove_dock_widget(dock)
     (tiny,) = viewer.layers

@@ -73,11 +73,10 @@ class Plan(QLabel):
 
     def _start_counting(self) -> None:
         asked = self._asked
-        if asked is None or not isinstance(finest(asked.layer), np.ndarray) or finest(asked.layer).size > _COUNTED:
+        data = None if asked is None else finest(asked.layer)
+        if asked is None or not isinstance(data, np.ndarray) or data.size > _COUNTED:
             return
-        worker = BackgroundTask(
-            partial(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted)
-        )
+        worker = BackgroundTask(partial(_surface_voxels, data, asked.label, asked.threshold, self._counted))
         worker.returned.connect(self._on_counted)
         worker.start()
 
