@@ -27,7 +27,7 @@ def test_check_marks_the_handle(open_widget, qtbot):
         assert value in told
     assert all(advice in told for advice in found.advice)
     assert len(found.handles) == 1
-    places = viewer.layers["places to look at in ring"]
+    places = viewer.layers["defects of ring"]
     assert_allclose(places.data[0], found.handles[0]["centre"])
     assert places.features["finding"][0].startswith("handle")
 

@@ -197,7 +197,7 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     shutil.copy(subject / "surf" / "lh.thickness", tmp_path)
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
     assert not viewer.layers
-    assert "open that first" in messages[-1].message
+    assert "Open its surface first" in messages[-1].message
     points, faces, _ = bumps()
     viewer.add_surface((points[:-1], faces[(faces < len(points) - 1).all(axis=1)]), name="other")
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
@@ -365,7 +365,7 @@ def test_the_palettes_commands_ask_for_the_file(subject, viewer, last_of, qtbot,
 
 def test_layers_of_no_map_are_not_saved_as_one(viewer, tmp_path):
     viewer.add_layer(Labels(cap(), name="sheet"))
-    with pytest.raises(voxflat.VoxflatError, match="of no flat map"):
+    with pytest.raises(voxflat.VoxflatError, match="not belong to a flat map"):
         viewer.layers.save(str(tmp_path / "a.voxflat"), plugin="voxflat")
     assert not list(tmp_path.iterdir())
 

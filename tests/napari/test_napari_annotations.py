@@ -174,7 +174,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     dock.click.setCurrentText("marks a point")
     dock._on_map_clicked(*expected(points[100]))
     wait_for_picture(dock, qtbot)
-    marked = viewer.layers["points of the map"]
+    marked = viewer.layers["map points"]
     marked.selected_data = {0}
     marked.remove_selected()
     dock._on_map_clicked(*expected(points[90]))
@@ -214,7 +214,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     chosen, ranges = set(viewer.layers.selection), viewer.dims.range
     dock.outlined.click()
     wait_for_picture(dock, qtbot)
-    layer = viewer.layers["ball, the part on the map"]
+    layer = viewer.layers["ball map outline"]
     assert set(viewer.layers.selection) == chosen
     assert viewer.dims.range == ranges  # the sliders' steps are what they were
 
@@ -262,10 +262,10 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
         qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
         assert dock.click.currentText() != before
     wait_for_picture(dock, qtbot)
-    viewer.layers.remove("ball, the part on the map")
+    viewer.layers.remove("ball map outline")
     viewer.dims.ndisplay = 2  # someone took it out: it stays away
     wait_for_picture(dock, qtbot)
-    assert "ball, the part on the map" not in viewer.layers
+    assert "ball map outline" not in viewer.layers
     viewer.window.remove_dock_widget(dock)
 
 

@@ -1,4 +1,4 @@
-"""Cuts by hand: clicked on the surface in 3D, undone and redone, weighed, saved, loaded, and used."""
+"""Cuts by hand: clicked on the surface in 3D, undone and redone, evaluated, saved, loaded, and used."""
 
 import json
 
@@ -82,7 +82,7 @@ def draw(dock, *stops):
         dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
 
 
-def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
+def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"), show=True)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
@@ -113,9 +113,9 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
         qtbot.keyClick(where, Qt.Key.Key_Z, control | shift)
         assert dock.drawing.cuts[0].stops == stops
 
-    press(dock, qtbot, "weigh")
+    press(dock, qtbot, "evaluate")
     assert dock.cuts.item(0, 2).text().endswith(" %")
-    assert "off with all cuts" in dock.status.text()
+    assert "error with all cuts" in dock.status.text()
     path = tmp_path / "cuts.json"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
     dock.save.click()
@@ -162,13 +162,13 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
     left_out = expected.left_out
     assert 0 < len(left_out) < 400
     assert_array_equal(dock.drawing.left_out, left_out)
-    seen = viewer.layers["lh.white, to be cut"].vertex_colors
+    seen = viewer.layers["lh.white (cuts)"].vertex_colors
     assert (seen[left_out, 0] > seen[left_out, 2]).all()
 
     dock.undo.click()
     assert len(dock.drawing.left_out) == 0
     assert (seen[left_out, 0] > seen[left_out, 2]).all()
-    seen = viewer.layers["lh.white, to be cut"].vertex_colors
+    seen = viewer.layers["lh.white (cuts)"].vertex_colors
     assert (seen[:, 0] == seen[:, 2]).all()
     dock.redo.click()
 
@@ -176,7 +176,7 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, name=name: (str(tmp_path / name), ""))
         press(dock, qtbot, button)
     assert json.loads((tmp_path / "cuts.json").read_text())["drop"] == left_out.tolist()
-    assert "the same cuts for every brain" in dock.status.text(), dock.status.text()
+    assert "the same cuts on every brain" in dock.status.text(), dock.status.text()
     assert [line.name for line in read_template(tmp_path / "mine.json").cuts] == [cut.name for cut in expected.cuts]
     again = voxflat.surface(tmp_path / "lh.white").cut(cuts=tmp_path / "mine.json", relax=False)
     for one, other in zip(expected.cuts, again.cuts, strict=True):
@@ -198,7 +198,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     first = state.current.flat_map
     assert widget.form.continues.isVisibleTo(widget)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
-    press(dock, qtbot, "begin", "of_map")
+    press(dock, qtbot, "begin", "from_map")
     told = first.metadata
     own = [*told["cuts"], *(cut["ids"] for cut in told["automatic_cuts"])]
     assert [path.tolist() for path in dock.drawing.paths()] == own
@@ -213,7 +213,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     dock.again.click()
     assert not messages
     dock.again.click()
-    assert ["is at work" in message.message for message in messages] == [True]
+    assert ["is still running" in message.message for message in messages] == [True]
     messages.clear()
     qtbot.waitUntil(lambda: state.current.flat_map is not first and state.is_settled, timeout=PATIENCE)
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
@@ -246,7 +246,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     assert not widget.form.continues.isChecked()
 
 
-def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
+def test_what_is_too_small_to_evaluate_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
     """A single stop is no cut, and has no gain; cuts that were changed meanwhile are not told those of others."""
     viewer, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
 
@@ -257,20 +257,20 @@ def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_thei
     draw(dock, 5)  # the first cut is but a stop
     dock._do(Drawing.end_cut)
     draw(dock, 0, 20)
-    press(dock, qtbot, "weigh")
+    press(dock, qtbot, "evaluate")
     assert gains() == ["", "unknown"]
     assert "too small" in dock.status.text()
     dock._on_evaluated((0.1, [0.02]))
     assert gains() == ["", "+2.0 %"]
-    assert "10.0 % off" in dock.status.text()
+    assert "all cuts: 10.0 %" in dock.status.text()
     dock.evaluate.click()
     draw(dock, 30)  # as a click on the surface meanwhile
     qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
     assert gains() == ["", ""]
-    assert "weigh them again" in dock.status.text()
+    assert "Evaluate them again" in dock.status.text()
 
     dock.begin.click()  # and closed while its layers come, one by one
-    qtbot.waitUntil(lambda: dock._layers is not None and "tiny, to be cut" in viewer.layers, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: dock._layers is not None and "tiny (cuts)" in viewer.layers, timeout=PATIENCE)
     assert not dock.begin.isEnabled()
     viewer.window.remove_dock_widget(dock)
     (tiny,) = viewer.layers

@@ -187,7 +187,7 @@ def test_what_the_map_shows(flattened, qtbot):
         return dock.text.text()
 
     qtbot.waitUntil(lambda: "voxel" in told(), timeout=PATIENCE)  # docks are laid out in turns of Qt's own
-    assert "distances ±" in dock.text.text()
+    assert "distance error" in dock.text.text()
     viewer.theme = "light"
     assert dock.canvas.backgroundBrush().color().lightness() > 200
 
@@ -297,7 +297,7 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     dock.opacity.setValue(1)
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
-    layer = viewer.layers["bumps in the map's colours"]
+    layer = viewer.layers["bumps in map colours"]
     world = layer.vertices[layer.faces].mean(axis=1)
     assert_allclose(np.sort(world, axis=0), np.sort((points * SCALE)[faces].mean(axis=1), axis=0), atol=1e-9)
     scale, ids = dock.picture.scale, dock.prepared.run.flat_map.ids
@@ -305,7 +305,7 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert np.median(np.abs(layer.vertex_colors - expected)) < 0.02
     dock.contents.setCurrentIndex(0)
     wait_for_picture(dock, qtbot)
-    assert viewer.layers["bumps in the map's colours"] is layer
+    assert viewer.layers["bumps in map colours"] is layer
     assert np.median(np.abs(layer.vertex_colors - expected)) > 0.05
     dock.on_surface.click()
     assert not layer.visible
@@ -323,7 +323,7 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert layer.metadata["voxflat"] is dock.prepared.run.flat_map
     assert [layer.visible, viewer.layers["bumps"].visible] == [True, False]
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
-    assert "bumps in the map's colours" not in viewer.layers
+    assert "bumps in map colours" not in viewer.layers
     assert viewer.layers["bumps"].visible
 
 
@@ -340,13 +340,13 @@ def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
     click(dock, qtbot, (u, v), (u + 6, v))
     wait_for_picture(dock, qtbot)
     expected = flat_map.look_up([(u, v), (u + 6, v)]).points
-    assert_allclose(viewer.layers["points of the map"].data, expected, atol=3 / dock.canvas.scale_factor)
+    assert_allclose(viewer.layers["map points"].data, expected, atol=3 / dock.canvas.scale_factor)
 
     dock.click.setCurrentText("draws a region")
     click(dock, qtbot, *[(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)])
     qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
     wait_for_picture(dock, qtbot)
-    regions = viewer.layers["regions of the map"]
+    regions = viewer.layers["map regions"]
     inside = np.abs(flat_map.uv - (u, v)).max(axis=1) < 7.5
     outside = np.abs(flat_map.uv - (u, v)).max(axis=1) > 8.5
     assert regions.data[tuple(flat_map.ids[inside].T)].all()
@@ -358,10 +358,10 @@ def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
         click(dock, qtbot, (u - reach, v), (u + reach, v))
         wait_for_picture(dock, qtbot)
     over = float(dock.text.text().split()[0])
-    assert viewer.layers["way over the surface"].shape_type == ["path"]
+    assert viewer.layers["shortest path"].shape_type == ["path"]
     assert len(dock.canvas.annotations.lines) == 1
     assert abs(over - 18) < 2
-    way = viewer.layers["way over the surface"].data[0]
+    way = viewer.layers["shortest path"].data[0]
     assert_allclose(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), over, atol=0.1)
 
 

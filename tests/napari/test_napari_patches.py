@@ -168,7 +168,7 @@ def test_cancel_is_prompt(open_widget, qtbot):
     widget.stop.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
     assert time.perf_counter() - before < 1
-    assert widget.status.text() == "cancelled"
+    assert widget.status.text() == "Cancelled"
     assert [layer.name for layer in viewer.layers] == ["bumps"]
 
 

@@ -102,9 +102,9 @@ def test_a_closed_surface_is_refused_by_the_papers_method(open_widget, qtbot, me
 def test_missing_choices_are_named(open_widget, messages):
     viewer, widget = open_widget()
     widget.start.click()
-    assert "nothing to flatten" in messages[-1].message
+    assert "No surface to flatten" in messages[-1].message
     viewer.add_labels(cap())
-    for part, missing in (("disk", "no seed point"), ("polygon", "no polygon"), ("mask", "no mask")):
+    for part, missing in (("disk", "No seed point"), ("polygon", "No polygon"), ("mask", "No mask")):
         choose(widget.form.patch, part)
         widget.start.click()
         assert missing in messages[-1].message
@@ -145,7 +145,7 @@ def test_cancel_is_prompt(open_widget, qtbot, large, kind):
     widget.stop.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
     assert time.perf_counter() - before < 1  # some 0.02 s where the machine has nothing else to do
-    assert widget.status.text() == "cancelled"
+    assert widget.status.text() == "Cancelled"
     assert list(viewer.layers) == layers
     widget.form.radius.setValue(15)
     widget.form.options.sources.setValue(50)
@@ -238,7 +238,7 @@ def test_figures_say_of_which_map_they_are(open_widget, qtbot):
     widget.form.surface.choose(viewer.layers["empty"])
     run(widget, qtbot)
     assert "every voxel is 0" in widget.status.text()
-    assert widget.results.title.text() == "Still the earlier one: Map of <b>sheet</b>"
+    assert widget.results.title.text() == "Previous result: Map of <b>sheet</b>"
 
 
 def test_two_docks_fit_a_small_screen(open_widget, qtbot):

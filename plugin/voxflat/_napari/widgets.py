@@ -1,4 +1,4 @@
-"""The widgets of *Layers → Transform* that flatten: a form, start and cancel, progress, and results."""
+"""The widgets of *Layers → Transform* that flatten: a form, buttons, progress and results."""
 
 import time
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ from voxflat.maps.flat_map import FlatMap
 
 
 class FlattenWidget(TaskDock):
-    """Flattens what a form asks for in another thread, and shows what came out."""
+    """Runs the flattening that a form describes in another thread, and shows the result."""
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
         super().__init__()
@@ -69,7 +69,7 @@ class FlattenWidget(TaskDock):
         self.status.setWordWrap(True)
 
     def _lay_out(self) -> None:
-        """Put what is asked and what came out where it scrolls, and what one presses below, where it stays."""
+        """Place the form and the results in a scroll area, and the buttons below it, where they are always visible."""
         inside = QWidget()
         column = QVBoxLayout(inside)
         column.setContentsMargins(0, 0, 0, 0)
@@ -90,7 +90,7 @@ class FlattenWidget(TaskDock):
     # --------------------------------------------------------------------------------------- flattening
 
     def flatten(self) -> None:
-        """Start flattening; `cancel` stops it."""
+        """Start the flattening; `cancel` stops it."""
         if self._worker is not None:
             return
         try:
@@ -104,11 +104,11 @@ class FlattenWidget(TaskDock):
         self._work(self._recipe.run, self.start.text(), self._on_returned)
 
     def cancel(self) -> None:
-        """Stop flattening, if it is under way."""
+        """Cancel the flattening, if one is running."""
         if self._worker is not None:
             self._worker.quit()
             self.stop.setEnabled(False)
-            self.status.setText("cancelling…")
+            self.status.setText("Cancelling…")
 
     def _show_work(self, what: str | None) -> None:
         running = what is not None
@@ -126,13 +126,13 @@ class FlattenWidget(TaskDock):
             return
         stage, done, total = self._worker.stage
         counted = total > 1
-        self.bar.setRange(0, total if counted else 0)  # 0 to 0 shows that it goes on
+        self.bar.setRange(0, total if counted else 0)  # the range 0 to 0 shows a busy indicator
         self.bar.setValue(done if counted else 0)
-        self.status.setText(f"{stage}…")
+        self.status.setText(f"{stage[:1].upper()}{stage[1:]}…")
 
     def _on_returned(self, result: FlatLayers) -> None:
         if self._worker is None or self._worker.abort_requested:
-            return  # cancelled when it was just done
+            return  # cancelled just as it finished
         seconds = time.perf_counter() - self._started
         self._timer.stop()
         run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
@@ -142,7 +142,7 @@ class FlattenWidget(TaskDock):
         self._coming.start()
 
     def _arrive(self) -> None:
-        """Show the run, when the window has lived since its dock opened."""
+        """Show the run, after the window has processed the events of the new dock."""
         assert self._arriving is not None
         (run, summary), self._arriving = self._arriving, None
         if self._worker is not None and not self._worker.abort_requested:
@@ -152,19 +152,19 @@ class FlattenWidget(TaskDock):
         self._end()
 
     def _show_current(self) -> None:
-        """Tell of the current run, if it is of this widget's kind."""
+        """Show the current run, if it is of the kind that this widget shows."""
         run = ViewerState.of(self._viewer).current
         if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
 
     def _on_errored(self, error: Exception) -> None:
-        self._timer.stop()  # or the stage, shown once more, would take the place of the error
+        self._timer.stop()  # otherwise the stage would overwrite the error
         self.results.show_earlier()
         if isinstance(error, Cancelled):
             return
         if isinstance(error, VoxflatError | MemoryError | OSError):
             self._fail(error)
-        else:  # a bug: with its traceback
+        else:  # a bug: show the traceback
             self.status.setText(f"{type(error).__name__}: {error}")
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
@@ -173,11 +173,11 @@ class FlattenWidget(TaskDock):
         self._end()
 
     def _end(self) -> None:
-        """Be ready for the next one, if the thread has ended and what it made has come."""
+        """Allow the next run, once the thread has ended and its result is shown."""
         if self._arriving is not None or not self._has_finished:
             return
         if self._worker is not None and self._worker.abort_requested:
-            self.status.setText("cancelled")
+            self.status.setText("Cancelled")
         self._worker = None
         self._show_work(None)
 
@@ -193,7 +193,7 @@ class FlattenWidget(TaskDock):
 
 
 class FlattenSurface(FlattenWidget):
-    """Flattens a mesh, or the surface of a label or of what lies above a threshold, in another thread."""
+    """Flattens a mesh, or the surface of a label or of the voxels above a threshold, in another thread."""
 
     form: SurfaceForm
 
@@ -203,7 +203,7 @@ class FlattenSurface(FlattenWidget):
 
     def _on_flatten_requested(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
         if not self.start.isEnabled():
-            show_warning("Flatten surface is at work: wait for its map, or cancel it, then press Flatten again")
+            show_warning("Flatten surface is still running. Wait for its map, or cancel it, then press Flatten again")
             return
         self.form.continue_from_shown_map(layer, **foreground)
         self.flatten()
@@ -214,7 +214,7 @@ class FlattenSurface(FlattenWidget):
 
 
 class FlattenPatches(FlattenWidget):
-    """Flattens a surface of any topology in patches whose distortion is certified, in another thread."""
+    """Flattens a surface of any topology in patches of certified distortion, in another thread."""
 
     form: PatchesForm
 
@@ -224,7 +224,7 @@ class FlattenPatches(FlattenWidget):
 
 
 class _Scroll(QScrollArea):
-    """Scrolls up and down only: it is as wide as what it holds."""
+    """A scroll area that scrolls vertically only, and is as wide as its contents."""
 
     def __init__(self) -> None:
         super().__init__()

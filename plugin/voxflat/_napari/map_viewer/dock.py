@@ -1,4 +1,4 @@
-"""The dock *Flat map*: the current run's map, linked with the volume or surface that it is of."""
+"""The dock *Flat map*: the map of the current run, linked with its volume or surface."""
 
 from functools import partial
 from typing import Any, TypeAlias
@@ -36,25 +36,25 @@ from voxflat.errors import VoxflatError
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _MM, _CORTEX = "mm outside", "of cortex"
-_SHARE = 0.43  # of the window: as wide is the dock at first; as much is left for the viewer
-_CLEAR = 0.85  # the folds show through a little
+_SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
+_OPACITY = 0.85  # of the colours at first, so that the folds remain visible
 
 _Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None]
 
 GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
-"""What a click on the map may do."""
+"""The actions of a click on the map."""
 
 _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
     KeyMod.Shift | key for key in (KeyCode.KeyN, KeyCode.KeyB, KeyCode.KeyC, KeyCode.KeyO, KeyCode.KeyW)
 )
 _OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
-NOTHING = "Flatten a surface: its map is shown here."
-_HINT = "Point at the map or in the volume to see the place in both; click to go there."
+NOTHING = "Flatten a surface to see its map here."
+_HINT = "Point at the map or the volume to see the same place in both. Click to go there."
 
 
 def open_flat_map(viewer: Viewer) -> "FlatMapDock":
-    """Open the dock *Flat map*, unless it is open, beside those that are there."""
+    """Open the dock *Flat map*, unless it is open, as a tab of the other docks."""
     dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
     window = dock.window()
     if hasattr(window, "resizeDocks"):
@@ -65,7 +65,7 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
 
 
 class FlatMapDock(Dock):
-    """Shows the current run's map on a canvas of its own; the viewer is left as it is."""
+    """Shows the map of the current run on its own canvas; the view of the viewer does not change."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
@@ -73,19 +73,19 @@ class FlatMapDock(Dock):
         self._state = ViewerState.of(napari_viewer)
         self._run: Run | None = None
         self._looks: list[Any] = []
-        self._told: tuple[Spot | None, tuple[float, float] | None] | None = None
+        self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
         self.prepared: PreparedMap | None = None
-        """The run's map, ready to be looked up; None until it is drawn."""
+        """The map of the run, prepared for display and lookups; None until it is drawn."""
         self.picture: Picture | None = None
-        """What is shown over the folds."""
+        """The picture over the folds."""
         self._corners: list[drawings.Place] = []
-        self._points: list[drawings.Place] = []  # that are about to be in the volume
+        self._points: list[drawings.Place] = []  # marked points that are not yet in the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
         self._carrier = LatestTask(self, self._on_carried, self._on_not_carried)
         self._annotator = LatestTask(self, self._on_annotated, self._on_not_annotated)
         self._painter = LatestTask(self, self._on_drawn, self._on_failed)
-        self._soon = single_shot(self, 0, self._draw)  # several changes at once are one
+        self._soon = single_shot(self, 0, self._draw)  # draws once after several changes
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -101,40 +101,40 @@ class FlatMapDock(Dock):
 
     def _make_fields(self) -> None:
         self.runs = QComboBox()
-        self.runs.setToolTip("Which map is shown")
+        self.runs.setToolTip("The map to show")
         self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.keep = QCheckBox("Keep maps")
-        self.keep.setToolTip("Keep earlier maps in the list; otherwise a new map replaces the one before")
+        self.keep.setToolTip("Keep earlier maps in the list. Otherwise, a new map replaces the previous one")
         self.keep.setChecked(self._state.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
         self.contents.setToolTip(
-            "What the map shows: a distortion measure, or a layer of the viewer "
+            "The values that the map shows: a distortion measure, or a layer of the viewer "
             f"({key_text(_NEXT)}: next, {key_text(_PREVIOUS)}: previous)"
         )
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
-        self.depths.setToolTip("How far from the surface the layer is sampled")
+        self.depths.setToolTip("Distance from the surface at which the layer is sampled")
         self.depth_unit = QComboBox()
         self.depth_unit.addItems([_MM, _CORTEX])
         self.opacity = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(0, 1)
-        self.opacity.setValue(_CLEAR)
+        self.opacity.setValue(_OPACITY)
         self.opacity.setToolTip("Opacity of the colours over the folds")
         self.on_surface = QCheckBox("In 3D")
-        self.on_surface.setToolTip(f"Show the surface in the viewer, coloured like the map ({key_text(_IN_3D)})")
+        self.on_surface.setToolTip(f"Show the surface in the viewer, in the colours of the map ({key_text(_IN_3D)})")
         self.outlined = QCheckBox("Outline")
         self.outlined.setToolTip(
-            "Draw the flattened surface in the slices, with its cuts; in 3D its border and its cuts "
+            "Show the outline of the flattened surface in slices, and its border in 3D, both with the cuts "
             f"({key_text(_OUTLINE)})"
         )
         self.click = QComboBox()
         self.click.addItems([*_CLICKS])
         self.click.setToolTip(
             "What a click on the map does: "
-            + ", ".join(f"{key_text(key)} {what}" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
+            + ", ".join(f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
         )
         self.whole = QPushButton("Whole map")
         self.whole.setToolTip(
-            f"Fit the map to the window ({key_text(_WHOLE)}, or double click). Scroll to zoom, drag to move"
+            f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click the map). Scroll to zoom, drag to move the map"
         )
         self.canvas = MapCanvas()
         self.legend = Legend()
@@ -186,7 +186,7 @@ class FlatMapDock(Dock):
         self.depths.valueChanged.connect(self._soon.start)
         self.depth_unit.currentIndexChanged.connect(self._on_depth_unit)
         self.opacity.valueChanged.connect(self._on_opacity)
-        self.canvas.picture.setOpacity(_CLEAR)
+        self.canvas.picture.setOpacity(_OPACITY)
         self.on_surface.toggled.connect(self._on_surface)
         self.outlined.toggled.connect(self._on_outlined)
         self.whole.clicked.connect(self.canvas.fit)
@@ -204,7 +204,7 @@ class FlatMapDock(Dock):
         self.painted.toggled.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
-        """Return what keys do."""
+        """Return the actions of the keys."""
         buttons = {_IN_3D: self.on_surface, _OUTLINE: self.outlined, _WHOLE: self.whole}
         return {
             _NEXT: partial(self.contents.step, 1),
@@ -216,7 +216,7 @@ class FlatMapDock(Dock):
     # -------------------------------------------------------------------------------------------- runs
 
     def _on_runs(self) -> None:
-        """Offer the runs that there are, and show the current one."""
+        """List the runs, and show the current one."""
         runs, current = self._state.runs, self._state.current
         with signals_blocked(self.runs):
             self.runs.clear()
@@ -234,7 +234,7 @@ class FlatMapDock(Dock):
 
     def _show_run(self, run: Run | None) -> None:
         self._run, self.prepared, self.link.prepared = run, None, None
-        self._told = None
+        self._location = None
         self._points, self._regions, self._annotations = [], [], []
         self._say_left_out("")
         self._forget_corners()
@@ -251,7 +251,7 @@ class FlatMapDock(Dock):
             self.outline.remove()
 
     def _set_depth(self, run: Run | None) -> None:
-        """Start at the depth at which the run was asked to sample, and offer fractions where they are known."""
+        """Set the depth of the form, and offer fractions of the cortex if the pial surface is known."""
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
         with signals_blocked(self.depth_unit):
             self.depth_unit.setCurrentText(_MM)
@@ -264,7 +264,7 @@ class FlatMapDock(Dock):
 
     @property
     def is_drawn(self) -> bool:
-        """Whether the canvas shows what is chosen, and the viewer what was drawn."""
+        """Whether the canvas and the viewer are up to date."""
         threads = (self._painter, self._carrier, self._annotator, self.annotations, self.outline)
         return not (self._soon.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
@@ -307,7 +307,7 @@ class FlatMapDock(Dock):
             self.depths.setValue(0.0 if in_mm else 0.5)
 
     def _draw(self) -> None:
-        """Have what is chosen drawn in a thread."""
+        """Draw the chosen values in a thread."""
         run = self._run
         if run is None:
             return
@@ -333,7 +333,7 @@ class FlatMapDock(Dock):
         return drawing(shown(content, world, **how))
 
     def _step(self, layer: Layer) -> tuple[int, ...]:
-        """Return which of a layer's times and channels the viewer shows."""
+        """Return the time and channel of a layer that the viewer shows."""
         first = layer.ndim - 3
         index = layer.world_to_data(self._viewer.dims.point[-layer.ndim :])[:first]
         data = layer.data[0] if layer.multiscale else layer.data
@@ -367,13 +367,13 @@ class FlatMapDock(Dock):
         self.picture = picture
         self.canvas.show_picture(picture)
         self.legend.show_colours(None if picture is None else picture.scale)
-        if self._told is not None:
-            self._tell(*self._told)
+        if self._location is not None:
+            self._show_location(*self._location)
         if colours is not None and self.on_surface.isChecked():
             self.painted.show(prepared, colours)
 
     def _on_failed(self, error: Exception) -> None:
-        if self.prepared is None:  # what is painted and outlined is of a map before
+        if self.prepared is None:  # the painted surface and the outline are those of the previous map
             self.painted.remove()
             self.outline.remove()
         self.canvas.show_picture(None)
@@ -383,7 +383,7 @@ class FlatMapDock(Dock):
     # ------------------------------------------------------------------------------ drawn in the volume
 
     def _annotate(self) -> None:
-        """Have points and shapes of the volume carried to the map in a thread, if there are others than before."""
+        """Project points and shapes of the volume onto the map in a thread, if they have changed."""
         if self.prepared is None:
             return
         try:
@@ -414,13 +414,13 @@ class FlatMapDock(Dock):
 
     def _on_map_pointed(self, u: float, v: float) -> None:
         spot = None if self.prepared is None else self.prepared.spot(u, v)
-        self.canvas.place_ring(None)  # the mouse is there
+        self.canvas.place_ring(None)  # the mouse pointer marks the place
         self.link.mark(None if spot is None else spot.point)
-        self._tell(spot, (u, v))
+        self._show_location(spot, (u, v))
 
     def _on_map_left(self) -> None:
         self.link.mark(None)
-        self._tell(None, None)
+        self._show_location(None, None)
 
     def _on_map_clicked(self, u: float, v: float) -> None:
         spot = None if self.prepared is None else self.prepared.spot(u, v)
@@ -441,7 +441,7 @@ class FlatMapDock(Dock):
                 self._corners = []
 
     def _on_double_click(self) -> None:
-        """Close the region, if one is drawn; else show the whole map."""
+        """Close the region that is being drawn, or show the whole map."""
         if self.click.currentText() != REGION:
             self.canvas.fit()
         elif self.prepared is not None and len(self._corners) > 2:
@@ -454,8 +454,8 @@ class FlatMapDock(Dock):
         if isinstance(layer, Points):
             self._points = []
         self._show_drawn([])
-        if drawn.told:
-            self.text.setText(drawn.told)
+        if drawn.message:
+            self.text.setText(drawn.message)
 
     def _on_not_carried(self, error: Exception) -> None:
         self._forget_corners()
@@ -466,7 +466,7 @@ class FlatMapDock(Dock):
         self._show_drawn([])
 
     def _show_drawn(self, lines: list[NDArray[np.float64]]) -> None:
-        """Show what is drawn now, and the regions that were drawn before."""
+        """Show the current drawing, and the regions that were drawn before."""
         earlier = [np.array([*corners, corners[0]]) for corners in self._regions]
         self.canvas.show_lines([*earlier, *lines], [*self._points, *self._corners])
 
@@ -474,29 +474,29 @@ class FlatMapDock(Dock):
         self.canvas.place_ring(place)
         self.link.mark(None)
         spot = None if place is None or self.prepared is None else self.prepared.spot(*place)
-        self._tell(spot, place)
+        self._show_location(spot, place)
 
     def _on_viewer_clicked(self, place: tuple[float, float]) -> None:
         self.canvas.place_ring(place)
         self.canvas.centre(place)
 
-    def _tell(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
-        """Say in a line what lies at a place."""
-        self._told = (spot, place)
+    def _show_location(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
+        """Describe a place in one line."""
+        self._location = (spot, place)
         if spot is None or place is None:
             self.text.setText(_HINT if self.prepared is not None else self.text.text())
             return
         x, y, z = spot.point
         number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {_joined(spot.vertex)}"
-        told = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
+        parts = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
         is_distances = isinstance(content, Measure) and content.name == DISTANCES
         if value is not None and content is not None and not is_distances:
             unit = content.unit if isinstance(content, Measure) else ""
-            told.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
-        told.append(spot.distortion)
-        self.text.setText("   ·   ".join(told).replace("-", "−"))
+            parts.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
+        parts.append(spot.distortion)
+        self.text.setText("   ·   ".join(parts).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
         self.legend.show_length(self.canvas.scale_factor)
@@ -528,7 +528,7 @@ class FlatMapDock(Dock):
 
 
 def _drawn(run: Run, prepared: PreparedMap | None, draw: Any, opacity: float | None) -> _Drawn:
-    """Draw, and find the surface's colours if they are asked for; called by a thread."""
+    """Draw the picture, and find the colours of the surface if it is shown; called by a thread."""
     ready = PreparedMap.of(run) if prepared is None else prepared
     picture = None if draw is None else draw(ready)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity)

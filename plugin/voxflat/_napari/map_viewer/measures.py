@@ -1,4 +1,4 @@
-"""What flattening did, as pictures: distances, areas, angles; of an atlas its patches, C, K and areas."""
+"""Pictures of the distortion: distances, areas and angles of a map; patches, C, K and areas of an atlas."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 DISTANCES = "Distances"
-"""The measure that is told at every place, whatever is shown."""
+"""The measure that the line below the map always shows."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure of a map, as it is listed; drawing its picture takes long."""
+    """A measure of a map; drawing its picture is slow."""
 
     name: str
     unit: str
@@ -28,7 +28,7 @@ class Measure:
 
 
 def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
-    """Return the measures that a map or an atlas has; the first says most."""
+    """Return the measures of a map or an atlas, the most important one first."""
     if not isinstance(flat_map, FlatMap):
         return [
             Measure("Patches", "", _patches),
@@ -44,7 +44,7 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
 
 
 def colours(name: str) -> NDArray[np.uint8]:
-    """Return a colour map of matplotlib as 256 colours, (256, 4)."""
+    """Return a Matplotlib colour map as 256 colours, (256, 4)."""
     from matplotlib import colormaps
 
     return np.asarray(colormaps[name](np.linspace(0, 1, 256), bytes=True))
@@ -98,7 +98,7 @@ def _page_image(prepared: PreparedMap, of: str) -> FlatImage:
 
 
 def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:
-    """Return the scale of a measure."""
+    """Return the colour scale of a measure."""
     from voxflat.figures.colours import LOOKS
 
     look = LOOKS[name]
@@ -112,7 +112,7 @@ def _map(prepared: PreparedMap) -> FlatMap:
 
 
 def _at_points(prepared: PreparedMap, values: NDArray[np.float64], scale: ColourScale) -> Picture:
-    """Draw values of the map's points, linearly in between."""
+    """Draw values at the points of the map, with linear interpolation."""
     raster = prepared.planar.raster(prepared.pixel_size)
     image = FlatImage(raster.interpolate(values), raster.pixel_size, raster.origin, scale.title)
     return Picture.of(image, scale)

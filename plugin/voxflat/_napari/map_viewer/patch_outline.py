@@ -1,4 +1,4 @@
-"""Where the flattened part lies: its surface in slices, its border and its cuts."""
+"""The outline of the flattened part: its surface in slices, its border and its cuts in 3D."""
 
 from functools import partial
 from typing import TypeAlias
@@ -19,32 +19,32 @@ from voxflat._napari.worker import LatestTask
 from voxflat.unique_rows import distinct
 
 _PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])  # red, green, blue, opacity
-_WIDTH = 0.006  # of the surface's size: as wide are lines in 3D, half as wide in slices
-_MARK = 1.5  # of that: half the length of the mark of a cut in a slice
+_WIDTH = 0.006  # of lines in 3D, as a fraction of the size of the surface; half of it in slices
+_MARK = 1.5  # half the length of the mark of a cut in a slice, as a multiple of that width
 
 Segments: TypeAlias = NDArray[np.float64]
-"""Segments, shape (S, 2, 3): their ends, RAS+ mm in scanner space."""
+"""Line segments, shape (S, 2, 3), by their ends, RAS+ mm in scanner space."""
 
 
 def width(prepared: PreparedMap) -> float:
-    """Return how wide lines on a surface are, that they are seen from as far as all of it, mm."""
+    """Return a line width, mm, that is visible when the whole surface is in view."""
     return _WIDTH * float(np.linalg.norm(np.ptp(prepared.points, axis=0)))
 
 
 def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
-    """Return the border of the part on a map, and the cuts (of a page its seams), which are there from both sides."""
+    """Return the border of the flattened part, and the cuts, or the seams of a page."""
     pairs = np.concatenate(
         [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in prepared.rim)]
     )
     rows, which = np.unique(pairs, return_inverse=True)
-    same = distinct(prepared.points[rows]).which  # both sides of a cut are at one place
+    same = distinct(prepared.points[rows]).which  # both sides of a cut have the same coordinates
     ends = distinct(np.sort(same[which].reshape(-1, 2), axis=1))
     found = prepared.points[pairs[ends.first]]
     return found[ends.counts == 1], found[ends.counts > 1]
 
 
 def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
-    """Return segments a little outside of a surface on which they lie, so that it does not hide them."""
+    """Move segments slightly outside the surface, so that it does not hide them."""
     rows = scipy.spatial.cKDTree(prepared.points).query(segments.reshape(-1, 3))[1]
     outwards = np.nan_to_num(
         prepared.planar._triangles.on_surface.normals[rows]
@@ -53,14 +53,14 @@ def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
 
 
 def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
-    """Return where a surface meets a plane across an axis of RAS, at a level, mm, and marks where cuts meet it."""
+    """Return the intersection of the surface with a plane across an axis of RAS, and marks at its cuts."""
     of, points = prepared.planar._triangles, prepared.points
     height = points[:, axis] - level
     above = height > 0
     corners = above[of.faces]
     met = of.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~of.torn].astype(np.int64)
     lone = above[met].sum(axis=1) == 1
-    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the corner that is on a side of its own
+    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the corner that is alone on its side of the plane
     own = met[np.arange(len(met)), alone]
     ends = [
         _between(points[own], points[other], height[own], height[other], axis, level)
@@ -88,7 +88,7 @@ def _between(
     axis: int,
     level: float,
 ) -> NDArray[np.float64]:
-    """Return where edges from one side of a plane to the other meet it."""
+    """Return where edges that cross a plane meet it."""
     share = height_a / (height_a - height_b)
     found = a + share[:, None] * (b - a)
     found[:, axis] = level
@@ -96,13 +96,13 @@ def _between(
 
 
 _View: TypeAlias = tuple[int, float] | None
-"""The slice that is shown: across which axis of RAS, and where, mm; None in 3D."""
+"""The displayed slice, by the axis of RAS across it and its position, mm; None in 3D."""
 
 
 def _drawn(
     prepared: PreparedMap, known: tuple[Segments, Segments] | None, view: _View
 ) -> tuple[PreparedMap, tuple[Segments, Segments], Segments, int]:
-    """Find what is shown; called by a thread."""
+    """Compute the segments that are shown; called by a thread."""
     found = edges(prepared) if known is None else known
     part, marks = (lifted(prepared, one) for one in found) if view is None else in_slice(prepared, found[1], *view)
     segments = from_ras(np.concatenate([part, marks]), prepared.origin.get("world_axes", "RAS"))
@@ -110,10 +110,10 @@ def _drawn(
 
 
 class PatchOutline(ToggledLayer[Vectors]):
-    """A Vectors layer that shows, in slices, the surface on the map, and its cuts; in 3D its border and cuts."""
+    """A Vectors layer that shows the flattened surface and its cuts in slices, and its border and cuts in 3D."""
 
     failed = Signal(object)
-    """It could not be found, for this error."""
+    """Emitted with the error if the outline could not be computed."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
@@ -128,11 +128,11 @@ class PatchOutline(ToggledLayer[Vectors]):
 
     @property
     def is_busy(self) -> bool:
-        """Whether what is shown is about to change."""
+        """Whether the outline is about to change."""
         return self._finder.is_busy or self.is_coming
 
     def show(self, prepared: PreparedMap) -> None:
-        """Show where the part lies that is on a map."""
+        """Show the outline of the part on a map."""
         self.take_up(prepared)
         if self.there is None:
             self.layer = None
@@ -140,7 +140,7 @@ class PatchOutline(ToggledLayer[Vectors]):
         self._on_view()
 
     def take_up(self, prepared: PreparedMap) -> None:
-        """Become the outline of another map, seen or not."""
+        """Change to the outline of another map, visible or not."""
         if prepared is self._prepared:
             return
         self._prepared, self._known = prepared, None
@@ -154,20 +154,20 @@ class PatchOutline(ToggledLayer[Vectors]):
         super().hide()
 
     def remove(self) -> None:
-        """Take the layer out of the viewer."""
+        """Remove the layer from the viewer."""
         self._prepared = self._known = None
         self._is_wanted = False
         super().remove()
 
     def release(self) -> None:
-        """Stop following the viewer, and take the layer out of it."""
+        """Stop following the viewer, and remove the layer from it."""
         self._finder.stop()
         for event in self._events:
             event.disconnect(self._on_view)
         self.remove()
 
     def _on_view(self) -> None:
-        """Have drawn what is seen now, if it is another slice."""
+        """Compute the outline, if the displayed slice has changed."""
         if self._prepared is None or not self._is_wanted or self._was_taken_out:
             return
         dims = self._viewer.dims
@@ -200,7 +200,7 @@ class PatchOutline(ToggledLayer[Vectors]):
             if layer.edge_width != seen / step:
                 layer.edge_width = seen / step
             layer.data = _vectors(segments, step)
-            self._set_visible(True)  # of a hidden layer napari would draw the lines of before in these colours
+            self._set_visible(True)  # napari would draw the old lines of a hidden layer in these colours
             layer.edge_color = colours
             return
         step = self._step()
@@ -217,18 +217,18 @@ class PatchOutline(ToggledLayer[Vectors]):
         self._insert(layer)
 
     def _describe(self, layer: Vectors) -> None:
-        """Let the layer say of which map it is."""
+        """Set the metadata and the name of the layer."""
         assert self._prepared is not None
         layer.metadata = {"voxflat": self._prepared.run.flat_map}
-        layer.name = f"{self._prepared.run.name}, the part on the map"
+        layer.name = f"{self._prepared.run.name} map outline"
 
     @property
     def _was_taken_out(self) -> bool:
-        """Whether someone took it out of the list: then it stays away until it is asked for again."""
+        """Whether the user removed the layer; it then stays away until the outline is switched on again."""
         return self.layer is not None and self.there is None
 
     def _step(self) -> float:
-        """Return how far apart slices are at most, mm: a layer of finer steps would let the sliders take those."""
+        """Return the largest slice spacing, mm: a layer with a finer grid would refine the steps of the sliders."""
         if self._viewer.dims.ndim < 3:
             return 1.0
         steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
@@ -236,5 +236,5 @@ class PatchOutline(ToggledLayer[Vectors]):
 
 
 def _vectors(segments: Segments, step: float) -> NDArray[np.float64]:
-    """Return segments as napari takes them, in steps of the layer's grid: where they begin, and how they lead on."""
+    """Return segments as napari's vectors, in grid steps of the layer: start points and directions."""
     return np.asarray(np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / step)

@@ -1,4 +1,4 @@
-"""A layer that a switch of the dock shows and hides, as the eye in the list does."""
+"""A layer that is shown and hidden by a check box of the dock, or by the eye in the layer list."""
 
 from typing import Generic, TypeVar
 
@@ -10,14 +10,14 @@ from voxflat._napari.results.layer_list import drop_controls, insert, make_contr
 from voxflat._napari.timers import PAUSE, single_shot
 
 LayerType = TypeVar("LayerType", bound=Layer)
-"""Which kind of layer."""
+"""The type of the layer."""
 
 
 class ToggledLayer(QObject, Generic[LayerType]):
-    """A layer that is hidden where it is not wanted: napari takes 0.25 s for one that goes, 0.1 s for a new one."""
+    """A layer that is hidden rather than removed: napari takes 0.25 s to remove a layer, and 0.1 s to add one."""
 
-    switched = Signal(bool)
-    """Someone showed or hid it in the list of layers."""
+    toggled = Signal(bool)
+    """Emitted with the visibility when the user changes it in the layer list."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
@@ -27,13 +27,13 @@ class ToggledLayer(QObject, Generic[LayerType]):
 
     @property
     def there(self) -> LayerType | None:
-        """The layer, if it is in the list, or about to be."""
+        """The layer, if it is in the list or about to be added."""
         is_there = self.layer is not None and (self.is_coming or self.layer in self._viewer.layers)
         return self.layer if is_there else None
 
     @property
     def is_coming(self) -> bool:
-        """Whether it is about to be put into the list."""
+        """Whether the layer is about to be added to the list."""
         return bool(self._coming.isActive())
 
     def hide(self) -> None:
@@ -42,7 +42,7 @@ class ToggledLayer(QObject, Generic[LayerType]):
             self._set_visible(False)
 
     def remove(self) -> None:
-        """Take the layer out of the viewer."""
+        """Remove the layer from the viewer."""
         if self.is_coming:
             assert self.layer is not None
             self._coming.stop()
@@ -52,7 +52,7 @@ class ToggledLayer(QObject, Generic[LayerType]):
         self.layer = None
 
     def _insert(self, layer: LayerType) -> None:
-        """Make the layer's controls, and put it into the list when the window has lived in between."""
+        """Create the controls of the layer, and add it to the list after the window has processed events."""
         self.layer = layer
         make_controls(self._viewer, layer)
         self._coming.start()
