@@ -53,8 +53,7 @@ def test_an_abort_leaves_nothing_and_can_be_taken_up_again(facts):
 
 
 def test_errors_are_events_with_their_text(facts):
-    message = "seed_point: point 1000000 is not on the surface of the PolyData. Choose another point"
-    assert facts["messages"] == [message]
+    assert facts["messages"] == ["seed_point: point 1000000 is not on the surface of the PolyData. Choose another point"]
     assert facts["points after an error"] == 0
     assert facts["misspelt"].startswith("FlattenSurface has no option 'raduis'. Its options are ")
 

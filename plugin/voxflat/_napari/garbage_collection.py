@@ -1,7 +1,7 @@
-"""Python's full collections of garbage wait while a job runs and layers come.
+"""Defer Python's full garbage collections while a job runs and layers are added.
 
-One takes 0.1 to 0.3 s with napari's modules in memory, and comes in whatever thread happens to make the next object:
-for so long the window stands still. They come when nothing goes on any more, or soon after.
+A full collection takes 0.1 to 0.3 s with napari's modules in memory, and blocks the window, whichever thread triggers
+it. It is deferred until the window is idle, or for a limited time.
 """
 
 import gc
@@ -11,16 +11,16 @@ from qtpy.QtCore import QObject, Qt, QTimer
 from qtpy.QtGui import QCursor, QGuiApplication
 from qtpy.QtWidgets import QApplication
 
-_LOOK = 1000  # ms between two looks at whether all is at rest
-_LOOKS = 10  # then it is left to Python again
-_PATIENCE = 100  # times as much garbage as usual, and Python collects meanwhile, too
+_LOOK = 1000  # ms between two checks whether the window is idle
+_LOOKS = 10  # checks; then Python collects as usual again
+_PATIENCE = 100  # factor on the threshold at which Python collects nevertheless
 
 
 def defer_collections() -> None:
-    """Have full collections wait until nothing goes on, for ten seconds at most unless this is called again.
+    """Defer full collections until the window is idle, for at most ten seconds after the last call.
 
-    Whoever asks for a collection gets it at once, as napari does when a layer goes. A Python that collects in small
-    steps, and one that was told not to collect, are left alone.
+    Explicit collections, such as those of napari when a layer is removed, are not affected. Nothing is done in Python
+    versions that collect incrementally, or if garbage collection is disabled.
     """
     application = QApplication.instance()
     if _Deferral.one is not None:
@@ -30,7 +30,7 @@ def defer_collections() -> None:
 
 
 class _Deferral(QObject):
-    """Waits until the mouse rests and Python makes nothing, and collects what Python would have collected."""
+    """Waits until the mouse rests and no objects are created, then collects garbage."""
 
     one: ClassVar["_Deferral | None"] = None
 
@@ -46,11 +46,11 @@ class _Deferral(QObject):
         timer.start(_LOOK)
 
     def look(self) -> None:
-        """See whether all is at rest."""
+        """Check whether the window is idle."""
         _, young, old = gc.get_count()
         now = (QCursor.pos(), young, old)
         is_at_rest = now == self._before and QGuiApplication.mouseButtons() == Qt.MouseButton.NoButton
-        is_at_rest = is_at_rest and self.looks > 0  # nothing has come since the last look
+        is_at_rest = is_at_rest and self.looks > 0  # no deferral was requested since the last check
         self._before = now
         self.looks += 1
         if is_at_rest and old > self._usual[2] and gc.isenabled():
@@ -59,8 +59,8 @@ class _Deferral(QObject):
             self._end()
 
     def _end(self) -> None:
-        """Leave it to Python again."""
-        if gc.get_threshold() == self._ours:  # nobody else has set it
+        """Restore the thresholds of Python."""
+        if gc.get_threshold() == self._ours:  # no other code has changed them
             gc.set_threshold(*self._usual)
         type(self).one = None
         self.deleteLater()

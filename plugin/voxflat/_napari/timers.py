@@ -1,4 +1,4 @@
-"""Time for the window to live: how long between two steps, and timers that are started again and again."""
+"""Timers that keep the window responsive: a pause between steps, and single-shot timers that can be restarted."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,11 +6,11 @@ from typing import Any
 from qtpy.QtCore import QObject, QTimer
 
 PAUSE = 10
-"""Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
+"""Pause between two steps, ms; without it Qt would run the next step before it draws the result of the last one."""
 
 
 def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
-    """Return a timer that, once started, acts after a pause, ms: several starts until then are one."""
+    """Return a timer that calls a function once, a pause in ms after the last start."""
     timer = QTimer(parent)
     timer.setSingleShot(True)
     timer.setInterval(pause)

@@ -58,7 +58,7 @@ class DrawCuts(TaskDock):
         self._evaluated: tuple[Drawn, ...] = ()
         self.form = CutsForm(napari_viewer)
         self.begin = self._button("Begin", "Show the surface in 3D, to draw cuts on it", self._on_begin)
-        self.draw = self._button("Draw", "Draw cuts by clicks on the surface. A cut follows the shortest path between clicked points", None)
+        self.draw = self._button("Draw", "Click on the surface; the shortest path between clicked points is cut", None)
         self.draw.setCheckable(True)
         self.draw.toggled.connect(self._on_draw)
         self.end_cut = self._button(
@@ -68,17 +68,17 @@ class DrawCuts(TaskDock):
         self.redo = self._button("Redo", f"Redo the step that was undone last ({key_text(_REDO)})", self._on_redo)
         self.remove = self._button("Remove", "Remove the selected cut", self._on_remove)
         self.standard = self._button("Standard", "Start with cuts that are the same for every brain", self._standard)
-        self.automatic = self._button("Automatic", "Start with cuts that are optimised for this surface", self._automatic)
+        self.automatic = self._button("Automatic", "Start with cuts optimised for this surface", self._automatic)
         self.from_map = self._button("From map", "Start with the cuts of the displayed map", self._from_map)
         self.evaluate = self._button("Evaluate", f"{_GAIN}. Takes a few seconds per cut", self._on_evaluate)
-        self.save = self._button("Save…", "Save the cuts to a file, for cuts= in Python and --cuts on the command line", self._on_save)
+        self.save = self._button("Save…", "Save a file for cuts= in Python, or --cuts in the shell", self._on_save)
         self.load = self._button("Load…", "Load a file of cuts, or a template", self._on_load)
         self.template = self._button(
             "Save template…",
-            "Save a template that makes the same cuts on every brain (cuts= in Python, --cuts on the command line)",
+            "Save a file that makes the same cuts on every brain, for cuts= or --cuts",
             self._on_save_template,
         )
-        self.use = self._button("Use for Flatten surface", "Select these cuts in the form of Flatten surface", self._on_use)
+        self.use = self._button("Use for Flatten surface", "Select these cuts in the form", self._on_use)
         self.again = self._button(
             "Flatten again",
             "Flatten with these cuts, starting from the displayed map, so that the new map keeps its position. These "

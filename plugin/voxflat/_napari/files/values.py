@@ -69,7 +69,7 @@ def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry
             wrong = wrong or error
     if wrong is not None:
         raise InputError(f"{wrong}. Open the surface to which the file belongs, then open the file again") from wrong
-    raise InputError(f"{path}: no surface found beside the file. Open its surface first, such as lh.white or a .surf.gii file")
+    raise InputError(f"{path}: its surface is not beside it. Open its surface first, such as lh.white or .surf.gii")
 
 
 def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage:
     data, keywords, kind = images[0]
     height, width = keywords["scale"]
     if height != width:
-        raise InputError(f"The pixels of '{keywords['name']}' are {height:g} x {width:g} mm. Set equal scales on both axes")
+        raise InputError(f"Pixels of '{keywords['name']}' are {height:g} x {width:g} mm. Set equal scales on both axes")
     down, u = keywords["translate"]
     is_labels = kind == "labels"
     pixels = np.asarray(data)

@@ -22,10 +22,10 @@ def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
     box = QComboBox()
     for key, text in texts.items():
         box.addItem(text, key)
-    box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # so that long texts do not widen the window
+    box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts must not widen the window
     listed, metrics = box.view(), box.fontMetrics()
     assert listed is not None
-    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts.values()), default=0) + _BESIDE)  # the list shows them in full
+    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts.values()), default=0) + _BESIDE)  # show all
     box.setToolTip(tip)
     return box
 

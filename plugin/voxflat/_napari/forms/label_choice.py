@@ -65,7 +65,7 @@ class LabelChoice(QComboBox):
 
     def _on_scanned(self, found: tuple[Any, dict[int, int] | None]) -> None:
         data, labels = found
-        if self._layer is not None and data is finest(self._layer):  # otherwise another layer was chosen in the meantime
+        if self._layer is not None and data is finest(self._layer):  # the layer may have changed in the meantime
             self._offer(labels)
 
     def _on_selected(self) -> None:

@@ -33,9 +33,9 @@ class LayerChoice(QComboBox):
         self._rank = rank
         self._none = none
         self._layers: list[Layer | None] = []
-        self._told: Layer | None = None
+        self._last: Layer | None = None
         self._by_user = False
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # so that long names do not widen the window
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long names must not widen the window
         self._selected: Layer | None = None
         self._has_new = False
         layers = viewer.layers
@@ -109,6 +109,6 @@ class LayerChoice(QComboBox):
         self._by_user = True
 
     def _tell(self) -> None:
-        if self.layer is not self._told:
-            self._told = self.layer
+        if self.layer is not self._last:
+            self._last = self.layer
             self.chosen.emit()

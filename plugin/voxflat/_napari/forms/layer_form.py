@@ -34,7 +34,9 @@ class LayerForm(QWidget):
         self.label = LabelChoice()
         self.label.setToolTip("The label whose surface is flattened. The default is the selected label of the layer")
         self.threshold = ThresholdChoice(viewer)
-        self.world = choice(WORLDS, "The anatomical directions of the axes of the viewer. A wrong choice mirrors the map")
+        self.world = choice(
+            WORLDS, "The anatomical directions of the axes of the viewer. A wrong choice mirrors the map"
+        )
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
         self.sampled.setToolTip("The layer that the map shows, such as a T1 image or an atlas, sampled at the surface")
         self.sample_depth = spin(
@@ -98,9 +100,7 @@ class LayerForm(QWidget):
             return None
         if isinstance(layer, Image | Labels):
             suits = isinstance(layer, Image) and layer.ndim == 3
-            return int(suits) + (
-                suits and layer != self.surface.layer
-            )  # an image is constant along its own threshold
+            return int(suits) + (suits and layer != self.surface.layer)  # an image is constant along its own threshold
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
             return None
@@ -134,8 +134,8 @@ class LayerForm(QWidget):
             return None
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
             raise InputError(
-                f"The units of layers '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) cannot "
-                "be compared. Set the units of both layers to lengths, or of both to pixels"
+                f"The units of '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) cannot be compared. "
+                "Set the units of both layers to lengths"
             )
         return shown(sampled, world, self.sample_depth.value())
 

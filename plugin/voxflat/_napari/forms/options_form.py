@@ -96,14 +96,14 @@ class OptionsForm(QWidget):
         for name in ("sampling", "geodesic"):
             self._add_choice(name)
         self.weighting = spin(
-            QDoubleSpinBox(), 0, 1, "0 preserves short distances and the shapes of triangles; 1 preserves long distances"
+            QDoubleSpinBox(), 0, 1, "0 preserves short distances and shapes of triangles; 1 preserves long distances"
         )
         self.weighting.setSingleStep(0.1)
         self.weighting.setValue(usual("weighting", "voxflat"))
         self._add("weighting", "Local to global", self.weighting)
         for name in ("scale", "link_lengths"):
             self._add_choice(name)
-        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Preserve the distances between points that are at most this many edges apart")
+        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Preserve distances between points up to this many edges apart")
         self.neighbourhood.setSpecialValueText("default")
         self._add("neighbourhood", "Neighbourhood", self.neighbourhood)
         self.starts = spin(QSpinBox(), 1, 100, "Number of random starts; the best map is kept")
@@ -113,7 +113,7 @@ class OptionsForm(QWidget):
         self.bound.setSingleStep(0.1)
         self.bound.setValue(usual("bound", "saucan2006"))
         self._add("bound", "Bound C", self.bound)
-        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of the random number generator. The same seed gives the same map")
+        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of random numbers. The same seed gives the same map")
         self.rows.addRow("Random seed", self.seed)
 
     @property

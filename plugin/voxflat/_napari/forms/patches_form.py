@@ -26,17 +26,20 @@ class PatchesForm(LayerForm):
         super().__init__(viewer, parent)
         self.limit = choice(_LIMITS, "What limits the size of the patches")
         self.max_angle = spin(
-            QDoubleSpinBox(), 0.01, 80, "Largest angle between a triangle and the plane of its patch: C ≤ 1 + tan(angle)", "°"
+            QDoubleSpinBox(), 0.01, 80, "Largest angle between a triangle and its patch: C ≤ 1 + tan(angle)", "°"
         )
         self.max_angle.setValue(10.0)
         self.bound = spin(QDoubleSpinBox(), 1.0001, 5.7, "C: the largest factor by which lengths may change")
         self.bound.setDecimals(4)
         self.bound.setSingleStep(0.01)
         self.bound.setValue(1.1763)
-        self.count = spin(QSpinBox(), 1, 1_000_000, "The largest number of patches. The smallest angle that allows it is searched for")
+        self.count = spin(QSpinBox(), 1, 1_000_000, "Largest number of patches. The angle becomes as small as possible")
         self.count.setValue(500)
         self.glue = spin(
-            QDoubleSpinBox(), 1.0, 10.0, "Glue the patches: seams close as long as no length changes by more than this factor"
+            QDoubleSpinBox(),
+            1.0,
+            10.0,
+            "Close seams between patches as long as no length changes by more than this factor",
         )
         self.glue.setSingleStep(0.1)
         self.glue.setSpecialValueText("not glued")

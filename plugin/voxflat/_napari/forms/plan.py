@@ -73,8 +73,7 @@ class Plan(QLabel):
 
     def _start_counting(self) -> None:
         asked = self._asked
-        data = None if asked is None else finest(asked.layer)
-        if asked is None or not isinstance(data, np.ndarray) or data.size > _COUNTED:
+        if asked is None or not isinstance(data := finest(asked.layer), np.ndarray) or data.size > _COUNTED:
             return
         worker = BackgroundTask(partial(_surface_voxels, data, asked.label, asked.threshold, self._counted))
         worker.returned.connect(self._on_counted)
@@ -124,7 +123,7 @@ def _cutting(asked: _Asked) -> str:
     if asked.cuts == "drawn":
         return "Cuts along the drawn lines, and adds automatic cuts if these do not open the surface."
     if asked.cuts == "standard":
-        return "Opens a closed surface along standard cuts, located by its sphere if it has one, otherwise by its folds."
+        return "Opens a closed surface along standard cuts, located by its sphere, or by its folds without one."
     path = getattr(asked.layer.source, "path", None)
     sphere = sphere_at(path) if path and isinstance(asked.layer, Surface) and asked.cuts is None else None
     if sphere is not None:

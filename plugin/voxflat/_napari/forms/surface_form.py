@@ -83,9 +83,9 @@ class SurfaceForm(LayerForm):
     def _make_fields(self, viewer: Viewer) -> None:
         self.method = choice(_METHODS, "The flattening method: the method of voxflat, or the method of a paper")
         self.pial = LayerChoice(viewer, self._pial_rank, none="none")
-        self.pial.setToolTip("The pial surface that belongs to a white surface. Distances are measured midway between them")
+        self.pial.setToolTip("The pial surface of a white surface. Distances are measured midway between the two")
         self.patch = choice(
-            _PARTS, "The part to flatten. A closed surface is cut open; a smaller part has less distortion"
+            _PARTS, "The part to flatten. Closed surfaces are cut open; small parts have less distortion"
         )
         self.seed = SeedChoice(viewer, self._inside)
         self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, measured along the surface", " mm")
@@ -195,7 +195,7 @@ class SurfaceForm(LayerForm):
             return None
         if not isinstance(layer, Surface) or layer.ndim != 3 or len(layer.vertices) != len(white.vertices):
             return None
-        return int("pial" in layer.name and "pial" not in surface_name(white))  # a layer of values may lie on the pial surface
+        return int("pial" in layer.name and "pial" not in surface_name(white))  # values may lie on the pial surface
 
     def _mask_rank(self, layer: Layer) -> int | None:
         volume = self.surface.layer

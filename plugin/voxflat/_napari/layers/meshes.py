@@ -29,7 +29,7 @@ class LayerMesh:
 
     @classmethod
     def of(cls, layer: Surface, world: str = "RAS") -> "LayerMesh":
-        """Read a Surface layer; raises InputError unless it is 3D, in lengths, with triangles and a value per vertex."""
+        """Read a Surface layer; raises InputError unless it is 3D, in lengths, with triangles and values."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
             raise InputError(
@@ -39,9 +39,9 @@ class LayerMesh:
         place = LayerPlace.of(layer, world)
         if faces.ndim != 2 or faces.shape[1] != 3:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
-            raise InputError(f"The faces of layer '{layer.name}' have {corners} instead of 3. Triangulate the mesh first")
+            raise InputError(f"The faces of layer '{layer.name}' have {corners} instead of 3. Triangulate the mesh")
         if len(values) != len(vertices):
-            raise InputError(f"Layer '{layer.name}' has {len(values)} values at {len(vertices)} vertices. Set one value per vertex")
+            raise InputError(f"Layer '{layer.name}' has {len(values)} values at {len(vertices)} vertices. Set one each")
         given = layer.metadata.get("structure")
         named = None if place.path is None else named_structure(place.path)
         structure = given if isinstance(given, str) else named

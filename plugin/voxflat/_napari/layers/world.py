@@ -80,7 +80,7 @@ def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
 
 
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
-    """Return the conversion factors between units; 1 for units that cannot be compared, such as pixels, as in napari."""
+    """Return the factors between units; 1 for units that cannot be compared (pixels), as in napari."""
     return np.array(
         [
             float((1 * unit).to(other).magnitude) if unit.is_compatible_with(other) else 1.0

@@ -134,7 +134,7 @@ class FlatMapDock(Dock):
         )
         self.whole = QPushButton("Whole map")
         self.whole.setToolTip(
-            f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click the map). Scroll to zoom, drag to move the map"
+            f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click). Scroll to zoom, drag to move the map"
         )
         self.canvas = MapCanvas()
         self.legend = Legend()

@@ -46,9 +46,7 @@ def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
 def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
     """Move segments slightly outside the surface, so that it does not hide them."""
     rows = scipy.spatial.cKDTree(prepared.points).query(segments.reshape(-1, 3))[1]
-    outwards = np.nan_to_num(
-        prepared.planar._triangles.on_surface.normals[rows]
-    )  # a one-voxel-thick surface has no outside
+    outwards = np.nan_to_num(prepared.planar._triangles.on_surface.normals[rows])  # NaN without an outside
     return np.asarray(segments + width(prepared) / 2 * outwards.reshape(segments.shape))
 
 

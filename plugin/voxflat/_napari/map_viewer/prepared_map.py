@@ -67,7 +67,7 @@ class PreparedMap:
         else:
             grey = np.zeros((*raster.shape, 4), dtype=np.uint8)
             grey[..., :3], grey[..., 3] = _EVEN, 255 * raster.inside
-            corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # a corner of one of the triangles around each vertex of the page
+            corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one surface vertex for each vertex of the page
             corner[flat_map.uv_faces] = of.faces
             lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
         found = cls(
@@ -138,7 +138,7 @@ class PreparedMap:
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
         """Return the first intersection of a ray, given by a point and a direction, RAS+ mm, with the surface."""
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
-        beside = np.zeros(len(self.points))  # squared distances from the ray; axis by axis is faster than a matrix product
+        beside = np.zeros(len(self.points))  # squared; axis by axis is faster than a matrix product
         for across in np.linalg.svd(along[None])[2][1:]:
             x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
             beside += (x + y + z - across @ start) ** 2
