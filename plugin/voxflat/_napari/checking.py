@@ -15,7 +15,7 @@ from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
-from voxflat._napari.results.report import table
+from voxflat._napari.results.report import sentence, table
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
@@ -59,7 +59,7 @@ class Findings(TaskDock):
             f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
             for name, value in rows
         )
-        items = "".join(f"<li>{escape(line)}</li>" for line in advice)
+        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in advice)
         self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")
 
     def _show_message(self, message: str) -> None:

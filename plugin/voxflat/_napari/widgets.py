@@ -136,7 +136,7 @@ class FlattenWidget(TaskDock):
         seconds = time.perf_counter() - self._started
         self._timer.stop()
         run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
-        self._arriving = run, f"{report.summary(result.flat_map)} in {seconds:.1f} s"
+        self._arriving = run, f"{report.summary(result.flat_map)} ({seconds:.1f} s)"
         if not ViewerState.of(self._viewer).runs:
             open_flat_map(self._viewer)
         self._coming.start()

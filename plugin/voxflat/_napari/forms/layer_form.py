@@ -134,8 +134,8 @@ class LayerForm(QWidget):
             return None
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
             raise InputError(
-                f"The units of '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) do not match. "
-                "Set the units of both layers to lengths"
+                f"The units of '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) do not "
+                "match. Set the units of both layers to lengths"
             )
         return shown(sampled, world, self.sample_depth.value())
 

@@ -15,15 +15,16 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "cuts": (
         "Cuts",
         {
-            None: "default: standard if a sphere is known",
-            "standard": "standard: the same for every brain",
-            "automatic": "automatic: optimised for this surface",
+            None: "default",
+            "standard": "standard",
+            "automatic": "automatic",
         },
-        "The cuts along which a closed surface is opened",
+        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. The "
+        "default is standard cuts if the sphere of the surface is known, otherwise automatic cuts",
     ),
     "relax": (
         "Relaxation cuts",
-        {None: "default", True: "add while they help", False: "none"},
+        {None: "default", True: "enabled", False: "disabled"},
         "Cuts from the border inwards, added where they reduce the distortion most",
     ),
     "geodesic": (
@@ -39,7 +40,7 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "scale": (
         "Scale",
         {None: "fit distances", "areas": "fit areas"},
-        "Whether the map is scaled to fit the distances or the total area of the surface",
+        "Whether the scale of the map fits the distances or the total area of the surface",
     ),
     "sampling": (
         "Sampling",
@@ -48,7 +49,7 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     ),
     "link_lengths": (
         "Links",
-        {None: "chain-code lengths", "euclidean": "1, √2, √3 voxels"},
+        {None: "chain code", "euclidean": "1, √2, √3 voxels"},
         "Lengths assigned to the links between neighbouring voxels",
     ),
 }

@@ -13,9 +13,9 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 
 _LIMITS = {
-    "max_angle": "by largest inclination",
-    "bound": "by largest change of lengths",
-    "count": "by number of patches",
+    "max_angle": "by angle",
+    "bound": "by length change",
+    "count": "by number",
 }
 
 

@@ -21,7 +21,9 @@ def summary(flat_map: FlatMap | Atlas) -> str:
     if isinstance(flat_map, FlatAtlas):
         return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
     assert isinstance(flat_map, FlatMap)
-    return f"{len(flat_map):,} points, {100 * flat_map.distortion.raw.relative_error:.1f} % mean relative error"
+    return (
+        f"{len(flat_map):,} points, mean relative distance error {100 * flat_map.distortion.raw.relative_error:.1f} %"
+    )
 
 
 def table(flat_map: FlatMap | Atlas) -> str:
@@ -39,10 +41,10 @@ def figures(flat_map: FlatMap | Atlas) -> list[Row]:
     raw, triangles = flat_map.distortion.raw, flat_map.distortion.triangles
     width, height = np.ptp(flat_map.uv, axis=0)
     return [
-        ("mean relative error", f"{100 * raw.relative_error:.1f} %"),
-        ("   pairs up to 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
-        ("   pairs up to 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
-        ("mean absolute error", f"{raw.absolute_error:.2f} mm"),
+        ("mean relative distance error", f"{100 * raw.relative_error:.1f} %"),
+        ("   within 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
+        ("   within 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
+        ("mean absolute distance error", f"{raw.absolute_error:.2f} mm"),
         ("stress-1", f"{raw.stress_1:.4f}"),
         ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
         *([] if triangles is None else _of_triangles(triangles)),
@@ -114,4 +116,9 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 
 def warnings(flat_map: FlatMap | Atlas) -> list[str]:
     """Return the warnings of a map or an atlas, as sentences."""
-    return [f"{warning[:1].upper()}{warning[1:]}." for warning in flat_map.metadata["warnings"]]
+    return [sentence(warning) for warning in flat_map.metadata["warnings"]]
+
+
+def sentence(message: str) -> str:
+    """Return a message with a capital letter and a full stop."""
+    return f"{message[:1].upper()}{message[1:]}{'' if message.endswith('.') else '.'}"
