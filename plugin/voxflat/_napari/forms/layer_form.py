@@ -28,9 +28,7 @@ class LayerForm(QWidget):
         super().__init__(parent)
         self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
-        self.surface.setToolTip(
-            "The layer to flatten: a Labels layer, an Image layer with a threshold, or a Surface layer"
-        )
+        self.surface.setToolTip("The layer to flatten: Labels, an Image with a threshold, or a Surface")
         self.label = LabelChoice()
         self.label.setToolTip("The label whose surface is flattened. The default is the selected label of the layer")
         self.threshold = ThresholdChoice(viewer)
@@ -43,16 +41,12 @@ class LayerForm(QWidget):
             QDoubleSpinBox(),
             -100,
             100,
-            "Distance from the surface at which the layer is sampled. Negative values are inside",
+            "Distance from the surface at which the layer is sampled; negative is inside",
             " mm",
         )
         self.sample_depth.setSingleStep(0.5)
         self.pixel_size = spin(
-            QDoubleSpinBox(),
-            0,
-            100,
-            "Pixel size of the map. The default is half a voxel, or half a mesh edge",
-            " mm",
+            QDoubleSpinBox(), 0, 100, "Pixel size of the map. The default is half a voxel, or half a mesh edge", " mm"
         )
         self.pixel_size.setSingleStep(0.1)
         self.pixel_size.setSpecialValueText("automatic")

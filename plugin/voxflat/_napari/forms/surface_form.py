@@ -30,10 +30,10 @@ _METHODS = {name: name for name in METHODS}  # the summary of a method is its to
 _OVER_VOXELS = "grossmann2002"  # does not take meshes
 _PARTS = {
     "whole": "whole surface",
-    "disk": "disk around a seed point",
+    "disk": "disk around a point",
     "polygon": "within a polygon",
     "mask": "within a mask",
-    "values": "where values are not 0",
+    "values": "nonzero values",
 }
 
 
