@@ -121,7 +121,7 @@ def test_what_a_file_says_of_its_side_and_space_is_known_of_the_layer(tmp_path):
 def test_kept_are_vertices_with_a_value():
     points, faces, values = bumps(4)
     values[:] = 0
-    refused("no value that is not 0", LayerMesh.of(Surface((points, faces, values))).kept)
+    refused("are 0. Choose another part", LayerMesh.of(Surface((points, faces, values))).kept)
     values[:3] = (2, np.nan, -1)
     assert np.flatnonzero(LayerMesh.of(Surface((points, faces, values))).kept()).tolist() == [0, 2]
 

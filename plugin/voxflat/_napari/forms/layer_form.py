@@ -32,17 +32,11 @@ class LayerForm(QWidget):
         self.label = LabelChoice()
         self.label.setToolTip("The label whose surface is flattened. The default is the selected label of the layer")
         self.threshold = ThresholdChoice(viewer)
-        self.world = choice(
-            WORLDS, "The anatomical directions of the axes of the viewer. A wrong choice mirrors the map"
-        )
+        self.world = choice(WORLDS, "Anatomical directions of the viewer's axes. A wrong choice mirrors the map")
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
         self.sampled.setToolTip("The layer that the map shows, such as a T1 image or an atlas, sampled at the surface")
         self.sample_depth = spin(
-            QDoubleSpinBox(),
-            -100,
-            100,
-            "Distance from the surface at which the layer is sampled; negative is inside",
-            " mm",
+            QDoubleSpinBox(), -100, 100, "Sampling distance from the surface. Negative values are inside it", " mm"
         )
         self.sample_depth.setSingleStep(0.5)
         self.pixel_size = spin(
