@@ -1,4 +1,4 @@
-"""Layers → Measure: what keeps a surface from being flattened, and how good maps are."""
+"""*Layers → Measure*: defects of surfaces, and the quality of maps."""
 
 import numpy as np
 from napari.layers import Labels
@@ -32,7 +32,7 @@ def test_check_marks_the_handle(open_widget, qtbot):
     assert places.features["finding"][0].startswith("handle")
 
 
-def test_figures_of_a_run_and_of_another_tools_patch(open_widget, qtbot, tmp_path):
+def test_measures_of_a_run_and_of_a_patch_of_another_tool(open_widget, qtbot, tmp_path):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     _, measured = viewer.window.add_plugin_dock_widget("voxflat", "Measure map")
     assert measured.table.toPlainText().startswith("No flat map")

@@ -1,4 +1,4 @@
-"""What is drawn in the volume, on the map; and what is on the map, outlined in the volume."""
+"""Annotations of the volume on the map, and the outline of the map in the volume."""
 
 import composed
 import numpy as np
@@ -26,7 +26,7 @@ def prepared_map_of(points, faces, **how):
 
 @pytest.fixture(scope="module")
 def plane():
-    """A flat sheet at the height 7, 2 mm apart, whose map is itself, turned."""
+    """A flat grid at height 7 with a spacing of 2 mm, whose map is the same grid, rotated."""
     points, faces, _ = bumps(15)
     points[:, 2] = 7
     return prepared_map_of(points, faces)
@@ -34,7 +34,7 @@ def plane():
 
 @pytest.fixture(scope="module")
 def ball():
-    """A sphere, which was cut open."""
+    """A sphere that was cut open."""
     return prepared_map_of(*sphere(250, RADIUS))
 
 
@@ -52,9 +52,9 @@ inside = st.floats(0, 28)
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(inside, inside, st.floats(-9, 9)), min_size=2, max_size=5))
-@example([(0.0, 0.0, 0.0), (0.0, 1e-308, 0.0)])  # a step so small that to divide by it overflows
-def test_above_a_plane_places_are_its_own(plane, corners):
-    """Points go straight down, lines stay straight, and what is too high is left out and counted."""
+@example([(0.0, 0.0, 0.0), (0.0, 1e-308, 0.0)])  # a step so small that dividing by it overflows
+def test_points_above_a_plane_are_projected_onto_it(plane, corners):
+    """Points are projected vertically, lines stay straight, and points that are too high are counted."""
     corners = np.array(corners)
     points = corners + np.array([0, 0, 7])
     colours = np.arange(4 * len(points), dtype=np.uint8).reshape(-1, 4)
@@ -73,7 +73,7 @@ def test_above_a_plane_places_are_its_own(plane, corners):
 
 
 def test_lines_that_leave_the_surface(plane):
-    """Only what is near is shown, of however long a line, and it is told."""
+    """Only the near parts of a line are shown, however long it is, and a message reports the others."""
     long, beside, far = [[-1e9, 14, 7], [1e9, 14, 7]], [[-30, -30, 7], [-40, 90, 7]], [[0, 0, 1e6], [9, 9, 1e6]]
     found = on_map(plane, [paths(long), paths(beside, far)])
     (line,) = found.lines
@@ -84,7 +84,7 @@ def test_lines_that_leave_the_surface(plane):
     assert (len(nothing.dots), nothing.lines, nothing.left_out) == (0, [], "")
 
 
-def test_a_line_is_broken_at_a_cut(ball):
+def test_a_line_is_split_at_a_cut(ball):
     turn = np.linspace(0, 2 * np.pi, 60)
     ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     found = on_map(ball, [paths(ring, np.roll(ring, 1, axis=1))])
@@ -192,7 +192,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     same(dots(dock, qtbot), points[[90, 30]])
 
 
-def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
+def test_annotations_of_the_displayed_time(flattened, qtbot):
     points, faces, values = bumps(13)
     film = Image(np.zeros((3, 30, 30, 9), dtype=np.uint8), name="film")
     viewer, _, dock = flattened(Surface((points, faces, values), name="bumps"), film)
@@ -263,7 +263,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
         assert dock.click.currentText() != before
     wait_for_picture(dock, qtbot)
     viewer.layers.remove("ball map outline")
-    viewer.dims.ndisplay = 2  # someone took it out: it stays away
+    viewer.dims.ndisplay = 2  # the user removed it: it stays away
     wait_for_picture(dock, qtbot)
     assert "ball map outline" not in viewer.layers
     viewer.window.remove_dock_widget(dock)
@@ -284,8 +284,8 @@ def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_
     assert [layer.visible for layer in viewer.layers][listed:] == [True, True]
     dock.on_surface.click()
     dock.outlined.click()
-    assert [layer.visible for layer in viewer.layers][listed:] == [False, False]  # one that goes takes napari long
-    for layer in viewer.layers[listed:]:  # the eye in the list is the same switch
+    assert [layer.visible for layer in viewer.layers][listed:] == [False, False]  # removing a layer is slow in napari
+    for layer in viewer.layers[listed:]:  # the eye in the list does the same
         layer.visible = True
     assert dock.on_surface.isChecked()
     assert dock.outlined.isChecked()

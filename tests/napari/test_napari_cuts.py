@@ -1,4 +1,4 @@
-"""Cuts by hand: clicked on the surface in 3D, undone and redone, evaluated, saved, loaded, and used."""
+"""Drawn cuts: clicks on the surface in 3D, undo and redo, evaluating, saving, loading and using them."""
 
 import json
 
@@ -30,7 +30,7 @@ STEPS = st.one_of(
 
 
 @given(st.lists(STEPS, max_size=12))
-def test_whatever_is_done_can_be_undone_and_redone(steps):
+def test_every_step_can_be_undone_and_redone(steps):
     drawing = Drawing(WHOLE)
     for name, *values in steps:
         if name == "remove" and values[0] >= len(drawing.cuts):
@@ -50,7 +50,7 @@ def test_whatever_is_done_can_be_undone_and_redone(steps):
         assert (drawing.cuts, drawing.is_open) == state
 
 
-def test_a_cut_is_the_shortest_way_from_stop_to_stop():
+def test_a_cut_is_the_shortest_path_between_points():
     drawing = Drawing(WHOLE)
     for stop in (12, 312, 318):
         drawing.add_stop(stop)
@@ -69,7 +69,7 @@ def test_a_cut_is_the_shortest_way_from_stop_to_stop():
 
 
 def press(dock, qtbot, *names):
-    """Press buttons, and wait until what each began has come to its end."""
+    """Press buttons, and wait until the task of each has finished."""
     for name in names:
         assert getattr(dock, name).isEnabled()
         getattr(dock, name).click()
@@ -77,7 +77,7 @@ def press(dock, qtbot, *names):
 
 
 def draw(dock, *stops):
-    """Add stops, as clicks on the surface do."""
+    """Add points, as clicks on the surface do."""
     for stop in stops:
         dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
 
@@ -148,7 +148,7 @@ def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tm
     assert len(ViewerState.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
 
 
-def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
+def test_standard_cuts_show_the_excluded_part_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     lab.write(tmp_path)
     ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])
@@ -189,7 +189,7 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
         assert_array_equal(one.ids, other)
 
 
-def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp_path, monkeypatch, messages):
+def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_path, monkeypatch, messages):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
     state = ViewerState.of(viewer)
@@ -233,7 +233,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     exec(compile(script.replace("ball.voxflat", str(tmp_path / "again.voxflat")), "script", "exec"), {})
     assert_array_equal(voxflat.load(tmp_path / "again.voxflat").uv, second.uv)
 
-    # what cannot be gone on from is said, and the map stays
+    # a map from which one cannot continue is reported, and stays
     dock.undo.click()
     dock.remove.setEnabled(True)
     dock.cuts.setCurrentCell(0, 0)
@@ -246,15 +246,15 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     assert not widget.form.continues.isChecked()
 
 
-def test_what_is_too_small_to_evaluate_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
-    """A single stop is no cut, and has no gain; cuts that were changed meanwhile are not told those of others."""
+def test_surfaces_too_small_to_evaluate_and_gains_beside_their_cuts(open_widget, qtbot):
+    """A single point is not a cut, and has no gain; changed cuts do not show the gains of the previous ones."""
     viewer, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
 
     def gains():
         return [dock.cuts.item(row, 2).text() for row in range(dock.cuts.rowCount())]
 
     press(dock, qtbot, "begin")
-    draw(dock, 5)  # the first cut is but a stop
+    draw(dock, 5)  # the first cut is a single point
     dock._do(Drawing.end_cut)
     draw(dock, 0, 20)
     press(dock, qtbot, "evaluate")
@@ -287,7 +287,7 @@ def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monk
     assert dock.status.text() not in ("", "making the template…")
     assert not (tmp_path / "t.json").exists()
     viewer.bind_key("Shift-N", print)
-    _, flat = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")  # which leaves the user's key alone
+    _, flat = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")  # the key binding of the user is kept
     for one in (dock, flat):
         viewer.window.remove_dock_widget(one)
     assert [*viewer.keymap.values()] == [print]

@@ -1,6 +1,6 @@
-"""Whatever is done in napari's window, in whatever order: no exception, no crash, and what is offered is what is there.
+"""Random sequences of actions in napari's window: no exception, no crash, and consistent choices.
 
-`make test` tries few sequences, always the same; `make bench-napari` 200 others (`--sequences`).
+`make test` runs a few sequences, always the same ones; `make bench-napari` runs 200 others (`--sequences`).
 """
 
 import sys
@@ -243,7 +243,7 @@ class Window(RuleBasedStateMachine):
 
     @rule()
     def be_patient(self):
-        """Wait until nothing is under way; then what is offered is what is there."""
+        """Wait until no task is running, then check that the choices match the layers."""
         self._find_docks()
         self.qtbot.waitUntil(lambda: self._is_idle, timeout=PATIENCE)
         self._find_docks()
@@ -285,7 +285,7 @@ class Window(RuleBasedStateMachine):
 
     @invariant()
     def nothing_went_wrong(self):
-        """No exception reached Qt or napari; what voxflat says is a line."""
+        """No exception reached Qt or napari, and messages of voxflat are single lines."""
         QApplication.processEvents()
         if self.errors:
             _, error, _ = self.errors[0]
@@ -314,13 +314,13 @@ class Window(RuleBasedStateMachine):
             self.nothing_went_wrong()
 
     def _find_docks(self):
-        """Look which docks are open: a first map opens one by itself."""
+        """Update the open docks: the first map opens one automatically."""
         self.docks = {}
         for name, dock in self.viewer.window.dock_widgets.items():
             self.docks |= {own: dock for own in DOCKS if name.startswith(own)}
 
     def _one_of(self, kind, number):
-        """Return one of the fields of our docks that can be used now."""
+        """Return one of the fields of the docks that is enabled."""
         self._find_docks()
         parts = [part for dock in self.docks.values() for part in dock.findChildren(kind)]
         usable = [part for part in parts if part.isEnabled() and part.isVisibleTo(part.window())]

@@ -1,4 +1,4 @@
-"""The dock *Flat map* in napari's real window: what it shows, and its link with the viewer."""
+"""The dock *Flat map* in a real window: its contents, and its link with the viewer."""
 
 import gc
 import re
@@ -41,7 +41,7 @@ def to_map(dock, qtbot, u, v):
 
 @pytest.mark.parametrize("unit", ["mm", "micrometer"])
 def test_map_and_volume_are_linked(flattened, qtbot, unit):
-    """A mesh in another unit and with other axes than RAS: both ways lead to the places that the map knows."""
+    """Lookups in both directions, for a mesh with another unit and axes other than RAS."""
     points, faces, values = bumps()
     factor = {"mm": 1.0, "micrometer": 1000.0}[unit]
     place = {"scale": factor * SCALE, "translate": factor * CORNER, "units": unit}
@@ -108,7 +108,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     assert not dock.canvas.ring.isVisible()
 
 
-def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(open_widget, qtbot):
+def test_the_view_does_not_change_and_layers_are_added_hidden(open_widget, qtbot):
     sheet, t1 = Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1")
     viewer, widget = open_widget(sheet, t1, show=True)
     viewer.dims.ndisplay = 3
@@ -133,8 +133,8 @@ def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(open_widget, qtbo
     wait_for_threads(qtbot)
 
 
-def test_what_the_map_shows(flattened, qtbot):
-    """Measures; layers, that come and change their looks; depths; time points of what is larger than memory."""
+def test_contents_of_the_map(flattened, qtbot):
+    """Measures, layers that are added and change their display, depths, and time points of large series."""
     along = np.indices((24, 24, 24))[2].astype(np.float32)
     series = da.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
     viewer, _, dock = flattened(Image(along, name="k"), Labels(cap(), name="sheet"))
@@ -210,7 +210,7 @@ def widgets_in(viewer):
     return len(viewer.window._qt_window.findChildren(QWidget))
 
 
-def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
+def test_a_run_replaces_the_earlier_one_or_both_are_kept(flattened, qtbot):
     points, faces, values = bumps(13)
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
     layers = list(viewer.layers)
@@ -254,7 +254,7 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     qtbot.waitUntil(lambda: len(viewer.layers) == 3)
 
 
-def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_viewer, qtbot):
+def test_layers_have_controls_unless_they_are_not_added(make_napari_viewer, qtbot):
     points, faces, _ = bumps(9)
     layers = map_layers(voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)), "it")
     viewer = make_napari_viewer()
@@ -271,7 +271,7 @@ def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_v
     assert controls.currentWidget() is controls.widgets[viewer.layers[0]]
 
 
-def test_docks_open_as_tabs_and_stay_where_one_puts_them(make_napari_viewer, qtbot):
+def test_docks_open_as_tabs_and_stay_where_they_are_moved(make_napari_viewer, qtbot):
     viewer = make_napari_viewer(show=True)
     window = viewer.window._qt_window
     window.resize(1366, 768)
@@ -332,7 +332,7 @@ def click(dock, qtbot, *places):
         qtbot.mouseClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
 
 
-def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
+def test_drawings_on_a_map_of_voxels(flattened, qtbot):
     viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=(2.0, 2.0, 2.0), units="mm"))
     flat_map = dock.prepared.run.flat_map
     u, v = flat_map.uv.mean(axis=0)

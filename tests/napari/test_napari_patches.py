@@ -102,7 +102,7 @@ def test_a_label_and_a_volume(open_widget, qtbot, world):
     assert np.nanmax(np.abs(image[inside] - ids[inside][:, 0])) < 2.5
 
 
-def test_an_atlas_takes_the_place_of_one_with_fewer_points(open_widget, qtbot):
+def test_an_atlas_replaces_one_with_fewer_points(open_widget, qtbot):
     viewer, widget = open_widget(Surface(sphere(), name="ball"))
     assert viewer.dims.ndisplay == 2  # napari looks up the colours of the points in the slice
     limit(widget, "count", 12)
@@ -118,7 +118,7 @@ def test_an_atlas_takes_the_place_of_one_with_fewer_points(open_widget, qtbot):
     assert_array_equal(viewer.layers["ball C"].data, surface.metadata["voxflat"].heat_map().data)
 
 
-def test_a_layer_that_fails_keeps_no_other_one(open_widget, qtbot, monkeypatch):
+def test_a_layer_that_fails_does_not_stop_the_others(open_widget, qtbot, monkeypatch):
     viewer, widget = open_widget(Surface(sphere(), name="ball"))
     limit(widget, "count", 12)
     run(widget, qtbot)
@@ -149,7 +149,7 @@ def test_only_the_chosen_limit_is_asked(open_widget):
         assert [name for name, field in fields.items() if field.isVisibleTo(widget)] == [chosen]
 
 
-def test_bad_input_is_one_line(open_widget, qtbot, messages):
+def test_bad_input_gives_a_one_line_message(open_widget, qtbot, messages):
     viewer, widget = open_widget(Surface(sphere()))
     limit(widget, "count", 1)
     run(widget, qtbot)

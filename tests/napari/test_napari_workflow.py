@@ -1,6 +1,6 @@
-"""From files to a trusted map and back, in the real window, with menus and clicks only.
+"""From files to a map and back, in the real window, with menus and clicks only.
 
-With ``--pictures FOLDER`` (``make pictures``) the pictures of docs/napari.md are kept, and the demo's cortex runs, too.
+``--pictures FOLDER`` (``make pictures``) saves the pictures of docs/napari.md, and flattens the complete demo cortex.
 """
 
 from itertools import product
@@ -28,13 +28,13 @@ THEMES = ("dark", "light")
 
 @pytest.fixture
 def pictures(request, tmp_path):
-    """Where pictures of the window go."""
+    """The folder for pictures of the window."""
     return request.config.getoption("pictures") or tmp_path / "pictures"
 
 
 @pytest.fixture
 def window(make_napari_viewer, qtbot):
-    """A function that opens a window of some size and theme, and says who uses it."""
+    """A function that opens a window of a size and theme, and returns the viewer and a simulated user."""
 
     def opened(size, theme):
         viewer = make_napari_viewer(show=True)
@@ -49,7 +49,7 @@ def window(make_napari_viewer, qtbot):
 
 @pytest.fixture
 def look(request, tmp_path):
-    """A function that sees that all of what is used is in the window, in another of its looks each time."""
+    """A function that checks that widgets are fully visible, in another size and theme each time."""
     in_all = request.config.getoption("pictures") is not None
     seen = []
 
@@ -75,7 +75,7 @@ def look(request, tmp_path):
 
 @pytest.fixture
 def hemisphere(request):
-    """A function that reads points and triangles of fsaverage5's left hemisphere, without pictures of a coarser one."""
+    """A function that reads the left hemisphere of fsaverage5, or of a coarser mesh without `--pictures`."""
 
     def read(name):
         points, faces = nib.load(fsaverage5(f"{name}_left")).agg_data(("pointset", "triangle"))
@@ -93,7 +93,7 @@ def hemisphere(request):
 
 @pytest.fixture
 def subject(tmp_path, hemisphere):
-    """A left hemisphere in a folder as FreeSurfer makes it."""
+    """A FreeSurfer folder with a left hemisphere."""
     surf = tmp_path / "subject" / "surf"
     surf.mkdir(parents=True)
     space = Space("tkRAS", VolumeGeometry.conformed())
@@ -129,7 +129,7 @@ def flatten(hand, viewer):
 
 
 def point_at(hand, flat, row):
-    """Point into a triangle at a vertex, which may lie on the border, until the line below says what is there."""
+    """Point into a triangle at a vertex until the line below the map describes the place."""
     flat_map = flat.prepared.run.flat_map
     u, v = flat_map.uv[flat_map.faces[(flat_map.faces == row).any(axis=1)][0]].mean(axis=0)
 
@@ -141,7 +141,7 @@ def point_at(hand, flat, row):
 
 
 def parts_of(flat):
-    """What of the dock *Flat map* is always to be seen."""
+    """The widgets of the dock *Flat map* that must always be visible."""
     return flat.canvas, flat.legend, flat.text, flat.contents, flat.on_surface, flat.outlined, flat.whole, flat.keep
 
 

@@ -1,4 +1,4 @@
-"""A map ready to be shown, without a window: what a ray meets, and what measures are, beside what they must be."""
+"""Prepared maps without a window: intersections with rays, and measures, compared with exact values."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -52,7 +52,7 @@ def test_a_ray_meets_the_triangle_in_front_however_large_it_is():
     assert prepared.met(np.array([-3.0, -3.0, 50]), np.array([0, 0, -1.0])) is None
 
 
-def test_angles_of_a_plane_that_is_stretched():
+def test_angles_of_a_stretched_plane():
     flat_map = prepared_map_of(*grid(9, 9, 1.25)).run.flat_map
     faces = flat_map.faces
     assert_allclose(angle_changes(flat_map.points, faces, flat_map.uv), 0, atol=0.1)
@@ -64,8 +64,8 @@ def test_angles_of_a_plane_that_is_stretched():
 
 
 @pytest.mark.parametrize("kind", ["dask", "zarr"])
-def test_microscopes_channels_are_read_where_the_surface_is(kind):
-    """Two channels, two scales, µm, chunks: of the finest scale the chunks of one channel at the surface are read."""
+def test_only_chunks_at_the_surface_are_read(kind):
+    """Of two channels and two scales, only chunks of one channel of the finest scale are read."""
     along = np.indices((40, 40, 40))[0].astype(np.float32)
     channels, read = np.stack([along, 100 + 2 * along]), []
 

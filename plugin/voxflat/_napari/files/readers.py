@@ -41,7 +41,7 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
 def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
     """Return a reader of a surface, of values or labels on one, or of a patch, as `map_reader`."""
     if path is None:
-        _ask("Read a surface, or values on one", _SURFACES)
+        _ask("Read a surface or values on a surface", _SURFACES)
     if not isinstance(path, str):
         return None
     read = _reader_of(Path(path))
