@@ -123,7 +123,7 @@ def test_the_layer_keeps_the_hemisphere_and_space_of_its_file(tmp_path):
 def test_kept_are_vertices_with_a_value():
     points, faces, values = bumps(4)
     values[:] = 0
-    refused("are 0. Choose another part", LayerMesh.of(Surface((points, faces, values))).kept)
+    refused("are 0 or NaN. Choose another part", LayerMesh.of(Surface((points, faces, values))).kept)
     values[:3] = (2, np.nan, -1)
     assert np.flatnonzero(LayerMesh.of(Surface((points, faces, values))).kept()).tolist() == [0, 2]
 

@@ -41,7 +41,7 @@ class LayerMesh:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
             raise InputError(f"The faces of layer '{layer.name}' have {corners} instead of 3. Triangulate the mesh")
         if len(values) != len(vertices):
-            raise InputError(f"Layer '{layer.name}' has {len(values)} values at {len(vertices)} vertices. Set one each")
+            raise InputError(f"Layer '{layer.name}': {len(values)} values at {len(vertices)} vertices. Set one per vertex")
         given = layer.metadata.get("structure")
         named = None if place.path is None else named_structure(place.path)
         structure = given if isinstance(given, str) else named
@@ -64,7 +64,7 @@ class LayerMesh:
         """Return which vertices have a value other than 0 and NaN; raises InputError if none has."""
         kept = np.nan_to_num(self.values) != 0
         if not kept.any():
-            raise InputError(f"All values of layer '{self.origin['layer']}' are 0. Choose another part")
+            raise InputError(f"All values of layer '{self.origin['layer']}' are 0 or NaN. Choose another part")
         return np.asarray(kept)
 
 

@@ -119,7 +119,7 @@ def put(viewer: Viewer, data: LayerData) -> Layer:
 def _map(prepared: PreparedMap) -> FlatMap:
     flat_map = prepared.run.flat_map
     if not isinstance(flat_map, FlatMap):
-        raise InputError("This needs a flat map, not a page of patches. Flatten it with Flatten surface")
+        raise InputError("This needs a flat map, not a page of patches. Use Flatten surface instead")
     return flat_map
 
 
