@@ -64,11 +64,11 @@ def test_points_above_a_plane_are_projected_onto_it(plane, corners):
     flat = np.column_stack([points[:, :2], np.full(len(points), 7)])
     assert_allclose(found.dots, plane.places(flat)[near], atol=1e-6)
     assert_allclose(plane.run.flat_map.look_up(found.dots).points[:, :2], corners[near, :2], atol=1e-6)
-    assert (f"{(~near).sum()} of {len(near)} points" in found.left_out) == (not near.all())
+    assert (f"{(~near).sum()} of {len(near)} points" in found.excluded) == (not near.all())
 
     low = flat + np.array([0, 0, 3])
     found = on_map(plane, [paths(low)])
-    assert found.left_out == ""
+    assert found.excluded == ""
     assert_allclose(sum(map(length, found.lines)), length(low), rtol=0.005, atol=0.02)
 
 
@@ -79,16 +79,16 @@ def test_lines_that_leave_the_surface(plane):
     (line,) = found.lines
     first, last = line[[0, -1]]
     assert_allclose(np.linalg.norm(last - first), 28, atol=0.1)
-    assert "all or parts of 3 of 3 shapes" in found.left_out
+    assert "all or parts of 3 of 3 shapes" in found.excluded
     nothing = on_map(plane, [])
-    assert (len(nothing.dots), nothing.lines, nothing.left_out) == (0, [], "")
+    assert (len(nothing.dots), nothing.lines, nothing.excluded) == (0, [], "")
 
 
 def test_a_line_is_split_at_a_cut(ball):
     turn = np.linspace(0, 2 * np.pi, 60)
     ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     found = on_map(ball, [paths(ring, np.roll(ring, 1, axis=1))])
-    assert found.left_out == ""
+    assert found.excluded == ""
     assert len(found.lines) > 2  # a closed surface is cut at least once around
     steps = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in found.lines])
     assert steps.max() < 4 * ball.spacing
@@ -129,7 +129,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     points, faces, values = bumps(13)
     place = {"scale": (2000.0, 500.0, 3000.0), "translate": (5e3, -4e3, 7e3), "units": "um"}
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps", **place))
-    assert not dock.left_out.isVisible()
+    assert not dock.excluded.isVisible()
     spots, shift = points[[30, 100, 120]], np.array([1, 0, 0])
     foci = viewer.add_points(spots, name="foci", face_color=["red", "red", "lime"], **place)
     flat_map = dock.prepared.run.flat_map
@@ -144,13 +144,13 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     same(dots(dock, qtbot), spots)
     foci.add([points[90], points[90] + [0, 0, 100]])
     same(dots(dock, qtbot), np.array([*spots, points[90]]))
-    assert dock.left_out.isVisible()
-    assert "1 of 5 points" in dock.left_out.text()
+    assert dock.excluded.isVisible()
+    assert "1 of 5 points" in dock.excluded.text()
     foci.selected_data = {3, 4}
     foci.remove_selected()
     foci.data = foci.data + shift
     same(dots(dock, qtbot), spots + shift)
-    assert not dock.left_out.isVisible()
+    assert not dock.excluded.isVisible()
     foci.translate = np.array(foci.translate) - [2000, 0, 0]
     same(dots(dock, qtbot), spots)
     foci.shown = [True, False, True]
@@ -204,7 +204,7 @@ def test_annotations_of_the_displayed_time(flattened, qtbot):
         viewer.dims.set_point(0, time)
         assert_allclose(dots(dock, qtbot), flat_map.points_to_map(points[spots].reshape(-1, 3))[0], atol=1e-6)
         assert len(dock.canvas.annotations.lines) == lines
-    assert not dock.left_out.isVisible()
+    assert not dock.excluded.isVisible()
 
 
 def test_the_part_is_outlined_in_the_volume(flattened, qtbot):

@@ -1,4 +1,4 @@
-"""Base classes of the docks, which open as tabs, because a small screen has no room for two docks side by side."""
+"""Base classes of the docks, which open as tabs, because two docks do not fit on a small screen."""
 
 from collections.abc import Callable
 from typing import Any

@@ -73,11 +73,7 @@ class DrawCuts(TaskDock):
         self.evaluate = self._button("Evaluate", f"{_GAIN}. Takes a few seconds per cut", self._on_evaluate)
         self.save = self._button("Save…", "Save a file for cuts= in Python, or --cuts in the shell", self._on_save)
         self.load = self._button("Load…", "Load a file of cuts, or a template", self._on_load)
-        self.template = self._button(
-            "Save template…",
-            "Save a file that makes the same cuts on every brain, for cuts= or --cuts",
-            self._on_save_template,
-        )
+        self.template = self._button("Save template…", "Save these cuts for use on every brain", self._on_save_template)
         self.use = self._button("Use for Flatten surface", "Select these cuts in the form", self._on_use)
         self.again = self._button(
             "Flatten again",

@@ -41,7 +41,9 @@ class LayerMesh:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
             raise InputError(f"The faces of layer '{layer.name}' have {corners} instead of 3. Triangulate the mesh")
         if len(values) != len(vertices):
-            raise InputError(f"Layer '{layer.name}': {len(values)} values at {len(vertices)} vertices. Set one per vertex")
+            raise InputError(
+                f"Layer '{layer.name}': {len(values)} values, {len(vertices)} vertices. Set one per vertex"
+            )
         given = layer.metadata.get("structure")
         named = None if place.path is None else named_structure(place.path)
         structure = given if isinstance(given, str) else named

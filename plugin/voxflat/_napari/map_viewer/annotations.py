@@ -67,7 +67,7 @@ class OnMap:
     colours: NDArray[np.uint8]
     lines: list[NDArray[np.float64]]
     line_colours: NDArray[np.uint8]
-    left_out: str  # a message about annotations that are too far from the surface, or empty
+    excluded: str  # a message about annotations that are too far from the surface, or empty
 
 
 def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
@@ -86,11 +86,11 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
             shapes += 1
             far += bool(np.isnan(places).any())
     beyond = int((~known).sum())
-    excluded = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
-    excluded += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
-    left_out = f"Not shown, because more than {FAR:g} mm from the surface: {', '.join(excluded)}" if excluded else ""
+    counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
+    counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
+    excluded = f"Not shown, because more than {FAR:g} mm from the surface: {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
-    return OnMap(dots[known], colours[known], lines, all_colours, left_out)
+    return OnMap(dots[known], colours[known], lines, all_colours, excluded)
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:

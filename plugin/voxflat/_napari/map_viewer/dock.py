@@ -72,7 +72,7 @@ class FlatMapDock(Dock):
         self._viewer = napari_viewer
         self._state = ViewerState.of(napari_viewer)
         self._run: Run | None = None
-        self._looks: list[Any] = []
+        self._display_events: list[Any] = []
         self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
         self.prepared: PreparedMap | None = None
         """The map of the run, prepared for display and lookups; None until it is drawn."""
@@ -82,10 +82,10 @@ class FlatMapDock(Dock):
         self._points: list[drawings.Place] = []  # marked points that are not yet in the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
-        self._carrier = LatestTask(self, self._on_carried, self._on_not_carried)
-        self._annotator = LatestTask(self, self._on_annotated, self._on_not_annotated)
+        self._projector = LatestTask(self, self._on_projected, self._on_projection_failed)
+        self._annotator = LatestTask(self, self._on_annotated, self._on_annotation_failed)
         self._painter = LatestTask(self, self._on_drawn, self._on_failed)
-        self._soon = single_shot(self, 0, self._draw)  # draws once after several changes
+        self._redraw = single_shot(self, 0, self._draw)  # draws once after several changes
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -141,9 +141,9 @@ class FlatMapDock(Dock):
         self.text = QLabel(NOTHING)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.left_out = QLabel()
-        self.left_out.setWordWrap(True)
-        self.left_out.hide()
+        self.excluded = QLabel()
+        self.excluded.setWordWrap(True)
+        self.excluded.hide()
         self._limit_depth()
 
     def _lay_out(self) -> None:
@@ -174,7 +174,7 @@ class FlatMapDock(Dock):
         layout.addWidget(self.canvas, 1)
         layout.addWidget(self.legend)
         layout.addWidget(self.text)
-        layout.addWidget(self.left_out)
+        layout.addWidget(self.excluded)
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
@@ -183,7 +183,7 @@ class FlatMapDock(Dock):
         self.runs.activated.connect(self._on_run_chosen)
         self.keep.toggled.connect(self._on_keep)
         self.contents.chosen.connect(self._on_content)
-        self.depths.valueChanged.connect(self._soon.start)
+        self.depths.valueChanged.connect(self._redraw.start)
         self.depth_unit.currentIndexChanged.connect(self._on_depth_unit)
         self.opacity.valueChanged.connect(self._on_opacity)
         self.canvas.picture.setOpacity(_OPACITY)
@@ -236,7 +236,7 @@ class FlatMapDock(Dock):
         self._run, self.prepared, self.link.prepared = run, None, None
         self._location = None
         self._points, self._regions, self._annotations = [], [], []
-        self._say_left_out("")
+        self._show_excluded("")
         self._forget_corners()
         self.link.mark(None)
         self.canvas.place_ring(None)
@@ -265,38 +265,38 @@ class FlatMapDock(Dock):
     @property
     def is_drawn(self) -> bool:
         """Whether the canvas and the viewer are up to date."""
-        threads = (self._painter, self._carrier, self._annotator, self.annotations, self.outline)
-        return not (self._soon.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
+        threads = (self._painter, self._projector, self._annotator, self.annotations, self.outline)
+        return not (self._redraw.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
     def _on_content(self) -> None:
-        for event in self._looks:
-            event.disconnect(self._on_look)
+        for event in self._display_events:
+            event.disconnect(self._on_display_changed)
         content = self.contents.content
         has_depth = isinstance(content, Image | Labels)
         self._depth_row.setVisible(has_depth)
         names = ("colormap", "contrast_limits", "gamma", "data") if content is not None else ()
         events = getattr(content, "events", None)
-        self._looks = [getattr(events, name) for name in names if hasattr(events, name)]
-        for event in self._looks:
-            event.connect(self._on_look)
-        self._soon.start()
+        self._display_events = [getattr(events, name) for name in names if hasattr(events, name)]
+        for event in self._display_events:
+            event.connect(self._on_display_changed)
+        self._redraw.start()
 
-    def _on_look(self) -> None:
-        self._soon.start()
+    def _on_display_changed(self) -> None:
+        self._redraw.start()
 
     def _on_step(self) -> None:
         content = self.contents.content
         if isinstance(content, Image | Labels) and content.ndim > 3:
-            self._soon.start()
+            self._redraw.start()
 
     def _on_depth_unit(self) -> None:
         self._limit_depth()
-        self._soon.start()
+        self._redraw.start()
 
     def _on_opacity(self, opacity: float) -> None:
         self.canvas.picture.setOpacity(opacity)
         if self.on_surface.isChecked():
-            self._soon.start()
+            self._redraw.start()
 
     def _limit_depth(self) -> None:
         in_mm = self.depth_unit.currentText() == _MM
@@ -341,7 +341,7 @@ class FlatMapDock(Dock):
 
     def _on_surface(self, painted: bool) -> None:
         if painted:
-            self._soon.start()
+            self._redraw.start()
         else:
             self.painted.hide()
 
@@ -389,7 +389,7 @@ class FlatMapDock(Dock):
         try:
             found = self.annotations.taken(self.prepared.origin.get("world_axes", "RAS"))
         except VoxflatError as error:
-            self._on_not_annotated(error)
+            self._on_annotation_failed(error)
             return
         before, self._annotations = self._annotations, found
         if len(found) != len(before) or not all(one.is_same(other) for one, other in zip(found, before, strict=True)):
@@ -399,16 +399,16 @@ class FlatMapDock(Dock):
         prepared, found = result
         if prepared is self.prepared:
             self.canvas.show_annotations(found)
-            self._say_left_out(found.left_out)
+            self._show_excluded(found.excluded)
 
-    def _on_not_annotated(self, error: Exception) -> None:
+    def _on_annotation_failed(self, error: Exception) -> None:
         self._annotations = []
         self.canvas.show_annotations(None)
-        self._say_left_out(" ".join(str(error).split()))
+        self._show_excluded(" ".join(str(error).split()))
 
-    def _say_left_out(self, what: str) -> None:
-        self.left_out.setText(what[:1].upper() + what[1:])
-        self.left_out.setVisible(bool(what))
+    def _show_excluded(self, what: str) -> None:
+        self.excluded.setText(what[:1].upper() + what[1:])
+        self.excluded.setVisible(bool(what))
 
     # -------------------------------------------------------------------------------------------- link
 
@@ -431,13 +431,13 @@ class FlatMapDock(Dock):
             self.link.centre(spot.point)
         elif wanted == MARK:
             self._points.append((u, v))
-            self._carrier.ask(partial(drawings.points, self.prepared, [*self._points]))
+            self._projector.ask(partial(drawings.points, self.prepared, [*self._points]))
             self._show_drawn([])
         else:
             self._corners.append((u, v))
             self._show_drawn([np.array(self._corners)] if wanted == REGION else [])
             if wanted == MEASURE and len(self._corners) == 2:
-                self._carrier.ask(partial(drawings.way, self.prepared, *self._corners))
+                self._projector.ask(partial(drawings.way, self.prepared, *self._corners))
                 self._corners = []
 
     def _on_double_click(self) -> None:
@@ -447,9 +447,9 @@ class FlatMapDock(Dock):
         elif self.prepared is not None and len(self._corners) > 2:
             self._regions.append(self._corners)
             self._corners = []
-            self._carrier.ask(partial(drawings.regions, self.prepared, [*self._regions]))
+            self._projector.ask(partial(drawings.regions, self.prepared, [*self._regions]))
 
-    def _on_carried(self, drawn: drawings.Drawn) -> None:
+    def _on_projected(self, drawn: drawings.Drawn) -> None:
         layer = drawings.put(self._viewer, drawn.layer)
         if isinstance(layer, Points):
             self._points = []
@@ -457,7 +457,7 @@ class FlatMapDock(Dock):
         if drawn.message:
             self.text.setText(drawn.message)
 
-    def _on_not_carried(self, error: Exception) -> None:
+    def _on_projection_failed(self, error: Exception) -> None:
         self._forget_corners()
         self.text.setText(" ".join(str(error).split()))
 
@@ -509,19 +509,19 @@ class FlatMapDock(Dock):
     # ------------------------------------------------------------------------------------------ ending
 
     def _release(self) -> None:
-        self._soon.stop()
+        self._redraw.stop()
         self._keys.release()
         self._painter.stop()
-        self._carrier.stop()
+        self._projector.stop()
         self._annotator.stop()
         self.annotations.release()
         self.link.release()
         self.painted.remove()
         self.outline.release()
         self.contents.release()
-        for event in self._looks:
-            event.disconnect(self._on_look)
-        self._looks = []
+        for event in self._display_events:
+            event.disconnect(self._on_display_changed)
+        self._display_events = []
         self._state.changed.disconnect(self._on_runs, missing_ok=True)
         self._viewer.events.theme.disconnect(self._on_theme)
         self._viewer.dims.events.current_step.disconnect(self._on_step)

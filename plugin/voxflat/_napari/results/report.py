@@ -21,9 +21,7 @@ def summary(flat_map: FlatMap | Atlas) -> str:
     if isinstance(flat_map, FlatAtlas):
         return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
     assert isinstance(flat_map, FlatMap)
-    return (
-        f"{len(flat_map):,} points, mean relative distance error {100 * flat_map.distortion.raw.relative_error:.1f} %"
-    )
+    return f"{len(flat_map):,} points, mean distance error {100 * flat_map.distortion.raw.relative_error:.1f} %"
 
 
 def table(flat_map: FlatMap | Atlas) -> str:
