@@ -11,7 +11,7 @@ from napari_window import PATIENCE, bumps, choose, open_file, run, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
-from voxflat._napari.results import listed
+from voxflat._napari.results import layer_list
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def test_a_layer_that_fails_does_not_stop_the_others(open_widget, qtbot, monkeyp
     viewer, widget = open_widget(Surface(sphere(), name="ball"))
     limit(widget, "count", 12)
     run(widget, qtbot)
-    fill, failures = listed._fill, []
+    fill, failures = layer_list._fill, []
 
     def fails_once(layer, data):
         if not failures:
@@ -130,7 +130,7 @@ def test_a_layer_that_fails_does_not_stop_the_others(open_widget, qtbot, monkeyp
             raise RuntimeError("no such layer")
         fill(layer, data)
 
-    monkeypatch.setattr(listed, "_fill", fails_once)
+    monkeypatch.setattr(layer_list, "_fill", fails_once)
     limit(widget, "count", 100)
     with qtbot.captureExceptions() as caught:
         run(widget, qtbot)
