@@ -1,4 +1,4 @@
-"""A run's map, ready to be shown: its pixels, its folds and marks, and the way between plane and space."""
+"""The map of a run, prepared for display: pixels, folds, legend, and lookups between plane and space."""
 
 from __future__ import annotations
 
@@ -20,40 +20,40 @@ if TYPE_CHECKING:
     from voxflat.figures.marks import Direction
 
 FAR = LIMIT
-"""mm: what lies farther from the surface, farther than cortex is thick, has no place on the map."""
+"""mm, more than the thickness of cortex; points farther from the surface have no place on the map."""
 
-_PIXELS = 1e6  # of the map's bounding box: about as many as a large dock has
-_FINER = 4  # than the run's own pixels: of small maps more cannot be seen
-_EVEN = 168  # the grey of a page, whose pieces know no folds
-_ROUNDING = 1e-9  # of barycentric coordinates: on an edge a ray meets one triangle at least
-_NEAR = 0.8  # of the spacing: so far beside a ray a point may lie to be met
+_PIXELS = 1e6  # of the bounding box of the map, about as many as a large dock has
+_FINER = 4  # largest refinement of the pixels of the run, for small maps
+_EVEN = 168  # the grey level of a page, whose pieces have no folds
+_ROUNDING = 1e-9  # of barycentric coordinates, so that a ray through an edge meets a triangle
+_NEAR = 0.8  # largest distance of a point from a ray that meets it, as a fraction of the spacing
 
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A place of the map, looked up on the surface."""
+    """A place of the map, and the corresponding point of the surface."""
 
     point: NDArray[np.float64]  # (3,), RAS+ mm in scanner space
-    vertex: int | tuple[int, ...]  # the nearest vertex or voxel of what was flattened
-    distortion: str  # what flattening did there, in words
+    vertex: int | tuple[int, ...]  # the nearest vertex or voxel of the input
+    distortion: str  # a description of the distortion there
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
-    """What lies in the plane, made once for a run, outside the GUI's thread; then each look-up takes a moment."""
+class PreparedMap:
+    """The map of a run, prepared once outside the GUI thread, so that lookups are fast."""
 
     run: Run
     planar: Planar  # the run's map, or the page of its atlas
-    pixel_size: float  # mm: finer than the run's own, so that nothing looks blocky
+    pixel_size: float  # mm, finer than that of the run, so that pixels are not visible
     folds: Picture
     rim: list[NDArray[np.int64]]  # rows of points, in order
     directions: list[Direction]
-    side: str | None  # L or R, where that is known
+    side: str | None  # L or R, if known
     points: NDArray[np.float64]  # (N, 3), RAS+ mm in scanner space
 
     @classmethod
-    def of(cls, run: Run) -> Sheet:
-        """Prepare a run."""
+    def of(cls, run: Run) -> PreparedMap:
+        """Prepare the map of a run."""
         from voxflat.figures.flat_maps import folds
         from voxflat.figures.marks import directions, side
 
@@ -67,7 +67,7 @@ class Sheet:
         else:
             grey = np.zeros((*raster.shape, 4), dtype=np.uint8)
             grey[..., :3], grey[..., 3] = _EVEN, 255 * raster.inside
-            corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one of those of the triangles around each place
+            corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one surface vertex for each vertex of the page
             corner[flat_map.uv_faces] = of.faces
             lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
         found = cls(
@@ -80,20 +80,20 @@ class Sheet:
             side(flat_map) if isinstance(flat_map, FlatMap) else None,
             of.on_surface.space.to_scanner(of.on_surface.points),
         )
-        found.spot(*of.uv[0])  # both ways build what they search in
+        found.spot(*of.uv[0])  # the first lookups build the search trees
         found.place(found.points[0])
         found.met(found.points[0], np.ones(3))
         return found
 
     @property
     def origin(self) -> dict[str, str]:
-        """Of which layer it is: its name, the world's axes, the unit."""
-        told: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
-        return told
+        """The flattened layer: its name, the axes of the world, the unit."""
+        origin: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
+        return origin
 
     @property
     def outline(self) -> list[NDArray[np.float64]]:
-        """The map's rim, mm: lines of shape (k, 2)."""
+        """The border of the map, mm, as lines of shape (k, 2)."""
         return [self.planar._triangles.uv[line] for line in self.rim]
 
     @property
@@ -102,7 +102,7 @@ class Sheet:
         return self.planar._triangles.on_surface.pial_points is not None
 
     def spot(self, u: float, v: float) -> Spot | None:
-        """Look up a place of the map, mm, on the surface; None beside the map."""
+        """Look up (u, v), mm, on the surface; None outside the map."""
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
         if face < 0:
@@ -114,7 +114,7 @@ class Sheet:
         return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
     def place_row(self, u: float, v: float) -> int | None:
-        """Return which of the map's points is nearest to a place, mm; None beside the map."""
+        """Return the index of the map point nearest to (u, v), mm; None outside the map."""
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
         return None if face < 0 else int(self.planar._triangles.faces[face][int(found.weights.argmax())])
@@ -122,29 +122,29 @@ class Sheet:
     def _distortion(self, row: int, face: int) -> str:
         flat_map = self.run.flat_map
         if isinstance(flat_map, FlatMap):
-            return f"distances ± {100 * flat_map.distortion.per_point[row]:.1f} %"
+            return f"distance error {100 * flat_map.distortion.per_point[row]:.1f} %"
         most, least = flat_map.stretch[face].tolist()
-        return f"lengths ± {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
+        return f"length change up to {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
 
     def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
-        """Look up a point in space, RAS+ mm, on the map; None farther from the surface than `FAR`."""
+        """Look up a point in space, RAS+ mm, on the map; None if it is farther than `FAR` from the surface."""
         u, v = self.places(np.asarray(point)).tolist()
         return None if np.isnan(u) else (u, v)
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return (u, v), mm, of the surface's nearest places to points (..., 3), RAS+ mm; NaN beyond `FAR`."""
+        """Return (u, v), mm, of the surface points nearest to points (..., 3), RAS+ mm; NaN beyond `FAR`."""
         return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
-        """Find where a ray, by a place on it and its direction, RAS+ mm, meets the surface first."""
+        """Return the first intersection of a ray, given by a point and a direction, RAS+ mm, with the surface."""
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
-        beside = np.zeros(len(self.points))  # its square; axis by axis, which is faster than products of matrices
+        beside = np.zeros(len(self.points))  # squared; axis by axis is faster than a matrix product
         for across in np.linalg.svd(along[None])[2][1:]:
             x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
             beside += (x + y + z - across @ start) ** 2
-        if self.planar._triangles.torn.any():  # where there is no surface between points, they are what a ray meets
+        if self.planar._triangles.torn.any():  # without a surface between the points, a ray meets the points
             return self._met_point(start, along, beside)
-        close = beside <= self._longest_edge**2  # of a triangle that a ray meets all corners are
+        close = beside <= self._longest_edge**2  # all corners of an intersected triangle are close
         first, second, third = self._corners
         near = np.flatnonzero(close[first])
         near = near[close[second[near]] & close[third[near]]]
@@ -156,7 +156,7 @@ class Sheet:
     def _met_point(
         self, start: NDArray[Any], along: NDArray[np.float64], beside: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Find the first point that a ray passes by; `beside` is the square of how far beside it they are."""
+        """Return the first point near a ray; `beside` holds the squared distances of the points from it."""
         reach = _NEAR * self.spacing
         hits = np.flatnonzero(beside <= reach**2)
         if not len(hits):
@@ -168,12 +168,12 @@ class Sheet:
 
     @cached_property
     def _axes(self) -> NDArray[np.float64]:
-        """The points' coordinates, shape (3, N)."""
+        """The coordinates of the points, shape (3, N)."""
         return np.ascontiguousarray(self.points.T)
 
     @cached_property
     def _corners(self) -> NDArray[np.int64]:
-        """The triangles' corners, shape (3, F): to look at one corner of all takes a third of all."""
+        """The corners of the triangles, shape (3, F), so that one corner of all triangles is contiguous."""
         return np.ascontiguousarray(self.planar._triangles.faces.T, dtype=np.int64)
 
     @cached_property
@@ -182,7 +182,7 @@ class Sheet:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
     def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
-        """Return the colour of each of the map's points, (N, 4), under a picture that lies over the folds."""
+        """Return the colour of each map point, (N, 4), with a picture over the folds."""
         rows, columns = self._pixels
         under = self.folds.pixels[rows, columns].astype(np.float64)
         if picture is not None:
@@ -193,7 +193,7 @@ class Sheet:
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The pixel of each of the map's points: of those on the rim the nearest that lies on the map."""
+        """The pixel of each map point; a point on the border gets the nearest pixel within the map."""
         (u, v), uv = self.folds.origin, self.planar._triangles.uv
         size = np.array(self.folds.pixels.shape[:2]) - 1
         at = np.round(np.column_stack([v - uv[:, 1], uv[:, 0] - u]) / self.pixel_size).astype(np.int64)
@@ -204,7 +204,7 @@ class Sheet:
 
     @property
     def spacing(self) -> float:
-        """How far apart the surface's points are, mm."""
+        """The spacing of the surface points, mm."""
         of = self.run.flat_map
         return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
 
@@ -216,10 +216,10 @@ def _distances_along(
     b: NDArray[np.float64],
     c: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return how far along a ray triangles are met (Möller, Trumbore 1997); none is beyond its end, at infinity.
+    """Return the distances along a ray to triangles, infinite without an intersection (Möller, Trumbore 1997).
 
-    Their corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). What lies behind the start is met,
-    too: a viewer's rays begin at the plane in which it points.
+    The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start count,
+    because the rays of a viewer start at the plane in which the mouse points.
     """
     across = np.cross(along, c)
     volume = np.einsum("ij,ij->i", b, across)

@@ -1,4 +1,4 @@
-"""The strip under the map: where the body's directions are, how long a cm is, and what the colours mean."""
+"""The legend below the map: anatomical directions, scale bar and colour bar."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 _HEIGHT = 50
 _EDGE = 8.0
-_ARROW, _LETTER = 13.0, 20.0  # from where the arrows start
-_ARROWS = 54.0  # the width of their place
+_ARROW, _LETTER = 13.0, 20.0  # distances from the origin of the arrows
+_ARROWS = 54.0  # width of the arrows
 _SIDE = 22.0
-_LENGTH = 90.0  # the scale bar is as long, or shorter
-_BAR, _THICK = 240.0, 9.0  # the colour bar, or shorter
+_LENGTH = 90.0  # largest length of the scale bar
+_BAR, _THICK = 240.0, 9.0  # largest width of the colour bar, and its height
 
 
-class Strip(QWidget):
-    """Paints the marks of a map."""
+class Legend(QWidget):
+    """Paints the legend of a map."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -39,22 +39,22 @@ class Strip(QWidget):
         return QSize(160, _HEIGHT)
 
     def show_marks(self, directions: list[Direction], side: str | None) -> None:
-        """Show how a map lies: the body's directions, and the hemisphere, L or R, if that is known."""
+        """Show the anatomical directions, and the hemisphere, L or R, if it is known."""
         self._directions, self._side = directions, side
         self.update()
 
     def show_length(self, pixels: float) -> None:
-        """Show how large the map is: pixels of the screen a mm."""
+        """Set the scale, in screen pixels per mm."""
         self._pixels = pixels
         self.update()
 
     def show_colours(self, scale: ColourScale | None) -> None:
-        """Show what the colours mean; nothing where no bar can tell."""
+        """Show a colour bar, or none."""
         self.scale = scale
         self.update()
 
     def set_ink(self, colour: QColor) -> None:
-        """Paint in the theme's colour of text."""
+        """Set the colour of text and lines."""
         self._ink = colour
         self.update()
 
@@ -135,7 +135,7 @@ class Strip(QWidget):
         painter.drawText(
             QRectF(left if centred else x, 1, self.width() - _EDGE - (left if centred else x), 16), flags, title
         )
-        from matplotlib.ticker import MaxNLocator  # which whoever drew the map has imported
+        from matplotlib.ticker import MaxNLocator  # already imported by the code that drew the map
 
         low, high = scale.limits
         for value in MaxNLocator(4).tick_values(low, high):

@@ -1,4 +1,4 @@
-"""A map ready to be shown, without a window: what a ray meets, and what measures are, beside what they must be."""
+"""Prepared maps without a window: intersections with rays, and measures, compared with exact values."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -14,14 +14,14 @@ from textures import grid
 
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer.contents import drawing
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
 from voxflat.distortion.triangles import angle_changes
 
 
 def folded():
-    """A coarse sheet 4 mm above a fine one, joined along a side."""
+    """A coarse grid 4 mm above a fine one, joined along a side."""
     fine, faces = grid(41, 41, 0.25)
     coarse, coarser = grid(5, 5, 2.5)
     below = np.flatnonzero(fine[:, 1] == 0)[::10]
@@ -33,27 +33,27 @@ def folded():
     return points, np.concatenate([faces, coarser[:, ::-1] + len(fine), walls])
 
 
-def sheet_of(points, faces, **how):
+def prepared_map_of(points, faces, **how):
     flat_map = composed.flatten((points, faces), sources=20, **how)
     told = {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}
     flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": told})
-    return Sheet.of(Run(map_layers(flat_map, "it"), "it"))
+    return PreparedMap.of(Run(map_layers(flat_map, "it"), "it"))
 
 
 def test_a_ray_meets_the_triangle_in_front_however_large_it_is():
     points, faces = folded()
-    sheet = sheet_of(points, faces)
+    prepared = prepared_map_of(points, faces)
     rng = np.random.default_rng(4)
     for x, y in rng.uniform(0.1, 9.9, (50, 2)):
-        assert_allclose(sheet.met(np.array([x, y, 50.0]), np.array([0, 0, -1.0])), [x, y, 4], atol=1e-9)
-        assert_allclose(sheet.met(np.array([x, y, -50.0]), np.array([0, 0, 2.0])), [x, y, 0], atol=1e-9)
+        assert_allclose(prepared.met(np.array([x, y, 50.0]), np.array([0, 0, -1.0])), [x, y, 4], atol=1e-9)
+        assert_allclose(prepared.met(np.array([x, y, -50.0]), np.array([0, 0, 2.0])), [x, y, 0], atol=1e-9)
     along = np.array([3.0, 4.0, 0]) - [30, 40, 70]
-    assert_allclose(sheet.met(np.array([30.0, 40, 70]), along)[2], 4, atol=1e-9)
-    assert sheet.met(np.array([-3.0, -3.0, 50]), np.array([0, 0, -1.0])) is None
+    assert_allclose(prepared.met(np.array([30.0, 40, 70]), along)[2], 4, atol=1e-9)
+    assert prepared.met(np.array([-3.0, -3.0, 50]), np.array([0, 0, -1.0])) is None
 
 
-def test_angles_of_a_plane_that_is_stretched():
-    flat_map = sheet_of(*grid(9, 9, 1.25)).run.flat_map
+def test_angles_of_a_stretched_plane():
+    flat_map = prepared_map_of(*grid(9, 9, 1.25)).run.flat_map
     faces = flat_map.faces
     assert_allclose(angle_changes(flat_map.points, faces, flat_map.uv), 0, atol=0.1)
     found = angle_changes(flat_map.points, faces, flat_map.points[:, :2] * [2, 1])
@@ -64,8 +64,8 @@ def test_angles_of_a_plane_that_is_stretched():
 
 
 @pytest.mark.parametrize("kind", ["dask", "zarr"])
-def test_microscopes_channels_are_read_where_the_surface_is(kind):
-    """Two channels, two scales, µm, chunks: of the finest scale the chunks of one channel at the surface are read."""
+def test_only_chunks_at_the_surface_are_read(kind):
+    """Of two channels and two scales, only chunks of one channel of the finest scale are read."""
     along = np.indices((40, 40, 40))[0].astype(np.float32)
     channels, read = np.stack([along, 100 + 2 * along]), []
 
@@ -81,11 +81,11 @@ def test_microscopes_channels_are_read_where_the_surface_is(kind):
         levels = [zarr.array(level, chunks=(1, 8, 8, 8)) for level in levels]
     layer = Image(levels, multiscale=True, units=("pixel", *("um",) * 3), scale=(1, 250, 250, 250), name="microscope")
     points, faces = grid(21, 21, 0.25)  # mm: voxels 2 to 22 of 0.25 mm
-    sheet = sheet_of(points + np.array([0.5, 0.5, 3.1]), faces)
+    prepared = prepared_map_of(points + np.array([0.5, 0.5, 3.1]), faces)
     read.clear()
-    picture = drawing(shown(layer, "RAS", depth=0.0, step=(1,)))(sheet)
-    flat_map = sheet.run.flat_map
-    x = flat_map.raster(sheet.pixel_size).interpolate(flat_map.points[:, :1])[..., 0]
+    picture = drawing(shown(layer, "RAS", depth=0.0, step=(1,)))(prepared)
+    flat_map = prepared.run.flat_map
+    x = flat_map.raster(prepared.pixel_size).interpolate(flat_map.points[:, :1])[..., 0]
     assert_allclose(picture.data, 100 + 2 * x / 0.25, atol=1e-3)
     assert picture.scale.title == "microscope"
     if kind == "dask":

@@ -1,4 +1,4 @@
-"""The link with the viewer: what the mouse points at there, and the ring at the place that the map points at."""
+"""The link with the viewer: the place under the mouse, and the ring at the place that the map points at."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,34 +11,32 @@ from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
-from voxflat._napari.timers import once
+from voxflat._napari.timers import single_shot
 
-_CLICK = 4  # pixels; what moves farther is no click
-_IN_SLICE = 1.0  # mm from the slice that is shown
+_CLICK = 4  # pixels; a longer movement is not a click
+_IN_SLICE = 1.0  # mm; places nearer to the displayed slice count as in it
 
 
 class ViewerLink(QObject):
-    """Follows the mouse in the viewer, and marks places there; its parent is, or will be, in the viewer's window."""
+    """Follows the mouse in the viewer, and marks places there; its parent is a widget of the viewer's window."""
 
     pointed = Signal(object)
-    """The mouse is at this place of the map, (u, v), or beside the surface: None."""
+    """Emitted with the place (u, v) under the mouse, or None outside the surface."""
 
     clicked = Signal(object)
-    """And was clicked there: (u, v)."""
+    """Emitted with the place (u, v) of a click."""
 
     def __init__(self, viewer: Viewer, inside: QWidget) -> None:
         super().__init__(inside)
         self._viewer = viewer
         self._inside = inside
-        self.sheet: Sheet | None = None
+        self.prepared: PreparedMap | None = None
         self._marked: NDArray[np.float64] | None = None
         self.ring: RingWidget | None = None
-        """The mark in the viewer, once there was something to mark."""
-        self._drawn = once(
-            self, 15, self._draw
-        )  # once the viewer has turned, and not for each of the events that tell of it
+        """The mark in the viewer; None until a place is marked."""
+        self._drawn = single_shot(self, 15, self._draw)  # draws once after several events of the camera
         self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
         for event in self._events:
             event.connect(self._on_view)
@@ -56,7 +54,7 @@ class ViewerLink(QObject):
         ):
             if own in callbacks:
                 callbacks.remove(own)
-        self.sheet = None
+        self.prepared = None
         if self.ring is not None:
             self.ring.hide()
             self.ring.deleteLater()
@@ -66,30 +64,30 @@ class ViewerLink(QObject):
 
     @property
     def _is_linked(self) -> bool:
-        return self.sheet is not None and bool(self.sheet.origin) and self._viewer.dims.ndim >= 3
+        return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
 
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where a point, RAS+ mm, lies in the viewer's world; axes before the last three stay as shown."""
-        assert self.sheet is not None
+        """Convert a point from RAS+ mm to the world of the viewer; axes before the last three keep their step."""
+        assert self.prepared is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
-        world[-3:] = from_ras(point[None], self.sheet.origin["world_axes"])[0] / mm_per_unit(self._viewer)
+        world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / mm_per_unit(self._viewer)
         return world
 
     def _to_ras(self, world: Any) -> NDArray[np.float64]:
-        """Carry a place, or a direction from the origin, to RAS+ mm."""
-        assert self.sheet is not None
+        """Convert a point or direction from the world to RAS+ mm."""
+        assert self.prepared is not None
         mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
-        return np.asarray(to_ras(mm[None], self.sheet.origin["world_axes"])[0])
+        return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
 
     def _place(self, event: Any) -> tuple[float, float] | None:
-        """Return the place of the map at which the mouse points, in a slice or on the surface."""
+        """Return the place of the map under the mouse, in a slice or on the surface."""
         if not self._is_linked:
             return None
-        assert self.sheet is not None
+        assert self.prepared is not None
         point: NDArray[np.float64] | None = self._to_ras(event.position)
         if self._viewer.dims.ndisplay == 3:
-            point = self.sheet.met(self._to_ras(event.position), self._to_ras(event.view_direction))
-        return None if point is None else self.sheet.place(point)
+            point = self.prepared.met(self._to_ras(event.position), self._to_ras(event.view_direction))
+        return None if point is None else self.prepared.place(point)
 
     # ------------------------------------------------------------------------------------- the viewer
 
@@ -98,7 +96,7 @@ class ViewerLink(QObject):
             self.pointed.emit(self._place(event))
 
     def _on_press(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Tell of a click."""
+        """Emit `clicked` after a click."""
         if not (yield from is_click(event, _CLICK)):
             return
         place = self._place(event)
@@ -106,12 +104,12 @@ class ViewerLink(QObject):
             self.clicked.emit(place)
 
     def mark(self, point: NDArray[np.float64] | None) -> None:
-        """Put the ring at a place, RAS+ mm, or nowhere."""
+        """Place the ring at a point, RAS+ mm, or hide it."""
         self._marked = point
         self._draw()
 
     def centre(self, point: NDArray[np.float64]) -> None:
-        """Turn the viewer to a place, RAS+ mm: its slices go there, and it comes to the middle."""
+        """Move the slices of the viewer to a point, RAS+ mm, and centre the camera on it."""
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)
@@ -138,7 +136,7 @@ class ViewerLink(QObject):
             self.ring.show_at(*at, near=self._in_slice(world))
 
     def _canvas(self) -> QWidget | None:
-        """Return the viewer's canvas; the first time the ring is put on it."""
+        """Return the canvas of the viewer; create the ring the first time."""
         if self.ring is not None:
             return self.ring.parentWidget()
         canvas = canvas_widget(self._inside)

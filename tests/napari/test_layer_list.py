@@ -1,4 +1,4 @@
-"""How layers come into the viewer's list, a step at a time, and where what goes with them is deleted."""
+"""Layers are added to the list step by step, and their OpenGL objects are deleted in the right context."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from napari_window import PATIENCE
 from qtpy.QtGui import QOpenGLContext
 from vispy.gloo.glir import GlirProgram
 
-from voxflat._napari.results.listed import insert, make_room
+from voxflat._napari.results.layer_list import insert, make_room
 
 
 @pytest.mark.parametrize("dock", ["Check surface", "Flat map", "Measure map"])
-def test_what_goes_with_a_layer_is_deleted_where_the_viewer_draws(open_widget, qtbot, monkeypatch, dock):
+def test_opengl_objects_of_a_layer_are_deleted_in_the_context_of_the_canvas(open_widget, qtbot, monkeypatch, dock):
     contexts = {"draw": [], "delete": []}
 
     def watch(name, method):
@@ -26,7 +26,7 @@ def test_what_goes_with_a_layer_is_deleted_where_the_viewer_draws(open_widget, q
     viewer, _ = open_widget(Image(np.eye(9)), Points([[5, 5], [6, 6]]), show=True, name=dock)
     own = viewer.window._qt_viewer.canvas.native
     qtbot.waitUntil(lambda: len(contexts["draw"]) >= 2, timeout=PATIENCE)
-    own.doneCurrent()  # between two frames another one is current, or none
+    own.doneCurrent()  # between two frames another context is current, or none
     viewer.layers.pop()
     viewer.layers.clear()
     assert contexts["delete"]
@@ -41,7 +41,7 @@ def test_what_goes_with_a_layer_is_deleted_where_the_viewer_draws(open_widget, q
     ],
     ids=["flat", "in space"],
 )
-def test_sliders_reach_as_far_before_a_layer_comes_as_then(open_widget, layer):
+def test_sliders_are_extended_before_a_layer_is_added(open_widget, layer):
     corners = 40 * np.array([[0, 0, 0], [0, 1, 0], [1, 0, 1.0]])
     viewer, _ = open_widget(Surface((corners, np.array([[0, 1, 2]])), units="mm"))
     before, changes = viewer.dims.range, []
@@ -49,12 +49,12 @@ def test_sliders_reach_as_far_before_a_layer_comes_as_then(open_widget, layer):
     assert viewer.dims.range != before
     viewer.dims.events.range.connect(changes.append)
     insert(viewer, layer)
-    assert not changes  # so that nothing is sliced anew in the same turn
+    assert not changes  # so that layers are not sliced again in the same step
     viewer.layers.remove(layer)
     assert viewer.dims.range == before
 
 
-def test_a_layer_of_more_dimensions_makes_its_own_room(make_napari_viewer):
+def test_a_layer_with_more_dimensions_extends_the_sliders(make_napari_viewer):
     viewer = make_napari_viewer()
     before = viewer.dims.range
     make_room(viewer, Image(np.zeros((4, 4, 4))))

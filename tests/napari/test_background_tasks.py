@@ -1,4 +1,4 @@
-"""What is told of jobs that run in other threads, how they are cancelled, and when garbage is collected meanwhile."""
+"""Progress and cancelling of background tasks, and the deferral of garbage collection while they run."""
 
 import gc
 import threading
@@ -11,13 +11,13 @@ from napari_window import PATIENCE, wait_for_threads
 from qtpy.QtGui import QCursor
 from qtpy.QtWidgets import QLabel
 
-from voxflat._napari.garbage import _PutOff, put_off_collections
+from voxflat._napari.garbage_collection import _Deferral, defer_collections
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled
 
 
 class Circle:
-    """Garbage that only a collection finds."""
+    """Garbage that only the collector frees."""
 
     def __init__(self):
         self.own = self
@@ -25,79 +25,79 @@ class Circle:
 
 @pytest.fixture
 def usual(qapp, monkeypatch):
-    """The thresholds of before; the mouse rests."""
+    """Restores the thresholds of the collector; the mouse rests."""
     if gc.get_threshold()[2] == 0:
         pytest.skip("this Python collects in small steps")
     monkeypatch.setattr(QCursor, "pos", lambda: (0, 0))
     monkeypatch.setattr(gc, "get_count", lambda: (0, 3, 999))  # nothing is made, and there is enough
-    if _PutOff.one is not None:  # of a test before
-        _PutOff.one._end()
+    if _Deferral.one is not None:  # of a test before
+        _Deferral.one._end()
     yield gc.get_threshold()
-    if _PutOff.one is not None:
-        _PutOff.one._end()
+    if _Deferral.one is not None:
+        _Deferral.one._end()
 
 
 def old_garbage():
-    """Return what tells whether garbage that survived two collections of what is young is there."""
+    """Return a function that tells whether garbage of the oldest generation still exists."""
     circle = Circle()
     gc.collect(1)
     gc.collect(1)
     return weakref.ref(circle)
 
 
-def test_a_full_collection_waits_for_rest(usual):
-    put_off_collections()
+def test_a_full_collection_waits_until_the_window_is_idle(usual):
+    defer_collections()
     assert gc.get_threshold()[:2] == usual[:2]
     assert gc.get_threshold()[2] > usual[2]
     garbage = old_garbage()
-    _PutOff.one.look()  # where the mouse is
+    _Deferral.one.look()  # where the mouse is
     assert garbage() is not None
-    _PutOff.one.look()  # and it has not moved since
+    _Deferral.one.look()  # and it has not moved since
     assert garbage() is None
-    assert _PutOff.one is None
+    assert _Deferral.one is None
     assert gc.get_threshold() == usual
 
 
-def test_it_waits_for_jobs_and_the_mouse_but_not_for_ever(usual, monkeypatch):
+def test_the_collection_waits_for_jobs_and_the_mouse_for_a_limited_time(usual, monkeypatch):
     places = iter(range(1, 1000))
-    put_off_collections()
+    defer_collections()
     garbage = old_garbage()
     for _ in range(30):
-        put_off_collections()  # as a job does, many times between two looks
-        _PutOff.one.look()
+        defer_collections()  # as a job does, many times between two looks
+        _Deferral.one.look()
     assert garbage() is not None
     monkeypatch.setattr(QCursor, "pos", lambda: (next(places), 0))
     for _ in range(8):
-        _PutOff.one.look()
-    put_off_collections()  # layers come: it begins anew
+        _Deferral.one.look()
+    defer_collections()  # layers are added, which restarts the deferral
     for _ in range(9):
-        _PutOff.one.look()
+        _Deferral.one.look()
     assert garbage() is not None
-    _PutOff.one.look()
+    _Deferral.one.look()
     assert garbage() is not None  # who moves the mouse is not disturbed
-    assert _PutOff.one is None
-    assert gc.get_threshold() == usual  # Python does as it did
+    assert _Deferral.one is None
+    assert gc.get_threshold() == usual  # the thresholds are those from before
 
 
-def test_what_others_said_stays(usual):
+def test_settings_of_others_are_kept(usual):
     gc.disable()
     try:
-        put_off_collections()
-        assert _PutOff.one is None
+        defer_collections()
+        assert _Deferral.one is None
     finally:
         gc.enable()
-    put_off_collections()
+    defer_collections()
     others = (usual[0] + 1, *usual[1:])
     gc.set_threshold(*others)
     try:
-        _PutOff.one._end()
+        _Deferral.one._end()
         assert gc.get_threshold() == others
     finally:
         gc.set_threshold(*usual)
 
 
-def test_who_asks_gets_it_at_once(usual):
-    put_off_collections()
+def test_explicit_collections_run_immediately(usual):
+    defer_collections()
     garbage = old_garbage()
     gc.collect()
     assert garbage() is None
@@ -107,17 +107,17 @@ class Endless:
     """Works until it is cancelled."""
 
     def __init__(self):
-        self.go_on = threading.Event()
+        self.released = threading.Event()
 
     def run(self, tell):
         while tell("counting", 3, 7):
-            self.go_on.wait(0.001)
+            self.released.wait(0.001)
         raise Cancelled("cancelled")
 
 
 @pytest.fixture
 def wheel(make_napari_viewer, monkeypatch):
-    """What turns in a window's status bar."""
+    """The spinner in the status bar of a window."""
     monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
     window = make_napari_viewer().window._qt_window
     (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
@@ -128,14 +128,14 @@ def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
     worker, errors = JobWorker(Endless().run, "Flatten"), []
     worker.errored.connect(errors.append)
     calls = []
-    monkeypatch.setattr("voxflat._napari.worker.put_off_collections", lambda: calls.append(worker.stage))
+    monkeypatch.setattr("voxflat._napari.worker.defer_collections", lambda: calls.append(worker.stage))
     worker.start()
     qtbot.waitUntil(lambda: bool(progress._all_instances), timeout=PATIENCE)
     (bar,) = progress._all_instances
     qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
     assert bar.desc.startswith("Flatten: counting")
     assert len(calls) > 1  # as long as it works
-    assert wheel.speed() < 20  # %: each of its pictures has the whole window put together
+    assert wheel.speed() < 20  # %; each of its frames redraws the complete window
     bar.cancel()  # as the button there
     qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
     assert isinstance(errors[0], Cancelled)
@@ -144,7 +144,7 @@ def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
     assert wheel.speed() == 100
 
 
-def test_the_wheel_turns_slowly_while_any_job_runs(wheel, qtbot):
+def test_the_spinner_is_slow_while_any_job_runs(wheel, qtbot):
     workers = [JobWorker(Endless().run, name) for name in ("one", "other")]
     for worker in workers:
         worker.start()
@@ -156,7 +156,7 @@ def test_the_wheel_turns_slowly_while_any_job_runs(wheel, qtbot):
     wait_for_threads(qtbot)
 
 
-def test_who_cancels_at_once_sees_no_bar(make_napari_viewer, qtbot):
+def test_cancelling_immediately_shows_no_bar(make_napari_viewer, qtbot):
     make_napari_viewer()
     worker, errors = JobWorker(Endless().run), []
     worker.errored.connect(errors.append)

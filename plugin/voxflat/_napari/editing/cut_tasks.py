@@ -1,4 +1,4 @@
-"""What takes long while cuts are drawn, and is done in another thread: the surface, cuts to begin with, their gain."""
+"""The tasks of *Draw cuts* that run in another thread: extract the surface, find cuts, and evaluate them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,33 +18,33 @@ from voxflat.surfaces.standard.sphere import sphere_beside
 from voxflat.unique_rows import in_rows
 
 Paths: TypeAlias = Sequence[NDArray[np.int64]]
-"""As `cuts` of `Surface.cut`."""
+"""Cuts, as the parameter `cuts` of `Surface.cut` takes them."""
 
 Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
-"""Cuts, by what their vertices are in the input, their names, and what is left out."""
+"""The cuts, by the ids of their vertices in the input, their names, and the excluded vertices."""
 
 
 def make_surface(
     source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress
 ) -> tuple[Surface, NDArray[np.float64]]:
-    """Make the surface that cuts are drawn on, and its mean curvature, 1/mm."""
+    """Return the surface on which cuts are drawn, and its mean curvature, 1/mm."""
     made = surface(source.read(), **foreground, progress=progress)
     return made, made.mean_curvature(progress=progress)
 
 
 def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
-    """Find cuts to begin with: "standard", "automatic" or those of a file."""
+    """Return "standard" or "automatic" cuts, or those of a file."""
     found = whole.cut(by, progress=progress)
     names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
     return [one.ids for one in found.cuts], names, found.left_out
 
 
 def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
-    """Find the cuts that a map was made with, and what it leaves out of the whole surface."""
-    told = flat_map.metadata
-    paths = [np.asarray(path, dtype=np.int64) for path in told.get("cuts") or []]
-    names = [name or f"cut {number}" for number, name in enumerate(told.get("cut_names") or [None] * len(paths), 1)]
-    further = told.get("automatic_cuts") or []
+    """Return the cuts of a map, and the vertices of the surface that it excludes."""
+    about = flat_map.metadata
+    paths = [np.asarray(path, dtype=np.int64) for path in about.get("cuts") or []]
+    names = [name or f"cut {number}" for number, name in enumerate(about.get("cut_names") or [None] * len(paths), 1)]
+    further = about.get("automatic_cuts") or []
     names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
     paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
     shown = flat_map.ids[np.unique(flat_map.faces)]
@@ -54,7 +54,7 @@ def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
 def save_template(
     whole: Surface, paths: Paths, names: Sequence[str], left_out: NDArray[np.int64], file: Path, progress: Progress
 ) -> Path:
-    """Turn cuts into a template for every brain, by the surface's sphere, or by its folds where it has none."""
+    """Save cuts as a template for every brain, located by the sphere of the surface, or by its folds."""
     sphere = sphere_beside(whole) or whole.register(progress=progress)
     found = _without(whole, left_out).cut(list(paths), sphere=sphere, relax=False, progress=progress)
     named = [replace(one, name=name) for one, name in zip(found.cuts, names, strict=False)]
@@ -62,10 +62,10 @@ def save_template(
     return file
 
 
-def weigh_cuts(
+def evaluate_cuts(
     whole: Surface, paths: Paths, left_out: NDArray[np.int64], progress: Progress
 ) -> tuple[float, list[float]]:
-    """Return the mean relative error of distances in a sketch, and how much greater it is without each cut."""
+    """Return the mean relative error of a coarse preview map, and how much larger it is without each cut."""
     part = _without(whole, left_out)
 
     def error(cuts: Paths) -> float:

@@ -1,4 +1,4 @@
-"""What of a viewer lasts: its runs, which every dock of it shows, and which no dock takes along when it is closed."""
+"""The state of a viewer that outlives docks: its runs, and its drawn cuts."""
 
 import weakref
 from dataclasses import dataclass
@@ -14,56 +14,56 @@ from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
-from voxflat._napari.results.listed import ListedLayers
+from voxflat._napari.results.layer_list import ListedLayers
 from voxflat.maps.flat_map import FlatMap
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnCuts:
-    """Cuts that someone drew, by what the vertices are in the input."""
+    """Drawn cuts, by the ids of the vertices in the input."""
 
     paths: list[NDArray[np.int64]]
-    left_out: NDArray[np.int64]  # as `drop`; empty for nothing
+    left_out: NDArray[np.int64]  # excluded vertices, as `drop`; may be empty
 
 
-class Workbench:
-    """The runs of one viewer, whatever docks are open; `changed` tells these to read again."""
+class ViewerState:
+    """The runs of one viewer, independent of the open docks, which `changed` notifies."""
 
     changed = Signal()
-    """Runs came or went, or another one is the current one."""
+    """Emitted when runs are added or removed, or the current run changes."""
 
     cuts_drawn = Signal()
-    """Someone drew cuts for a layer."""
+    """Emitted when cuts were drawn for a layer."""
 
-    asked_again = Signal(object, object)
-    """Someone wants a layer, and what of it is foreground, flattened again along the cuts that were drawn."""
+    flatten_requested = Signal(object, object)
+    """Emitted with a layer and its foreground to flatten it again along the drawn cuts."""
 
-    _of: ClassVar["dict[int, Workbench]"] = {}
+    _of: ClassVar["dict[int, ViewerState]"] = {}
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = weakref.ref(viewer)
         self._runs: dict[Run, ListedLayers] = {}
         self._current: Run | None = None
-        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers come one by one
+        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one by one
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
         self.keeps_earlier = False
-        """Whether earlier runs stay when a new one comes, unless it says otherwise."""
+        """Whether earlier runs are kept when a new one is added."""
 
     @classmethod
-    def of(cls, viewer: Viewer) -> "Workbench":
-        """Return the workbench of a viewer, for as long as the viewer lives."""
-        viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
-        key = id(viewer)  # viewers have no hash
+    def of(cls, viewer: Viewer) -> "ViewerState":
+        """Return the state of a viewer, which exists as long as the viewer."""
+        viewer = getattr(viewer, "__wrapped__", viewer)  # napari passes a different proxy to each widget
+        key = id(viewer)  # viewers are not hashable
         if key not in cls._of:
-            bench = cls._of[key] = cls(viewer)
-            viewer.layers.events.inserted.connect(bench._adopt)
+            state = cls._of[key] = cls(viewer)
+            viewer.layers.events.inserted.connect(state._adopt)
             keep_canvas_current(viewer)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """The runs, in the order in which they came."""
+        """The runs, in the order in which they were added."""
         return tuple(self._runs)
 
     @property
@@ -73,18 +73,18 @@ class Workbench:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the viewer lists the layers of the runs, and no others of earlier ones."""
+        """Whether the layer list contains the layers of the runs, and none of removed runs."""
         return all(listed.is_settled for listed in self._runs.values())
 
     def add(self, run: Run, *, keep: bool | None = None) -> None:
-        """Make a run the current one, and list its layers; by default `keeps_earlier` says whether the others stay."""
+        """Make a run the current one, and add its layers; other runs are kept if `keep`, by default `keeps_earlier`."""
         viewer = self._viewer()
         assert viewer is not None
-        gone: list[ListedLayers] = []
+        replaced: list[ListedLayers] = []
         if not (self.keeps_earlier if keep is None else keep):
-            gone = [*self._runs.values()]
+            replaced = [*self._runs.values()]
             self._runs.clear()
-        self._runs[run] = ListedLayers(viewer, [layer for listed in gone for layer in listed.hand_over()])
+        self._runs[run] = ListedLayers(viewer, [layer for listed in replaced for layer in listed.hand_over()])
         self._current = run
         self.changed.emit()
         self._runs[run].show(run.layers)
@@ -96,7 +96,7 @@ class Workbench:
             self.changed.emit()
 
     def remove(self, run: Run) -> None:
-        """Forget a run, unless it is forgotten already, and take its layers out of the list."""
+        """Remove a run and its layers, if it is there."""
         if run not in self._runs:
             return
         self._runs.pop(run).remove()
@@ -105,7 +105,7 @@ class Workbench:
         self.changed.emit()
 
     def _adopt(self, event: Any) -> None:
-        """Take up a map that comes with its layers, as from a file that is opened, as a run of its own."""
+        """Add the map of a layer that was opened from a file as a run."""
         flat_map = event.value.metadata.get("voxflat")
         if flat_map is None or event.value.source.path is None:
             return
@@ -121,11 +121,11 @@ class Workbench:
             layer = event.value.as_layer_data_tuple()
             (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
             self._runs[run].take(event.value)
-            QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # what came in colours is not yet
+            QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # an RGB layer is added visible
             self.changed.emit()
 
     def map_of(self, layer: Layer | None) -> FlatMap | None:
-        """Return the map that the docks show, if it may be of a layer's surface: of as many vertices, or of voxels."""
+        """Return the displayed map, if it may be of a layer: with the same number of vertices, or of voxels."""
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap):
             return None
@@ -135,10 +135,10 @@ class Workbench:
         return flat_map if fits else None
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
-        """Keep cuts that were drawn on a layer's surface."""
+        """Store the cuts that were drawn on a layer."""
         self._cuts[layer] = cuts
         self.cuts_drawn.emit()
 
     def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
-        """Return the cuts that were drawn on a layer's surface."""
+        """Return the cuts that were drawn on a layer, or None."""
         return None if layer is None else self._cuts.get(layer)

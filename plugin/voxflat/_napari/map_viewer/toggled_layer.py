@@ -1,4 +1,4 @@
-"""A layer that a switch of the dock shows and hides, as the eye in the list does."""
+"""A layer that is shown and hidden by a check box of the dock, or by the eye in the layer list."""
 
 from typing import Generic, TypeVar
 
@@ -6,34 +6,34 @@ from napari import Viewer
 from napari.layers import Layer
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
-from voxflat._napari.results.listed import drop_controls, insert, make_controls
-from voxflat._napari.timers import BREATH, once
+from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
+from voxflat._napari.timers import PAUSE, single_shot
 
-OfLayer = TypeVar("OfLayer", bound=Layer)
-"""Which kind of layer."""
+LayerType = TypeVar("LayerType", bound=Layer)
+"""The type of the layer."""
 
 
-class SwitchedLayer(QObject, Generic[OfLayer]):
-    """A layer that is hidden where it is not wanted: napari takes 0.25 s for one that goes, 0.1 s for a new one."""
+class ToggledLayer(QObject, Generic[LayerType]):
+    """A layer that is hidden rather than removed: napari takes 0.25 s to remove a layer, and 0.1 s to add one."""
 
-    switched = Signal(bool)
-    """Someone showed or hid it in the list of layers."""
+    toggled = Signal(bool)
+    """Emitted with the visibility when the user changes it in the layer list."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = viewer
-        self.layer: OfLayer | None = None
-        self._coming = once(self, BREATH, self._arrive)
+        self.layer: LayerType | None = None
+        self._coming = single_shot(self, PAUSE, self._arrive)
 
     @property
-    def there(self) -> OfLayer | None:
-        """The layer, if it is in the list, or about to be."""
+    def there(self) -> LayerType | None:
+        """The layer, if it is in the list or about to be added."""
         is_there = self.layer is not None and (self.is_coming or self.layer in self._viewer.layers)
         return self.layer if is_there else None
 
     @property
     def is_coming(self) -> bool:
-        """Whether it is about to be put into the list."""
+        """Whether the layer is about to be added to the list."""
         return bool(self._coming.isActive())
 
     def hide(self) -> None:
@@ -42,7 +42,7 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
             self._set_visible(False)
 
     def remove(self) -> None:
-        """Take the layer out of the viewer."""
+        """Remove the layer from the viewer."""
         if self.is_coming:
             assert self.layer is not None
             self._coming.stop()
@@ -51,8 +51,8 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
             self._viewer.layers.remove(self.layer)
         self.layer = None
 
-    def _insert(self, layer: OfLayer) -> None:
-        """Make the layer's controls, and put it into the list when the window has lived in between."""
+    def _insert(self, layer: LayerType) -> None:
+        """Create the controls of the layer, and add it to the list after the window has processed events."""
         self.layer = layer
         make_controls(self._viewer, layer)
         self._coming.start()
@@ -69,4 +69,4 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
 
     def _on_visible(self) -> None:
         if self.there is not None:
-            self.switched.emit(self.there.visible)
+            self.toggled.emit(self.there.visible)

@@ -1,4 +1,4 @@
-"""Docks of ours: they open as tabs of one place, for two above each other have no room on a small screen."""
+"""Base classes of the docks, which open as tabs, because two docks do not fit on a small screen."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,28 +7,28 @@ from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject
 from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
 
-from voxflat._napari.timers import once
+from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import JobWorker
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
-_LATE = 2000  # ms: a dock that is opened later has been made for something else
+_LATE = 2000  # ms; the sizes of windows are forgotten afterwards
 
 
 class Tab(QObject):
-    """Opens a widget's dock as a tab beside those of ours that are open; afterwards it stays where one puts it."""
+    """Opens the dock of a widget as a tab of the docks of voxflat that are open; the user may then move it."""
 
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
         self._widget = widget
         windows = [one for one in QApplication.topLevelWidgets() if isinstance(one, QMainWindow)]
         self._sizes = {id(window): window.size() for window in windows}
-        self._soon = once(self, 0, self._join)  # when napari has put the dock somewhere
+        self._soon = single_shot(self, 0, self._join)  # after napari has placed the dock
         widget.installEventFilter(self)
-        once(self, _LATE, self._sizes.clear).start()  # until then nobody has resized them
+        single_shot(self, _LATE, self._sizes.clear).start()  # until then no user has resized them
 
-    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802  # Qt's
-        """Wait until the widget is shown for the first time."""
+    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
+        """Join the other tabs when the widget is shown for the first time."""
         if event.type() == QEvent.Type.Show:
             self._widget.removeEventFilter(self)
             self._soon.start()
@@ -57,53 +57,53 @@ class Tab(QObject):
             dock.raise_()
             before, layout = self._sizes.get(id(window)), window.layout()
             if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
-                layout.activate()  # for a moment they lay above each other, which made a small window higher
+                layout.activate()  # while both docks were stacked a small window grew
                 window.resize(before)
 
 
 class Dock(QWidget):
-    """What a dock holds; napari makes it, and gives the viewer by the name of a parameter, `napari_viewer`."""
+    """Base of the widgets; napari creates them, and passes the viewer as the parameter `napari_viewer`."""
 
     def __init__(self) -> None:
         super().__init__()
         Tab(self)
 
     def event(self, event: Any) -> bool:
-        """Let go of the viewer when napari closes the dock, which takes the widget out of the window."""
+        """Stop following the viewer when napari closes the dock, which removes the widget from the window."""
         if event.type() == QEvent.Type.ParentChange and self.parent() is None:
             self._release()
         return bool(super().event(event))
 
     def _release(self) -> None:
-        """End what is under way, and stop following the viewer."""
+        """Cancel what is running, and stop following the viewer."""
 
 
-class WorkingDock(Dock):
-    """A dock that has things done in another thread, one at a time."""
+class TaskDock(Dock):
+    """A dock that runs tasks in another thread, one at a time."""
 
     def __init__(self) -> None:
         super().__init__()
         self._worker: JobWorker | None = None
 
     def _work(self, work: Callable[[Progress], Any], what: str, returned: Callable[[Any], None]) -> None:
-        """Do it in another thread, unless that is busy."""
+        """Run a task in another thread, unless one is running."""
         if self._worker is not None:
             return
         worker = JobWorker(work, what)
         worker.returned.connect(returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
-        self.destroyed.connect(worker.quit)  # with the window
+        self.destroyed.connect(worker.quit)  # when the window is closed
         self._worker = worker
         self._show_work(what)
         worker.start()
 
     def _show_work(self, what: str | None) -> None:
-        """Show what is under way, if something is."""
+        """Show which task is running; None for none."""
         raise NotImplementedError
 
-    def _say(self, message: str) -> None:
-        """Show what went wrong."""
+    def _show_message(self, message: str) -> None:
+        """Show an error message."""
         raise NotImplementedError
 
     def _on_errored(self, error: Exception) -> None:
@@ -116,7 +116,7 @@ class WorkingDock(Dock):
 
     def _fail(self, error: Exception) -> None:
         message = " ".join((str(error) or type(error).__name__).split())
-        self._say(message)
+        self._show_message(message)
         show_error(message)
 
     def _release(self) -> None:

@@ -1,4 +1,4 @@
-"""The surface that cuts are drawn on, and the cuts, as layers of the viewer."""
+"""The layers of the viewer that show the cuts, and the surface on which they are drawn."""
 
 import weakref
 from collections import deque
@@ -16,21 +16,21 @@ from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  #
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
-from voxflat._napari.results.listed import drop_controls, insert, make_controls
-from voxflat._napari.timers import BREATH
+from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
+from voxflat._napari.timers import PAUSE
 
 _GREYS = (0.72, 0.45)  # of gyri and sulci
-_OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not to be flattened
+_OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not offered for flattening
 _CUT = "#ff5a36"
-_LEFT_OUT = (0.55, 0.4, 0.35)  # of red, green and blue where no map shows the surface
-_WIDTH = 0.006  # of the surface's size
+_LEFT_OUT = (0.55, 0.4, 0.35)  # factors of red, green and blue where the surface is excluded
+_WIDTH = 0.006  # of a line, as a fraction of the size of the surface
 
 
-class Scene(QObject):
-    """Shows a drawing in a viewer, a step at a time: between them the window lives."""
+class CutLayers(QObject):
+    """Shows a drawing in a viewer, one step at a time, so that the window stays responsive."""
 
     appeared = Signal()
-    """All of it is in the viewer, which is turned to it."""
+    """Emitted when all layers are in the viewer, and the camera shows them."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Scene(QObject):
         self._viewer = weakref.proxy(viewer)
         self._drawing = drawing
         self.places = places
-        """Where the vertices are shown, mm along the world's axes."""
+        """Coordinates of the displayed vertices, mm along the axes of the world."""
         size = float(np.linalg.norm(np.ptp(places, axis=0)))
         common = {"units": None if unit is None else (unit,) * 3, "metadata": dict(_OURS)}
         gyri, sulci = _GREYS
@@ -58,7 +58,7 @@ class Scene(QObject):
             (places, drawing.surface.faces),
             vertex_colors=self._colours,
             shading="smooth",
-            name=f"{name}, to be cut",
+            name=f"{name} (cuts)",
             **common,
         )
         self.lines = Vectors(
@@ -78,17 +78,17 @@ class Scene(QObject):
             face_color=_CUT,
             border_color="white",
             blending="translucent_no_depth",
-            name="stops of cuts",
+            name="cut points",
             **common,
         )
         self._world = world
         self._hidden: list[Layer] = []
         self._steps: deque[Callable[[], None]] = deque([self._hide_others])
-        for layer in self.layers:  # selects none: controls of points would make a small window higher
+        for layer in self.layers:  # selects none, because controls of points enlarge a small window
             self._steps += [partial(make_controls, viewer, layer), partial(insert, viewer, layer)]
         self._steps += [self._turn, self._look]
         self._timer = QTimer(self)
-        self._timer.setInterval(BREATH)
+        self._timer.setInterval(PAUSE)
         self._timer.timeout.connect(self._take_step)
         self._timer.start()
 
@@ -116,12 +116,12 @@ class Scene(QObject):
 
     @property
     def is_coming(self) -> bool:
-        """Whether some of it is still to come."""
+        """Whether some layers are still to be added."""
         return bool(self._steps)
 
     @property
     def layers(self) -> tuple[Layer, ...]:
-        """The layers that show it."""
+        """The layers that show the drawing."""
         return (self.surface, self.lines, self.stops)
 
     @property
@@ -130,7 +130,7 @@ class Scene(QObject):
         return self.surface in self._viewer.layers
 
     def update(self) -> None:
-        """Show the cuts as they are now."""
+        """Show the current cuts."""
         ways = [self.places[self._drawing.vertices(cut)] for cut in self._drawing.cuts]
         pieces = [np.stack([way[:-1], np.diff(way, axis=0)], axis=1) for way in ways]
         self.lines.data = np.concatenate([np.empty((0, 2, 3)), *pieces])
@@ -143,7 +143,7 @@ class Scene(QObject):
         self.stops.data = self.places[np.array(last, dtype=np.int64)]
 
     def remove(self) -> None:
-        """Take the layers away, and show what was shown before."""
+        """Remove the layers, and show the layers that were visible before."""
         self._timer.stop()
         self._steps.clear()
         for layer in self.layers:
@@ -159,6 +159,6 @@ class Scene(QObject):
 
 
 def places_in_world(drawing: Drawing, world: str) -> NDArray[np.float64]:
-    """Return where the vertices of what is drawn on lie, mm along the axes of a viewer's world."""
+    """Return the coordinates of the vertices of a drawing, mm along the axes of the world."""
     whole = drawing.surface
     return from_ras(whole.space.to_scanner(whole.points), world)
