@@ -132,7 +132,7 @@ NILEARN_DATA = $$($(RUN) python -c "from nilearn import datasets; print(datasets
 
 pictures: setup ## the pictures of README.md and of the page on napari
 	@mkdir -p demo
-	$(RUN) voxflat flatten $(NILEARN_DATA)/mni_icbm152_wm_tal_nlin_sym_09a_converted.nii.gz --threshold 0.5 --hemisphere both -o demo/map.npz
+	$(RUN) voxflat flatten $(NILEARN_DATA)/mni_icbm152_wm_tal_nlin_sym_09a_converted.nii.gz --threshold 127.5 --hemisphere both -o demo/map.npz
 	$(RUN) voxflat figure demo/lh.map.npz demo/rh.map.npz --overlay $(NILEARN_DATA)/image_10426.nii.gz --depth 2 --threshold 3 \
 	--range -8,8 --label "left against right button presses (z)" -o docs/pictures/gallery_statistic.png
 	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
