@@ -1,6 +1,7 @@
 """The documentation site: `make docs` builds it."""
 
 import os
+import sys
 import urllib.request
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from voxflat.cli.program import main as program
 
 HERE = Path(__file__).parent
 GENERATED = HERE / "_generated"
-os.environ["VOXFLAT_DOCS"] = "1"
+sys.path.insert(0, str(HERE))
 
 project = "voxflat"
 author = "The voxflat developers"
@@ -56,6 +57,8 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["_generated/tutorials", "_generated/gallery"],
     "filename_pattern": "/plot_",
     "abort_on_example_error": True,
+    "image_scrapers": ("matplotlib", "scrapers.results"),
+    "capture_repr": ("_repr_html_",),
     "download_all_examples": False,
     "within_subsection_order": "FileNameSortKey",
     "remove_config_comments": True,
