@@ -90,7 +90,7 @@ API = {
     "one voxel": (few((2, 2, 2)), {}, r"a point of 1 voxel\(s\).*wider label"),
     "a line": (LINE, {}, r"a line of 8 voxel\(s\).*wider label"),
     "a diagonal": (DIAGONAL, {}, r"a line of 8 voxel\(s\).*wider label"),
-    "two sources": (sheet(), {"sources": 2}, r"2 sources are too few; give at least 3"),
+    "two sources": (sheet(), {"sources": 2}, r"2 sources are too few. Pass at least 3"),
     "two given sources": (sheet(), {"sources": [[0, 0, 2], [9, 9, 2]]}, r"2 sources are too few"),
     "sources off the surface": (
         sheet(),
@@ -131,7 +131,7 @@ API = {
     "closed": (ball(), {}, r"closed, like a sphere's.*Cut out a patch: give a seed point and a radius .* or a mask"),
     "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory are needed, 976.6 KiB is the limit; crop"),
     "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
-    "method": (sheet(), {"method": "tsne"}, "give 'voxflat', .* 'saucan2006', or an object of voxflat.methods"),
+    "method": (sheet(), {"method": "tsne"}, "Pass 'voxflat', .* 'saucan2006', or an object of voxflat.methods"),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is 'best'; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is 'city-block'; give"),
     "seed negative": (sheet(), {"seed": -1}, r"seed is -1; give a whole number from 0"),
@@ -167,7 +167,7 @@ def fails(folder, *arguments):
     assert result.exit_code == 1, result.output
     assert result.stdout == ""
     *notes, error = result.stderr.splitlines()
-    assert all("of memory are needed" in note for note in notes)
+    assert all("of memory will be used" in note for note in notes)
     assert len(notes) <= 1
     assert error.startswith("voxflat: error: ")
     assert snapshot(folder) == before
@@ -428,7 +428,7 @@ BAD_IMAGES = {
     "ending": (["--heat-map", "-o", "a.jpg"], r"a\.jpg: unknown .* Choose a name that ends in \.png or \.tif"),
     "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory"),
     "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
-    "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*give a volume of that"),
+    "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*Pass a volume of that"),
     "pixel size negative": (["--heat-map", "--pixel-size", "-1", "-o", "a.png"], r"pixel size is -1 mm: give a pos"),
     "pixel size NaN": (["--heat-map", "--pixel-size", "nan", "-o", "a.png"], r"pixel size is NaN mm: give a positive"),
     "pixel size tiny": (

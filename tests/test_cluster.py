@@ -97,11 +97,11 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
-        refused(address, rf"no scheduler of Dask answers at {address} \(.*\): is it running")
+        refused(address, rf"no Dask scheduler answers at {address} \(.*\)\. Check that it is running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
-    refused(ready, r"the worker tcp://\S+ has voxflat \S+, here it is 0\.0\.1: install the same one")
+    refused(ready, r"the worker tcp://\S+ has voxflat \S+, this process 0\.0\.1. Install the same version")
     monkeypatch.setattr(cluster, "version", no_package)
-    refused(ready, r"the worker tcp://\S+ has no voxflat: install 0\.0\.1 where it was started")
+    refused(ready, r"the worker tcp://\S+ has no voxflat. Install version 0\.0\.1 there")
     monkeypatch.setitem(sys.modules, "distributed", None)
     refused(ready, r"a cluster needs distributed: pip install 'voxflat\[cluster\]'")
 
@@ -152,7 +152,7 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
     there = {name: of for name, of in everything(out).items() if name.endswith("_flat.json")}
     told = {one["participant"]: one for one in json.loads(result.stdout)["hemispheres"]}
     assert list(told) == [f"sub-{n:02}" for n in range(1, 5)]
-    died = {name for name, one in told.items() if "its worker died 1 times" in (one["reason"] or "")}
+    died = {name for name, one in told.items() if "the worker died 1 times" in (one["reason"] or "")}
     assert died
     assert result.exit_code == len({*died, BROKEN})
     assert {path.parts[-3] for path in out.rglob("*_failure.json")} == {*died, BROKEN}
@@ -265,7 +265,7 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     assert 60 <= there <= SOURCES
     caplog.clear()
     rows = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
-    told = re.search(r"(\d+) rows were in the store", caplog.text)
+    told = re.search(r"(\d+) rows were already in the store", caplog.text)
     assert there <= int(told[1]) <= SOURCES  # a worker may have begun another part when the caller died
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
@@ -307,11 +307,11 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
     store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
-        ({"dask": ready}, "no store for workers to write into; give a store"),
+        ({"dask": ready}, "the workers have no store to write into. Pass store"),
         ({"dask": ready, "store": store, "geodesic": "chain"}, "does not have this option; leave it out"),
         (
             {"dask": ready, "store": store, "memory_limit": 1_000_000},
-            "memory are needed, 976.6 KiB is the limit; take fewer threads",
+            "memory are needed, 976.6 KiB is the limit; use fewer threads",
         ),
     ):
         with pytest.raises(voxflat.InputError, match=match):

@@ -24,7 +24,7 @@ NAMES = {
     "voxflat.atlases.page": ["FlatPage"],
     "voxflat.distances.path": ["Path"],
     "voxflat.distortion.figures": ["Figures", "StandardErrors", "TriangleFigures"],
-    "voxflat.judging.measure": ["Comparison", "JudgedMap"],
+    "voxflat.evaluation.measure": ["Comparison", "JudgedMap"],
     "voxflat.lab.map_page": ["MapPage"],
     "voxflat.maps.plane": ["FlatTriangles", "Places"],
     "voxflat.maps.raster": ["FlatImage", "FlatStack", "Raster"],

@@ -33,7 +33,7 @@ from voxflat.citation.methods_text import Citation, cite
 from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
-from voxflat.judging.measure import compare, measure
+from voxflat.evaluation.measure import compare, measure
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.worst_search import worst_places
 from voxflat.pipeline.check import check

@@ -72,7 +72,7 @@ class TestGlue:
             (1, r"a bound of 1 on C; give one from 1\.000001 to 10"),
             (float("nan"), "a bound of NaN"),
             (1.0001, r"change lengths by a factor of up to 1\.01.* greater bound"),
-            ("tight", "bound is 'tight'; give a number"),
+            ("tight", "bound is 'tight'. Pass the greatest factor"),
             (True, "bound is True"),
         ],
     )
@@ -187,7 +187,7 @@ class TestOneMap:
     def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
         ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
         flat = voxflat.flatten(ball, method=Saucan2006(bound=1.6))
-        assert any("stay cut" in warning for warning in flat.metadata["warnings"])
+        assert any("remain cut" in warning for warning in flat.metadata["warnings"])
         assert len(flat) > len(np.unique(flat.ids, axis=0))  # both sides of cuts
         assert flat.metadata["seams"]["cuts"] + sum(cut["length"] for cut in flat.metadata["automatic_cuts"]) > 10
         flat.save(tmp_path / "ball.npz")
@@ -202,10 +202,10 @@ class TestOneMap:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"bound": 1.0}, "bound is 1.0; give a number above 1, up to 10"),
+            ({"bound": 1.0}, "bound is 1.0. Pass the largest factor by which lengths may change, above 1, up to 10"),
             ({"bound": np.nan}, "bound is nan"),
             ({"bound": "1.5"}, "bound is '1.5'"),
-            ({"rows": True}, "the method 'saucan2006' measures no distances"),
+            ({"rows": True}, "the method 'saucan2006' does not measure distances"),
         ],
     )
     def test_bad_options_are_refused(self, options, message):
@@ -220,7 +220,7 @@ class TestOneMap:
     def test_too_little_memory_is_refused_before_work_begins(self):
         stages = []
         options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
-        with pytest.raises(InputError, match=r"of memory are needed, .* is the limit; take a smaller patch"):
+        with pytest.raises(InputError, match=r"of memory are needed, .* is the limit; flatten a smaller patch"):
             composed.flatten(bumps(), **options, memory_limit=400_000)  # its surface takes less
         assert "growing patches" not in stages
 

@@ -84,7 +84,7 @@ class TestPage:
 
     def test_wrong_arguments_are_named(self, atlas, monkeypatch):
         for gap in (-1, np.nan, np.inf):
-            refused("the gap is", atlas.page, gap)
+            refused("gap is", atlas.page, gap)
         refused("packing is 'tight'", atlas.page, packing="tight")
         refused("of is 'error'; give 'isometric'", atlas.heat_map, of="error")
         monkeypatch.setitem(sys.modules, "xatlas", None)
@@ -163,7 +163,7 @@ class TestLookUp:
         assert np.isnan(found.weights).all()
         assert page.look_up(np.empty((0, 2))).points.shape == (0, 3)
         assert page.look_up([1.0, 1.0]).points.shape == (3,)
-        refused("places have shape", page.look_up, [1.0, 2.0, 3.0])
+        refused("places has shape", page.look_up, [1.0, 2.0, 3.0])
 
     def test_a_map_has_it_too(self):
         sheet = voxflat.flatten(shapes.sheet(), method=voxflat.methods.Voxflat(sources=50))
@@ -227,12 +227,12 @@ class TestTextures:
 
     def test_colours_of_values(self, atlas):
         image = atlas.heat_map()
-        refused("no colour map 'rainbows'", atlas.page().textured, image, colour_map="rainbows")
+        refused("colour_map is 'rainbows'", atlas.page().textured, image, colour_map="rainbows")
         grey = atlas.page().textured(image).picture
         assert (grey[..., 0] == grey[..., 1]).all()
         warm = atlas.page().textured(image, colour_map="inferno").picture
         assert (warm[..., 0] != warm[..., 2]).any()
-        refused("none of this page", atlas.page(30.0).textured, image)
+        refused("does not belong to this page", atlas.page(30.0).textured, image)
 
     @pytest.mark.parametrize("bound", [None, 1.5])
     def test_a_patch_has_one_colour_wherever_it_is_shown(self, atlas, bound, tmp_path, monkeypatch):

@@ -96,15 +96,15 @@ class TestPatches:
         [
             ({"max_angle": 0}, "the angle is 0°"),
             ({"max_angle": float("nan")}, "the angle is NaN°"),
-            ({"max_angle": "steep"}, "max_angle is 'steep'; give a number"),
+            ({"max_angle": "steep"}, "max_angle is 'steep'. Pass a number"),
             ({"bound": 1}, "the bound C is 1"),
             ({"count": 0}, "count is 0"),
-            ({"count": 2.5}, "count is 2.5; give a whole number"),
-            ({"max_angle": 10, "bound": 1.2}, "max_angle and bound are given"),
+            ({"count": 2.5}, "count is 2.5. Pass a whole number"),
+            ({"max_angle": 10, "bound": 1.2}, "max_angle and bound are both given"),
             ({"seeds": "best"}, "seeds is 'best'"),
             ({"seed": -1}, "the seed is -1"),
             ({"threads": 0}, "threads"),
-            ({"label": 3}, "label is given"),
+            ({"label": 3}, "label does not apply"),
         ],
     )
     def test_wrong_arguments_are_named(self, torus, options, message):
@@ -196,7 +196,7 @@ class TestCommand:
         out = tmp_path / "atlas.npz"
         for arguments, message in (
             ((mesh, "-o", tmp_path / "atlas.stl"), "ends in .npz or .voxflat or .obj"),
-            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "max_angle and count are given"),
+            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "max_angle and count are both given"),
             ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
             ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "ends in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),

@@ -93,7 +93,7 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     np.save(tmp_path / "ring.npy", surface)
     result = succeed("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
     memory, *warnings = result.stderr.splitlines()
-    assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
+    assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory will be used", memory)
     wanted = "warning: the surface is not a disk (0 handles, 2 boundary loops), so it was cut open"
     assert any(wanted in warning for warning in warnings)
     assert "warning" not in result.stdout
@@ -122,7 +122,7 @@ def test_spacing_places_an_array_and_its_mask(shared, tmp_path):
 def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
     result = succeed("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
-    assert "of memory are needed" in result.stderr
+    assert "of memory will be used" in result.stderr
     content = json.loads(result.stdout)
     saved = voxflat.load(out)
     assert content["output"] == str(out)
@@ -195,7 +195,7 @@ def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_pa
     assert_array_equal(alpha, np.where(inside, 255, 0))
     low, high = np.percentile(expected.data[inside], (1, 99))
     assert_array_equal(grey[inside], np.round(255 * np.clip((expected.data[inside] - low) / (high - low), 0, 1)))
-    assert picture.text["Values"] == f"black {low:g}, white {high:g} (1st and 99th percentile)"
+    assert picture.text["Values"] == f"black {low:g}, white {high:g} (1st and 99th percentiles)"
     assert picture.text["Pixel size"] == f"{expected.pixel_size:.9g} mm"
     assert picture.info["dpi"][0] == pytest.approx(25.4 / expected.pixel_size, abs=0.02)
 
@@ -262,7 +262,7 @@ def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
 def test_labels_never_change_silently(tmp_path):
     image = FlatImage(np.array([[1.0, 614454277.0], [np.nan, 2.0]]), 0.5, (0.0, 0.0), "Allen atlas")
     for ending in (".tif", ".nii.gz"):
-        refused(r"614454277 are too large for float32.*use \.npy", image.save, tmp_path / f"atlas{ending}")
+        refused(r"614454277 are too large for float32.*Save as \.npy", image.save, tmp_path / f"atlas{ending}")
     assert list(tmp_path.iterdir()) == []
     image.save(tmp_path / "atlas.npy")
     assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)

@@ -71,7 +71,7 @@ class TestAStore:
         options = {"geodesic": "chain", "link_lengths": "euclidean", "spacing": (1, 2, 1.5)}
         rows = composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **options)
         np.testing.assert_array_equal(rows, composed.geodesic(SHEET, SOURCES, **options))
-        with pytest.raises(InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"):
+        with pytest.raises(InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'. Choose another"):
             composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **{**options, "link_lengths": None})
 
     def test_is_opened_without_reading_it(self, stored, expected):
@@ -108,8 +108,8 @@ class TestAStore:
     def test_tells_what_it_needs(self, tmp_path, log):
         stored = SURFACE.geodesic(SOURCES, store=tmp_path / "store")
         memory, disk = messages(log)
-        assert re.fullmatch(r"up to \S+ [KM]iB of memory are needed for rows in the making", memory)
-        assert disk == f"up to 93.75 KiB on disk are needed in {stored.store}"
+        assert re.fullmatch(r"up to \S+ [KM]iB of memory will be used for rows in progress", memory)
+        assert disk == f"up to 93.75 KiB of disk space will be used in {stored.store}"
 
     def test_follows_no_change_of_directory(self, tmp_path, monkeypatch, expected):
         monkeypatch.chdir(tmp_path)
@@ -124,7 +124,7 @@ class TestFlatten:
         before = (stored.store / "journal.jsonl").stat().st_mtime_ns
         log.clear()
         voxflat.flatten(SHEET, method=Voxflat(sources=SOURCES), rows=stored.store)
-        assert f"{SOURCES} rows were in the store {stored.store} already" in messages(log)
+        assert f"{SOURCES} rows were already in the store {stored.store}" in messages(log)
         assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
 
     def test_saves_no_rows_of_a_store(self, tmp_path):
@@ -159,7 +159,7 @@ voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.arg
     done = subprocess.run([sys.executable, "-B", "-c", limited, store], capture_output=True, text=True, check=False)
     said = rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'"
     assert re.search(said, done.stderr)
-    refused("measure again with the same store", voxflat.open_rows, store)
+    refused("Measure again with the same store", voxflat.open_rows, store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=store), expected)
 
 
@@ -174,11 +174,11 @@ def spoil(path, at, value=b"\xff"):
 
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
-    refused(r"the rows 39 of .*store do not agree .* measure again", voxflat.open_rows(stored.store).verify)
+    refused(r"store: the rows 39 do not match .* Measure again", voxflat.open_rows(stored.store).verify)
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
-    assert warning.startswith("1 rows of the store")
+    assert warning.startswith("recomputed 1 rows of the store")
     voxflat.open_rows(stored.store).verify()
 
 
@@ -205,7 +205,7 @@ DAMAGES = {
 def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, damage):
     name, spoiled = DAMAGES[damage]
     spoiled(stored.store / name)
-    refused("measure again with the same store", voxflat.open_rows, stored.store)
+    refused("Measure again with the same store", voxflat.open_rows, stored.store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     rows = voxflat.open_rows(stored.store)
     rows.verify()
@@ -220,7 +220,7 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
     assert len(marks) == 4
     for at in marks:
         spoil(stored.store / name, at, bytes([whole[at] ^ 1]))  # of which NumPy raises TokenError, or SyntaxError
-        refused(rf"{name} is damaged .*; measure again with the same store", voxflat.open_rows, stored.store)
+        refused(rf"{name} is damaged .*[.] Measure again with the same store", voxflat.open_rows, stored.store)
         np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
         assert (stored.store / name).read_bytes() == whole
 
@@ -242,7 +242,7 @@ def test_a_journal_of_other_rows_or_without_a_checksum_is_refused_by_readers(sto
 
 def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
     rows = len(stored)
-    with pytest.raises(InputError, match=f"has {rows} rows, but the journal knows row {rows}; measure again"):
+    with pytest.raises(InputError, match=f"has {rows} rows, but the journal lists row {rows}. Measure again"):
         damaged_rows(stored.store, {0: 0, rows: 0})
     assert damaged_rows(stored.store, {0: 0}) == [0]
 
@@ -262,13 +262,13 @@ def test_a_journal_without_its_first_line_is_refused(stored):
         ("", "store.json is damaged"),
         ("[]", "store.json is damaged"),
         ('{"format": "voxflat rows 2"}', r"store.json is damaged \(it is not complete\)"),
-        ('{"format": "voxflat rows 1"}', "has the format 'voxflat rows 1', this version .* has 'voxflat rows 2'"),
+        ('{"format": "voxflat rows 1"}', "has the format 'voxflat rows 1', but this version reads 'voxflat rows 2'"),
     ],
 )
 def test_a_bad_description_is_refused(stored, text, message):
     (stored.store / "store.json").write_text(text)
     for use in (voxflat.open_rows, lambda path: SURFACE.geodesic(SOURCES, store=path)):
-        refused(message + r".*; choose another directory, or delete this one", use, stored.store)
+        refused(message + r".*[.] Choose another directory, or delete this one", use, stored.store)
 
 
 # -------------------------------------------------------------------------------------------- what is refused
@@ -281,11 +281,11 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
     mesh = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2]]))
     for surface, sources, options, message in [
         (SHEET, SOURCES, {"geodesic": "chain"}, "its geodesic is 'graph', not 'chain'"),
-        (SHEET, SOURCES + 1, {}, "its sources are others (40; these are 41)"),
-        (SHEET, SOURCES, {"sampling": "random"}, "its sources are others (40; these are 40)"),
-        (SHEET, SOURCES, {"spacing": (1, 1, 2)}, "its surface is another"),
-        (hole, SOURCES, {}, "its surface is another (600 points; this one has 599)"),
-        (mesh, 2, {}, "its surface is another (600 points; this one has 4)"),
+        (SHEET, SOURCES + 1, {}, "its sources differ (40 sources; here there are 41)"),
+        (SHEET, SOURCES, {"sampling": "random"}, "its sources differ (40 sources; here there are 40)"),
+        (SHEET, SOURCES, {"spacing": (1, 1, 2)}, "its surface differs"),
+        (hole, SOURCES, {}, "its surface differs (600 points; this one has 599)"),
+        (mesh, 2, {}, "its surface differs (600 points; this one has 4)"),
     ]:
         with pytest.raises(InputError, match=re.escape(f"is a store of other rows: {message}")):
             composed.geodesic(surface, sources, store=stored.store, **options)
@@ -303,10 +303,10 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("much work")
     (tmp_path / "file").write_text("a file")
-    other = r"is no store and holds other files \(chapter.tex\); give a new or empty one"
-    for name, message in (("thesis", other), ("file", "is a file; give a directory")):
+    other = r"is not a store and holds files \(chapter.tex\). Pass a new or empty one"
+    for name, message in (("thesis", other), ("file", "is a file. Pass a directory")):
         refused(message, SURFACE.geodesic, SOURCES, store=tmp_path / name)
-        refused("no store", voxflat.open_rows, tmp_path / name)
+        refused("not a store", voxflat.open_rows, tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):
             SURFACE.geodesic(SOURCES, store=tmp_path / name)
@@ -336,14 +336,14 @@ def test_too_little_memory_is_refused_with_numbers(tmp_path):
     with pytest.raises(InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store", memory_limit=1000)
     mesh = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (29, 19), (30, 20))
-    with pytest.raises(InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
+    with pytest.raises(InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* pass store"):
         voxflat.surface(mesh).geodesic(600, memory_limit=1_000_000)
     assert names(tmp_path) == []
 
 
 def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 1024}))
-    with pytest.raises(OSError, match=r"93.75 KiB on disk are needed, 1 KiB are free; make room.*store"):
+    with pytest.raises(OSError, match=r"93.75 KiB of disk space are needed, 1 KiB are free. Free some space.*store"):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store")
     assert names(tmp_path) == []
 
@@ -352,7 +352,7 @@ def test_a_complete_store_needs_no_room(stored, expected, monkeypatch, log):
     log.clear()
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 0}))
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
-    assert f"{SOURCES} rows were in the store" in "\n".join(messages(log))  # none was measured again
+    assert f"{SOURCES} rows were already in the store" in "\n".join(messages(log))  # none was measured again
 
 
 # ------------------------------------------------------------------------------------------- command line
@@ -364,14 +364,14 @@ def test_the_command_measures_and_goes_on(tmp_path):
     command = ["rows", tmp_path / "sheet.npy", "--sources", SOURCES, *where]
     result = succeed(*command)
     assert result.stdout == f"40 x 600 distances, 0 MiB\nsaved in {tmp_path / 'store'}\n"
-    assert f"voxflat: up to 93.75 KiB on disk are needed in {tmp_path / 'store'}" in result.stderr
+    assert f"voxflat: up to 93.75 KiB of disk space will be used in {tmp_path / 'store'}" in result.stderr
     expected = voxflat.surface(tmp_path / "sheet.npy", spacing=(1, 1, 2)).geodesic(SOURCES)
     np.testing.assert_array_equal(voxflat.open_rows(tmp_path / "store"), expected)
     again = run(*command, "--json")
     told = json.loads(again.stdout)
     assert portable(told.pop("provenance")) == voxflat.open_rows(tmp_path / "store").provenance
     assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
-    assert "40 rows were in the store" in again.stderr
+    assert "40 rows were already in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
     fail(1, "is a store of other rows", *command, "--radius", 9, "--seed-point", "9,9,1")
 

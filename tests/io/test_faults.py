@@ -124,7 +124,7 @@ def test_rows_that_are_cut_short_while_they_are_open(tmp_path):
     voxflat.surface(sheet(), label=1).geodesic(20, store=tmp_path / "store")
     done = python(code, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert [line.count("rows.npy was cut short to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1, 1]
+    assert [line.count("rows.npy was truncated to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1, 1]
 
 
 def test_memory_is_compared_before_the_surface_of_a_mesh_is_made():

@@ -67,7 +67,7 @@ def test_three_fail_by_name_and_never_stop_the_others(study):
     assert len(list((root / "out").glob("sub-*.html"))) == 17
     record = json.loads(next((root / "out").rglob("*_flat.json")).read_text())
     assert "standard cuts" in record["warnings"][0]
-    assert "left out of the file" in record["notes"][0]  # and not on the terminal
+    assert "not written to the file" in record["notes"][0]  # and not on the terminal
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     for (label, reason), line in zip(BROKEN.items(), lines, strict=True):

@@ -282,7 +282,7 @@ class TestStackFiles:
         assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
 
     def test_a_png_holds_one(self, stack, tmp_path):
-        refused(r"would hold one image, and there are 3 \(rest, 2BK-0BK, 3\)", stack.save, tmp_path / "z.png")
+        refused(r"can hold only one image, but there are 3 \(rest, 2BK-0BK, 3\)", stack.save, tmp_path / "z.png")
         assert not (tmp_path / "z.png").exists()
 
     def test_the_command(self, flat, tmp_path):
@@ -291,7 +291,7 @@ class TestStackFiles:
         command = ["image", tmp_path / "map.npz", "--volume", tmp_path / "z.func.gii", "-o"]
         succeed(*command, tmp_path / "all.nii.gz")
         assert nib.load(tmp_path / "all.nii.gz").shape[3] == 3
-        fail(1, "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number", *command, tmp_path / "all.png")
+        fail(1, "there are 3 (rest, 2BK-0BK, 3). Select one by name or number", *command, tmp_path / "all.png")
         expected = flat.image(tmp_path / "z.func.gii", channel=1).data
         for channel in ("2BK-0BK", "1"):
             succeed(*command, tmp_path / "one.npy", "--channel", channel)

@@ -136,7 +136,7 @@ def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
     flat = voxflat.surface(solid).disk((11, 11, 20), 12.0).flatten(Voxflat(sources=20))
     array = values[:24, :24, :24]
     assert_allclose(flat.image(dask.from_array(array, chunks=10), 1.0).data, flat.image(array, 1.0).data, atol=1e-6)
-    refused("give a volume of that shape, or one with its affine", flat.image, dask.from_array(values, chunks=10), 1.0)
+    refused("Pass a volume of that shape, or one with an affine", flat.image, dask.from_array(values, chunks=10), 1.0)
 
 
 def ome(path, values, version=0.4, **changes):

@@ -164,14 +164,14 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("how", "message"),
         [
-            ({"fraction": 1.2}, r"fraction is 1.2; give numbers from 0"),
-            ({"fraction": float("nan")}, r"the fraction is nan; give a finite number"),
+            ({"fraction": 1.2}, r"fraction is 1.2. Pass numbers from 0"),
+            ({"fraction": float("nan")}, r"fraction is nan. Pass a finite number"),
             ({"fraction": ()}, r"fraction is empty"),
             ({"depth": []}, r"depth is empty"),
-            ({"fraction": "deep"}, r"the fraction is 'deep'; give a number"),
-            ({"depth": 1.0, "fraction": 0.5}, r"give one of them"),
+            ({"fraction": "deep"}, r"fraction is 'deep'. Pass a number"),
+            ({"depth": 1.0, "fraction": 0.5}, r"Pass only one"),
             ({"fraction": 0.5, "layering": "laplace"}, r"layering is 'laplace'; give 'equivolume' or 'equidistant'"),
-            ({"depth": float("inf")}, r"the depth is inf"),
+            ({"depth": float("inf")}, r"depth is inf"),
         ],
     )
     def test_what_is_no_depth(self, shells, how, message):
@@ -181,13 +181,13 @@ class TestRefusals:
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)
         refused(r"uint8 may be labels, which have no mean over depths", shells.image, labels, 1.0, fraction=(0.2, 0.8))
         assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="majority").data) == 1
-        with pytest.raises(InputError, match=r"'majority', which is of labels, but values are no whole numbers"):
+        with pytest.raises(InputError, match=r"'majority', which is for labels, but values are not whole numbers"):
             shells.image(volume_of(lambda x, y, z: x + 0.1), 1.0, interpolation="majority")
         linear = shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="linear")
         assert np.nanmax(linear.data) == pytest.approx(1, rel=1e-12)
-        refused(r"overlay has values on the surface alone", shells.image, np.arange(2562.0), fraction=0.5)
+        refused(r"overlay has values only on the surface", shells.image, np.arange(2562.0), fraction=0.5)
         alone = replace(shells, white_points=None, pial_points=None)
-        with pytest.raises(InputError, match=r"this map knows no pial one: flatten the white surface with pial="):
+        with pytest.raises(InputError, match=r"this map has no pial one. Flatten the white surface with pial="):
             alone.image(volume_of(lambda x, y, z: x), fraction=0.5)
 
 

@@ -125,8 +125,10 @@ class TestVoxels:
         assert radius.min() > INNER + 0.49
         assert radius.max() < INNER + 2.0
         assert np.count_nonzero(found) * 0.125 == pytest.approx(np.pi * 100 * 1.5 * (21.25 / 20) ** 2, rel=0.03)
-        refused(r"knows no pial surface: give depth", regions.volume, grid)
-        refused(r"depth is 2 to 1 mm; give two finite numbers, the lower one first", regions.volume, grid, depth=(2, 1))
+        refused(r"has no pial surface. Pass depth", regions.volume, grid)
+        refused(
+            r"depth is 2 to 1 mm. Pass two finite numbers, the smaller one first", regions.volume, grid, depth=(2, 1)
+        )
         refused("the depth is None; give a number", regions.volume, grid, depth=(None, 1.0))
 
     def test_the_flattened_volume_is_the_default(self, tmp_path):
@@ -139,7 +141,7 @@ class TestVoxels:
         np.testing.assert_array_equal(image.affine, volume.affine)
         assert image.shape == (24, 24, 24)
         assert 0 < np.count_nonzero(image.dataobj) < 200
-        refused("has no vertices that others know", regions.save, tmp_path / "l.annot")
+        refused("has no mesh vertices", regions.save, tmp_path / "l.annot")
 
     def test_far_and_coarse_grids_are_told(self, m):
         regions = m.regions(drawn(m))
@@ -168,7 +170,7 @@ class TestFiles:
         np.testing.assert_array_equal(np.sort(vertices), np.flatnonzero(one.vertex_labels))
         rows = np.loadtxt(tmp_path / "lh.V1.label", skiprows=2)
         np.testing.assert_allclose(rows[:, 1:4], icosphere(INNER, 5)[0][vertices], atol=6e-4)  # on the white one
-        refused(r"a .label holds one region, and there are 2", m.regions(drawn(m)).save, tmp_path / "lh.both.label")
+        refused(r"a .label file holds one region, not 2", m.regions(drawn(m)).save, tmp_path / "lh.both.label")
 
     def test_points_of_a_label_are_tkras(self, tmp_path):
         (points, faces), of = ball(4), header()
@@ -207,9 +209,9 @@ class TestFiles:
         np.testing.assert_allclose(image.affine, grid.affine)
         assert "t1.mgz" in json.loads(image.header.extensions[0].get_content())["files"]
         refused("it is an input", regions.save, tmp_path / "t1.mgz", volume=tmp_path / "t1.mgz")
-        refused("give the volume whose grid", regions.save, tmp_path / "l.nii.gz")
-        refused("leave them out", regions.save, tmp_path / "l.annot", volume=grid)
-        refused("give a name that ends in", regions.save, tmp_path / "l.txt")
+        refused("Pass volume, whose grid", regions.save, tmp_path / "l.nii.gz")
+        refused("Do not pass them", regions.save, tmp_path / "l.annot", volume=grid)
+        refused("Use a name that ends in", regions.save, tmp_path / "l.txt")
 
     @pytest.mark.slow
     def test_both_sides_of_a_cut(self):
@@ -303,7 +305,7 @@ class TestDrawings:
         assert np.mean(found != np.where(round_, 2, np.where(box, 1, 0))) < 0.001
         layer = {"name": "l", "data": [np.zeros((2, 2))], "shape_type": ["line"], "features": {}}
         line = SimpleNamespace(**layer, data_to_world=lambda corner: corner)
-        refused("is a line, which encloses nothing", m.regions, line)
+        refused("is a line, which encloses no area", m.regions, line)
 
     def test_label_images(self, m, tmp_path):
         regions = m.regions(drawn(m))
@@ -318,8 +320,8 @@ class TestDrawings:
             np.testing.assert_array_equal(np.nan_to_num(again.image(0.5).data), labels)
         np.testing.assert_array_equal(m.regions(shown).labels, again.labels)
         assert dice(again.labels, regions.labels) > 0.97
-        refused(r"has 88 x \d+ pixels, the map at .* give the pixel size", m.regions, np.ones((50, 88), int))
-        refused("whole numbers, and this has others", m.regions, FlatImage(shown.data / 3, 0.5, shown.origin, ""))
+        refused(r"has 88 x \d+ pixels, but the map has .* Pass the pixel size", m.regions, np.ones((50, 88), int))
+        refused("values that are not whole numbers", m.regions, FlatImage(shown.data / 3, 0.5, shown.origin, ""))
         refused("is 0 everywhere", m.regions, 0 * shown.data, pixel_size=0.5)
 
     def test_holes_and_overlaps(self, m, caplog):
@@ -327,19 +329,19 @@ class TestDrawings:
         ring = m.regions({"ring": [circle(u, v, 8.0), circle(u, v, 4.0)[::-1]]})
         assert ring.at([[u, v], [u + 6, v], [u + 9, v]]).tolist() == [0, 1, 0]
         both = m.regions([circle(u, v, 8.0), circle(u + 4, v, 8.0)])
-        assert "lie in several regions; the last one drawn has them" in caplog.text
+        assert "lie in several regions; the region drawn last contains them" in caplog.text
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 
     @pytest.mark.parametrize(
         ("given", "message"),
         [
-            ({"a": [[0, 0], [1, 1]]}, "a: a polygon has .* at least three corners"),
+            ({"a": [[0, 0], [1, 1]]}, "a: not a polygon .* at least 3 corners"),
             ({"a": [[0, 0], [1, 1], [np.nan, 3]]}, "a: corner 2 is not finite"),
-            ({"a": [[900, 0], [901, 1], [900, 1]]}, "a lies beside the map, around u = 900"),
-            ({}, "there is no region"),
-            (3, "regions are int; give polygons"),
-            ("rois.xcf", "regions are read from .svg, .json"),
+            ({"a": [[900, 0], [901, 1], [900, 1]]}, "a lies outside the map: its centre is at u = 900"),
+            ({}, "there are no regions"),
+            (3, "cannot read regions from int. Pass polygons"),
+            ("rois.xcf", "Pass regions as .svg, .json"),
         ],
     )
     def test_what_is_no_region(self, m, given, message):
@@ -378,10 +380,10 @@ class TestPoints:
         assert np.isnan(uv[:2]).all()
         np.testing.assert_allclose(distance, [np.nan, np.nan, 4], atol=0.01)
         assert np.isnan(m.points_to_map(points, 3.9)[1]).all()
-        refused("points have shape", m.points_to_map, np.zeros((2, 2)))
+        refused("points has shape", m.points_to_map, np.zeros((2, 2)))
         for wrong in (-1, np.nan):
-            refused("not negative", m.points_to_map, np.zeros(3), wrong)
-        refused("space is 'MNI'; give 'surface' or 'scanner'", m.points_to_map, np.zeros(3), space="MNI")
+            refused("Pass 0 or a positive number", m.points_to_map, np.zeros(3), wrong)
+        refused("space is 'MNI'. Pass 'surface' or 'scanner'", m.points_to_map, np.zeros(3), space="MNI")
 
     def test_space(self, tmp_path):
         (points, faces), of = ball(3), header()

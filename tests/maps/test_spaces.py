@@ -134,7 +134,7 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     (points, faces), of = ball(), header()
     nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces)
     flat(tmp_path / "lh.white").image(volumes["RAS"][0])
-    assert "does not define where their volume lies (c_ras); give a file that says it" in caplog.text
+    assert "does not say where their volume lies (c_ras). Use a file that defines its space" in caplog.text
     caplog.clear()
     meta = {name: value for name, value in volume_geometry(of, points).items() if "Center" not in name}
     for spaces, moved, reading in (((0, 3), points + np.array(C_RAS), "(tkRAS)"), ((3, 3), points, "(scanner RAS)")):
@@ -175,7 +175,7 @@ def test_a_volume_without_a_place_is_told(tmp_path, caplog, kind):
     assert caplog.messages == []
     write(known=False)
     flat(ball()).image(path)
-    assert f"{path.name} does not say where it lies" in caplog.text
+    assert f"{path.name} does not define its position" in caplog.text
     m = voxflat.surface(path).disk((30, 30, 39), 15.0).flatten(Voxflat(sources=20))
     caplog.clear()
     m.image(path)

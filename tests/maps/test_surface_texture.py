@@ -142,7 +142,7 @@ def test_a_picture_beside(mesh, flat_map, tmp_path, name):
     points, faces, coordinates = mesh
     path, skin = tmp_path / name, "skin.png" if name == "named.ply" else "face.png"
     write_mesh(path, Mesh(points, faces, texture_coordinates=coordinates))
-    refused(f"{name}: has no texture: neither texture coordinates with a picture beside", flat_map.image, path)
+    refused(f"{name}: has no texture .texture coordinates with a picture", flat_map.image, path)
     if name == "named.ply":
         path.write_bytes(path.read_bytes().replace(b"comment voxflat", b"comment TextureFile skin.png"))
     Image.fromarray(chessboard()).save(tmp_path / skin)
@@ -194,9 +194,9 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("map_kd", "told"),
         [
-            ("Kd 1 1 1", "face.obj: has no texture: it needs texture coordinates"),
-            ("map_Kd a.png\nnewmtl skin2\nKd 1 1 1", "its material 'skin2' has none: bake all of them into one"),
-            ("map_Kd a.png\nnewmtl skin2\nmap_Kd b.png", r"has 2 pictures \(a.png, b.png\): bake them into one"),
+            ("Kd 1 1 1", "face.obj: has no texture. Add texture coordinates"),
+            ("map_Kd a.png\nnewmtl skin2\nKd 1 1 1", "its material 'skin2' has none. Bake all materials into one"),
+            ("map_Kd a.png\nnewmtl skin2\nmap_Kd b.png", r"has 2 pictures \(a.png, b.png\). Bake them into one"),
         ],
     )
     def test_materials(self, mesh, flat_map, tmp_path, map_kd, told):
@@ -206,7 +206,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}, {"period": 360}])
     def test_options_of_volumes(self, mesh, flat_map, tmp_path, options):
-        told = "depth, fraction, interpolation and period are for volumes, not for textures"
+        told = "depth, fraction, interpolation and period do not apply to textures"
         refused(told, flat_map.image, save_obj(tmp_path, mesh, chessboard()), **options)
 
     @pytest.mark.parametrize("name", ["picture.png", "picture.mtl"])
@@ -220,14 +220,14 @@ class TestRefusals:
         points, faces, coordinates = mesh
         fewer = faces[(faces < len(points) - 1).all(axis=1)]
         path = save_obj(tmp_path, (points[:-1], fewer, coordinates), chessboard())
-        refused("has 272 vertices, the flattened mesh 273: is it the same surface", flat_map.image, path)
+        refused("has 272 vertices, but the flattened mesh has 273. Pass that mesh", flat_map.image, path)
 
     def test_several_colours(self, mesh, flat_map, tmp_path):
         polydata = pv.PolyData.from_regular_faces(*mesh[:2])
         for name in ("day", "night"):
             polydata.point_data[name] = np.zeros((len(mesh[0]), 3), dtype=np.uint8)
         polydata.save(tmp_path / "face.vtp")
-        with pytest.raises(InputError, match=r"several colours at its vertices \(day, night\): give one as an array"):
+        with pytest.raises(InputError, match=r"several colours at its vertices \(day, night\). Pass one as an array"):
             flat_map.image(tmp_path / "face.vtp")
 
     def test_options_of_the_material_come_before_the_name(self, mesh, flat_map, tmp_path):

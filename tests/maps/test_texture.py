@@ -44,7 +44,7 @@ class TestPlacing:
         assert textured.texture_coordinates.max() > 1
 
     def test_a_picture_that_is_too_small_must_be_repeated(self, cylinder_map):
-        message = r"16 x 16 mm and does not cover the map; give repeat, or .* least (\S+) mm"
+        message = r"16 x 16 mm and does not cover the map. Pass repeat, or .* least (\S+) mm"
         with pytest.raises(InputError, match=message) as told:
             cylinder_map.textured(chessboard(), texel_size=0.25)
         enough = float(str(told.value).split()[-2])
@@ -99,13 +99,13 @@ class TestPictures:
     @pytest.mark.parametrize(
         ("picture", "told"),
         [
-            (np.full((4, 4), np.nan), "values reach from nan to nan; floats must lie from 0 to 1, without NaN"),
-            (np.array([[0.0, 255.0]]), "values reach from 0 to 255; floats must lie from 0 to 1"),
-            (np.zeros((4, 4), dtype=int), "type int64; give uint8, 0 to 255, or floats from 0 to 1"),
-            (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\); give \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
+            (np.full((4, 4), np.nan), "values range from nan to nan. Scale floats to 0 to 1 .without NaN"),
+            (np.array([[0.0, 255.0]]), "values range from 0 to 255. Scale floats to 0 to 1"),
+            (np.zeros((4, 4), dtype=int), "type int64. Pass uint8 .0 to 255., or floats from 0 to 1"),
+            (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\). Pass \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
             (np.zeros((0, 4)), r"shape \(0, 4\)"),
             (np.zeros(4), r"shape \(4,\)"),
-            (None, "type object"),
+            (None, "the picture is object"),
             (Image.new("F", (4, 4)), "more than 8 bits"),
         ],
     )
@@ -124,7 +124,7 @@ class TestPictures:
 
     @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf])
     def test_texel_sizes(self, cylinder_map, size):
-        refused(r"texel size is .* mm; give a positive number", cylinder_map.textured, chessboard(), size, repeat=True)
+        refused(r"texel_size is .* mm. Pass a positive number", cylinder_map.textured, chessboard(), size, repeat=True)
 
 
 class TestSubdivision:
@@ -195,8 +195,8 @@ class TestSubdivision:
 
     @pytest.mark.parametrize("tolerance", [0, -1, np.nan, np.inf])
     def test_tolerances(self, textured, tolerance):
-        refused(r"tolerance is .*; give a positive number", textured.subdivided, tolerance)
+        refused(r"tolerance is .*. Pass a positive number", textured.subdivided, tolerance)
 
     def test_too_fine_a_picture_is_refused(self, textured, monkeypatch):
         monkeypatch.setattr("voxflat.maps.textures.subdivision._MOST_FACES", 5000)
-        refused(r"64 x 64 texels need more than 5000 triangles; give a greater tolerance", textured.subdivided)
+        refused(r"64 x 64 texels need more than 5000 triangles. Increase the tolerance", textured.subdivided)

@@ -131,7 +131,7 @@ class TestFiles:
         Image.fromarray(chessboard()).save(tmp_path / "chess.png")
         before = (tmp_path / "chess.png").read_bytes()
         of_file = cylinder_map.textured(tmp_path / "chess.png")
-        refused("chess.png is the picture itself; choose another name", of_file.save, tmp_path / "chess.obj")
+        refused("chess.png is the picture itself. Choose another name", of_file.save, tmp_path / "chess.obj")
         assert (tmp_path / "chess.png").read_bytes() == before
 
 

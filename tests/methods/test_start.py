@@ -125,10 +125,10 @@ def test_a_start_without_area_is_refused(known):
 
 
 def test_a_start_of_another_surface_is_refused_by_name(known):
-    refused("the map has 1600 points, the surface 1681 vertices", begun, known.uv[:1600])
+    refused("the map has 1600 points, but the surface has 1681 vertices", begun, known.uv[:1600])
     other = known.uv.copy()
     other[7] = np.nan
-    told = r"no place for 3 of the 3200 triangles that are flattened, such as that of vertices \[\d"
+    told = r"no place for 3 of the 3200 triangles to be flattened, such as that of vertices \[\d"
     refused(told, begun, other, relax=False)
 
 
@@ -148,7 +148,7 @@ def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
         assert len(again) == len(first)
         assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
     line = number[5] if cuts[0][0] not in number[5] else number[15]
-    with pytest.raises(InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
+    with pytest.raises(InputError, match=r"start is cut at vertex \d+, but the surface is not"):
         voxflat.flatten(surface, method=Voxflat(start=first), cuts=[line.tolist()], relax=False)
 
 

@@ -44,9 +44,9 @@ class TestFlatten:
         ("options", "message"),
         [
             ({"sampling": "best"}, "is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
-            ({"sampling": "grid"}, "is no range image; make one by voxflat.range_image"),
+            ({"sampling": "grid"}, "is not a range image. Make one with voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
-            ({"sources": 2}, "2 sources are too few; give at least 3"),
+            ({"sources": 2}, "2 sources are too few. Pass at least 3"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
             ({"rows": "directory"}, "cannot write a store"),
             ({"method": "voxflat", "sampling": "decimation"}, "give 'farthest', 'curvature' or 'random'"),
@@ -111,7 +111,7 @@ class TestRangeImage:
         depth[:, 20:] = 50
         image = voxflat.range_image(depth, 1.0)
         assert image.metadata["range_image"]["cut"] == 2 * 29
-        assert any("58 of 2262 triangles span more than 8 mm" in remark for remark in image.remarks)
+        assert any("58 of 2262 triangles, which span more than 8 mm" in remark for remark in image.remarks)
         assert len(voxflat.check(image).components) == 2
         whole = voxflat.range_image(depth, 1.0, jump=np.inf)
         assert whole.metadata["range_image"]["cut"] == 0
@@ -140,29 +140,29 @@ class TestRangeImage:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            ({"depth": np.zeros(5)}, r"the depth has shape \(5,\); give an image"),
-            ({"depth": np.zeros((1, 9))}, r"the depth has shape \(1, 9\); give an image"),
-            ({"depth": np.zeros((3, 3, 3))}, r"the depth has shape \(3, 3, 3\)"),
-            ({"depth": np.zeros((3, 3), complex)}, "the depth is complex128; give real numbers"),
-            ({"depth": np.array([["a", "b"], ["c", "d"]])}, "the depth is <U1; give real numbers"),
+            ({"depth": np.zeros(5)}, r"depth has shape \(5,\). Pass an image"),
+            ({"depth": np.zeros((1, 9))}, r"depth has shape \(1, 9\). Pass an image"),
+            ({"depth": np.zeros((3, 3, 3))}, r"depth has shape \(3, 3, 3\)"),
+            ({"depth": np.zeros((3, 3), complex)}, "depth has type complex128. Pass real numbers"),
+            ({"depth": np.array([["a", "b"], ["c", "d"]])}, "depth has type <U1. Pass real numbers"),
             ({"depth": [[1, 2], [3]]}, "rows have different lengths"),
-            ({"depth": np.array([[1, np.inf], [2, 3]])}, "row 0, column 1 is inf mm; give NaN"),
+            ({"depth": np.array([[1, np.inf], [2, 3]])}, "row 0, column 1 is inf mm. Pass NaN"),
             ({"depth": np.array([[1, 2], [-1e30, 3]])}, r"row 1, column 0 is -1e\+30 mm"),
-            ({"depth": np.full((4, 4), np.nan)}, r"no triangle .* \(0 of 16 pixels have one\)"),
+            ({"depth": np.full((4, 4), np.nan)}, r"no triangle .* \(0 of 16 pixels have a depth\)"),
             ({"depth": np.diag([1.0, 1, 1]) / np.diag([1.0, 1, 1])}, r"no triangle .* \(3 of 9 pixels"),
-            ({"depth": 1e5 * np.indices((3, 3))[0]}, "spans more than 8 mm of depth; give a greater jump"),
-            ({"spacing": 0}, "the spacing is 0 mm; give positive"),
-            ({"spacing": -1.0}, "the spacing is -1.0 mm; give positive"),
-            ({"spacing": np.nan}, "the spacing is nan mm; give positive"),
-            ({"spacing": (1, np.inf)}, r"the spacing is \(1, inf\) mm; give positive"),
-            ({"spacing": (1, 2, 3)}, r"the spacing is \(1, 2, 3\); give one number"),
-            ({"spacing": "1"}, "the spacing is '1'; give one number"),
-            ({"mask": np.ones((2, 2))}, r"the mask has shape \(2, 2\), the depth \(9, 9\)"),
-            ({"mask": np.full((9, 9), 7)}, "the mask is int64 with values other than 0 and 1"),
+            ({"depth": 1e5 * np.indices((3, 3))[0]}, "spans more than 8 mm of depth. Increase jump"),
+            ({"spacing": 0}, "spacing is 0 mm. Pass numbers"),
+            ({"spacing": -1.0}, "spacing is -1.0 mm. Pass numbers"),
+            ({"spacing": np.nan}, "spacing is nan mm. Pass numbers"),
+            ({"spacing": (1, np.inf)}, r"spacing is \(1, inf\) mm. Pass numbers"),
+            ({"spacing": (1, 2, 3)}, r"spacing is \(1, 2, 3\). Pass one number"),
+            ({"spacing": "1"}, "spacing is '1'. Pass one number"),
+            ({"mask": np.ones((2, 2))}, r"mask has shape \(2, 2\), but depth has shape \(9, 9\)"),
+            ({"mask": np.full((9, 9), 7)}, r"mask \(int64\) has values other than 0 and 1"),
             ({"mask": np.zeros((9, 9), bool)}, r"no triangle .* \(0 of 81 pixels"),
-            ({"jump": 0.0}, "the jump is 0.0 mm; give a positive"),
-            ({"jump": np.nan}, "the jump is nan mm; give a positive"),
-            ({"jump": "far"}, "the jump is 'far' mm; give a positive"),
+            ({"jump": 0.0}, "jump is 0.0 mm. Pass a positive"),
+            ({"jump": np.nan}, "jump is nan mm. Pass a positive"),
+            ({"jump": "far"}, "jump is 'far' mm. Pass a positive"),
         ],
     )
     @pytest.mark.filterwarnings("ignore:invalid value")

@@ -13,7 +13,7 @@ from refusals import refused
 
 import voxflat
 from voxflat._pyvista.browser import browser_page
-from voxflat.maps.laying import laid
+from voxflat.maps.placement import aligned
 from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow  # opens a browser
@@ -32,7 +32,7 @@ def shown_by(text):
 
 
 def smooth_places(flat):
-    return laid(np.asarray(flat.points, dtype=float), np.asarray(flat["surface_points"], dtype=float))[1]
+    return aligned(np.asarray(flat.points, dtype=float), np.asarray(flat["surface_points"], dtype=float))[1]
 
 
 def test_the_page_holds_the_map_and_all_its_values(flat, tmp_path):

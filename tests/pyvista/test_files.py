@@ -51,7 +51,7 @@ def test_a_flat_map_is_saved_with_the_numbers_of_its_mesh(ball, tmp_path, caplog
     assert_allclose(points, expected[0], atol=1e-5)
     assert_array_equal(faces, expected[1])
     assert 0 < len(faces) < flat.n_cells
-    assert "lie at a cut that doubles vertices" in caplog.text
+    assert "lie at a cut that duplicates vertices" in caplog.text
     assert_array_equal(pv.read(tmp_path / "lh.flat.surf.gii").regular_faces, faces)
     ball.save(tmp_path / "ball.surf.gii")
     assert_allclose(nibabel.load(tmp_path / "ball.surf.gii").darrays[0].data, ball.points, rtol=1e-6)

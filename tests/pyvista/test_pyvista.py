@@ -250,7 +250,7 @@ def test_lines_beside_triangles_are_left_out():
 def test_what_means_nothing_for_a_mesh_is_refused():
     mesh = bumpy()
     refused("scalars is 'height', but a mesh has no foreground to choose", mesh.voxflat, "height")
-    refused("label is given, but the input is a mesh", mesh.voxflat, label=1)
+    refused("label does not apply when the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
         refused("PolyData: only an ImageData is a volume", call)
 

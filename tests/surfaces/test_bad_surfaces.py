@@ -94,8 +94,8 @@ def test_check_lists_all_defects():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"label": 1}, "label is given, but the input is a mesh"),
-        ({"threshold": 0.5}, "threshold is given, but the input is a mesh"),
+        ({"label": 1}, "label does not apply when the input is a mesh"),
+        ({"threshold": 0.5}, "threshold does not apply when the input is a mesh"),
         ({"method": "grossmann2002"}, "this surface has none. Pass a volume"),
         ({"seed_point": (1, 2, 3), "radius": 3.0}, "Pass the number of a vertex of the mesh"),
         ({"seed_point": 99, "radius": 3.0}, "vertex 99 is not on the surface"),
@@ -256,8 +256,8 @@ def test_pial_must_correspond(pial, message):
 
 
 def test_repair_of_what_cannot_be_repaired():
-    refused("a mesh has no voxels; give 'cuts' or 'none'", voxflat.surface, square(), repair="voxels")
-    for wrong, message in (("glue", "repair is 'glue'"), (True, "repair is True; give 'none'")):
+    refused("a mesh has no voxels. Pass 'cuts' or 'none'", voxflat.surface, square(), repair="voxels")
+    for wrong, message in (("glue", "repair is 'glue'"), (True, "repair is True. Pass 'none'")):
         for of in (shapes.ball(5), square()):
             refused(message, voxflat.surface, of, repair=wrong)
 
@@ -276,9 +276,9 @@ def test_command_line(name, tmp_path):
 @pytest.mark.parametrize(
     ("flat", "message"),
     [
-        (np.zeros((48, 2)), "the map has 48 points, the surface 49 vertices"),
-        (np.zeros(49), r"float64 of shape \(49,\); give places"),
-        (np.full((49, 2), NAN), "no triangle of the surface has a place"),
+        (np.zeros((48, 2)), "the map has 48 points, but the surface has 49 vertices"),
+        (np.zeros(49), r"float64 of shape \(49,\). Pass places"),
+        (np.full((49, 2), NAN), "no place for all corners of any triangle"),
         (square()[0] + np.arange(49)[:, None], "the map is not flat: its third coordinate varies by"),
     ],
 )

@@ -168,7 +168,9 @@ class TestOverlays:
         other = tmp_path / f"bert.{name}"
         other.write_bytes((brain / f"rh.{name}").read_bytes())
         flat.image(other)
-        assert f"bert.{name} does not follow the folds of the surface (correlation with its curvature" in caplog.text
+        assert (
+            f"bert.{name} does not follow the folds of the surface: its correlation with the curvature" in caplog.text
+        )
         caplog.clear()
         page = voxflat.surface(brain / "lh.white").patches(30.0).page()
         page.image(other)
@@ -182,7 +184,7 @@ class TestOverlays:
         points, faces = mesh(brain, "lh.white")
         write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
         flat = voxflat.surface(tmp_path / "sub-01" / "lh.white").disk(2000, 20.0).flatten(Voxflat(sources=20))
-        doubt = "sub-02_thickness.txt is of sub-02, the surface of sub-01: is it meant?"
+        doubt = "sub-02_thickness.txt is of sub-02, but the surface is of sub-01. Check the file"
         for name, told in (("sub-01_thickness.txt", []), ("thickness.txt", []), ("sub-02_thickness.txt", [doubt])):
             np.savetxt(tmp_path / name, np.zeros(len(points)))
             flat.image(tmp_path / name)

@@ -177,7 +177,7 @@ def test_names(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mesh = sheet()
     write_mesh("lh.white", Mesh(*mesh))
-    with pytest.raises(InputError, match=r"lh.x.patch.3d: .patch.3d alone is a patch in space; give a name"):
+    with pytest.raises(InputError, match=r"lh.x.patch.3d: .patch.3d alone means a patch in 3-D space. Use a name"):
         voxflat.flatten(mesh, Voxflat(sources=30)).save("lh.x.patch.3d")
     commands = [("flatten", "full.flat", 0), ("cut", "cortex", 0), ("flatten", "x", 1), ("cut", "y.flat", 1)]
     for command, name, code in commands:

@@ -316,8 +316,8 @@ def test_a_closed_surface_cut_by_lines_alone_makes_a_template(small_subject, tmp
 
 def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
     whole = voxflat.surface(subject / "lh.white")
-    refused("none is known", whole.cut(cuts="automatic", relax=False).save_template, tmp_path / "t.json")
-    refused("nothing is cut", whole.cut(cuts=[], sphere=sphere).save_template, tmp_path / "t.json")
+    refused("this surface has none", whole.cut(cuts="automatic", relax=False).save_template, tmp_path / "t.json")
+    refused("no cuts and no excluded vertices", whole.cut(cuts=[], sphere=sphere).save_template, tmp_path / "t.json")
     assert not (tmp_path / "t.json").exists()
 
 

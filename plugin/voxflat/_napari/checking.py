@@ -20,7 +20,7 @@ from voxflat._napari.workbench import Workbench
 from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError
-from voxflat.judging.measure import measure
+from voxflat.evaluation.measure import measure
 from voxflat.pipeline.check import check
 from voxflat.surfaces.findings import Check
 

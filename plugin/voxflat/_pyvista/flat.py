@@ -11,7 +11,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.pieces import FIGURES
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.triangles import measure_arrays
-from voxflat.judging.measure import JudgedMap
+from voxflat.evaluation.measure import JudgedMap
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.textures.pictures import place
 from voxflat.pipeline.cut_surface import CutSurface

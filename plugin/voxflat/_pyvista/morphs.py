@@ -12,7 +12,7 @@ from voxflat._pyvista.bars import shown
 from voxflat._pyvista.views import Shown, look_at
 from voxflat.arguments import is_number, is_whole
 from voxflat.errors import InputError
-from voxflat.maps.laying import laid
+from voxflat.maps.placement import aligned
 
 
 class Morph(Sequence[pv.PolyData]):
@@ -50,7 +50,7 @@ class Morph(Sequence[pv.PolyData]):
             raise InputError(f"n is {n!r}. Give at least 2 frames")
         self._flat, self._n = flat, int(n)
         self._surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
-        self._turn, self._laid = laid(np.asarray(flat.points, dtype=np.float64), self._surface)
+        self._turn, self._laid = aligned(np.asarray(flat.points, dtype=np.float64), self._surface)
 
     def __repr__(self) -> str:
         return f"<Morph: {self._n} frames of {self._flat.n_points} points>"

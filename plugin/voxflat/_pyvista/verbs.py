@@ -23,7 +23,7 @@ from voxflat._pyvista.given_maps import rows_of
 from voxflat._pyvista.inputs import Inputs
 from voxflat.arguments import Progress, checked_choice, log
 from voxflat.errors import InputError
-from voxflat.judging.measure import compare
+from voxflat.evaluation.measure import compare
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.check import check
 from voxflat.pipeline.surface import surface

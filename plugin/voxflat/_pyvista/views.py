@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS, Look
 from voxflat.maps.colours import label_colours
-from voxflat.maps.laying import laid
+from voxflat.maps.placement import aligned
 
 _LABELLED = 24  # up to so many different integers are shown as labels, each in its own colour
 _BAR = {
@@ -118,7 +118,7 @@ def side_by_side(
     plotter.set_background("white")
     width, height = plotter.window_size
     meshes = []
-    for column, (points, turn) in enumerate(((surface, laid(plane, surface)[0]), (plane, np.eye(3)))):
+    for column, (points, turn) in enumerate(((surface, aligned(plane, surface)[0]), (plane, np.eye(3)))):
         plotter.subplot(0, column)
         meshes.append(what.mesh(points))
         what.add(plotter, meshes[-1], bar=column == 1, lighting=column == 0)

@@ -1,4 +1,4 @@
-"""What every atlas can do, whoever made its pieces: a page, a sequence of pieces, figures, a file."""
+"""The base class of atlases: a sequence of pieces with a page, figures and files."""
 
 import importlib
 import os
@@ -45,36 +45,42 @@ Own = TypeVar("Own", bound="Atlas")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Atlas(FlatPieces, ABC):
-    """A surface as flat pieces, from the largest to the smallest: a sequence of them, `FlatAtlas` or `GluedAtlas`.
+    """A surface as a sequence of flat pieces, from the largest to the smallest.
+
+    It is either a `FlatAtlas` of certified patches, or a `GluedAtlas`.
 
     Parameters
     ----------
     points : ndarray, shape (N, 3)
-        The surface's vertices, RAS+ mm in `space`.
+        Vertices of the surface, RAS+ mm in `space`.
     faces : ndarray of int64, shape (F, 3)
         Its triangles.
     ids : ndarray of int64, shape (N, 3) or (N,)
-        What each vertex is in the input: voxel indices, or the number of a vertex.
+        Voxel indices or vertex numbers of the vertices in the input.
     piece_ids : ndarray of int64, shape (F,)
         The piece of each triangle.
     patch_ids : ndarray of int64, shape (F,)
-        The certified patch of each triangle: another than the piece where patches are glued.
+        The certified patch of each triangle, which differs from the piece if patches are glued.
     stretch : ndarray, shape (F, 2)
-        σ1 ≥ σ2 of each triangle, measured in the plane.
+        Principal stretches σ1 ≥ σ2 of each triangle, measured in the plane.
     starts : ndarray of int64, shape (pieces + 1,)
-        Where the rows of each piece begin in `vertex_ids` and `uv`.
+        First row of each piece in `vertex_ids` and `uv`.
     vertex_ids : ndarray of int64, shape (P,)
-        What each row of `uv` is, as a row of `points`, one piece after another; a vertex that lies on both sides of a
-        cut within a piece is there twice.
+        The row of `points` for each row of `uv`, piece by piece. A vertex on both sides of a cut within a piece has
+        two.
     uv : ndarray, shape (P, 2)
-        Places in the plane, each piece in one of its own, mm.
+        Places in the plane, mm. Each piece has its own plane.
     uv_faces : ndarray of int64, shape (F, 3)
-        The corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
+        Corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
     metadata : dict
-        How it was made, and of what: ``kind`` ("voxels" or "mesh"), and of voxels ``affine`` and ``shape``, of a mesh
-        ``vertices``, their number; the ``space`` of the points.
+        How and of what the atlas was made: ``kind`` ("voxels" or "mesh"); for voxels ``affine`` and ``shape``, for
+        meshes the number of ``vertices``; and the ``space`` of the points.
     measured : ndarray, shape (pieces, K)
         Figures of each piece, by columns; the last three are area, isometric and quasi_conformal.
+
+    See Also
+    --------
+    Surface.patches : Make an atlas.
 
     Examples
     --------
@@ -86,17 +92,29 @@ class Atlas(FlatPieces, ABC):
     measured: NDArray[np.float64]
 
     _format: ClassVar[str]  # name and version of its files
-    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # what its files hold beside text
+    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # arrays in its files
 
     @property
     @abstractmethod
     def title(self) -> str:
-        """One line of what it is, for pictures."""
+        """One line that describes the atlas, for pictures.
+
+        It names the number of pieces and the bounds.
+
+        See Also
+        --------
+        Atlas.table : All figures as text.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).title
+        '8 patches, 800 triangles, C ≤ 1.3640, K ≤ 1.5930'
+        """
 
     # -------------------------------------------------------------------------------- as a sequence
 
     def __getitem__(self, number: Any) -> Any:
-        """Return a piece, or several for a slice."""
+        """Return a piece, or a list of pieces for a slice."""
         if isinstance(number, slice):
             return [self._piece(n) for n in range(*number.indices(len(self)))]
         return self._piece(range(len(self))[number])
@@ -110,7 +128,7 @@ class Atlas(FlatPieces, ABC):
         """Return a piece."""
 
     def _parts(self, n: int) -> dict[str, Any]:
-        """Return what every piece has, by the fields of `Piece`."""
+        """Return the fields of `Piece` for a piece."""
         rows = slice(self.starts[n], self.starts[n + 1])
         face_ids = self._faces_by_piece[n]
         area, isometric, quasi_conformal = self.measured[n, -3:].tolist()
@@ -136,25 +154,32 @@ class Atlas(FlatPieces, ABC):
         return {}
 
     def page(self, gap: float | None = None, *, packing: str = "boxes") -> FlatPage:
-        """Lay the pieces out on a page, without overlap.
+        """Place the pieces side by side on a page, without overlap.
+
+        Pages are kept, so that repeated calls are fast.
 
         Parameters
         ----------
         gap : float, optional
-            Between the pieces, mm; by default a twentieth of their usual size.
+            Gap between the pieces, mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
-            "boxes": each piece turned into its smallest rectangle, these in rows. "shapes": into each other's bays, by
-            the library xatlas (``pip install 'voxflat[atlas]'``), which uses a page better where pieces are large.
+            "boxes" turns each piece into its smallest rectangle, and places these in rows. "shapes" fits the pieces
+            into each other with the library xatlas (``pip install 'voxflat[atlas]'``), which uses the page better if
+            pieces are large.
 
         Returns
         -------
         FlatPage
-            With images, heat maps, the inverse look-up, and the surface with a texture.
+            The page, with images, heat maps, lookups, and the surface with a texture.
 
         Raises
         ------
         InputError
-            If the gap or the packing does not fit, or xatlas is missing.
+            If the gap or the packing is not valid, or xatlas is missing.
+
+        See Also
+        --------
+        Atlas.layout : Return only the places.
 
         Examples
         --------
@@ -169,17 +194,25 @@ class Atlas(FlatPieces, ABC):
         return self._pages[key]
 
     def layout(self, gap: float | None = None, *, packing: str = "boxes") -> NDArray[np.float64]:
-        """Return where the pieces lie on their page, without overlap.
+        """Return the places of the pieces on their page, without overlap.
+
+        Pieces are rotated and moved, but not mirrored.
 
         Parameters
         ----------
-        gap, packing
+        gap : float, optional
+            As in `page`.
+        packing : {"boxes", "shapes"}
             As in `page`.
 
         Returns
         -------
         ndarray, shape (P, 2)
-            For each row of `uv` its place on the page, mm; pieces are turned and moved, not mirrored.
+            Place on the page for each row of `uv`, mm.
+
+        See Also
+        --------
+        Atlas.page : Return the page.
 
         Examples
         --------
@@ -200,17 +233,35 @@ class Atlas(FlatPieces, ABC):
         period: float | None = None,
         name: str = "",
     ) -> FlatImage:
-        """Sample a volume onto the page: `page` and `FlatPage.image` in one.
+        """Show a volume, or values at the vertices, on the page.
+
+        Shorthand for `page` and `FlatPage.image`.
 
         Parameters
         ----------
-        volume, pixel_size, channel, depth, interpolation, period, name
-            As in `FlatMap.image`; an atlas knows no pial surface.
+        volume : path, ndarray, image object or Volume
+            As in `FlatMap.image`.
+        pixel_size : float, optional
+            As in `FlatMap.image`.
+        channel : int or str, optional
+            As in `FlatMap.image`.
+        depth : float or sequence of float
+            As in `FlatMap.image`. An atlas has no pial surface, and so no fractions.
+        interpolation : {"linear", "nearest", "majority"}, optional
+            As in `FlatMap.image`.
+        period : float, optional
+            As in `FlatMap.image`.
+        name : str, optional
+            As in `FlatMap.image`.
 
         Returns
         -------
         FlatImage
-            NaN (colours: alpha 0) beside the pieces and where the volume has no value.
+            The image, with NaN (for colours, alpha 0) outside the pieces and where the volume has no value.
+
+        See Also
+        --------
+        Atlas.images : Show several depths, maps or frames.
 
         Examples
         --------
@@ -234,16 +285,37 @@ class Atlas(FlatPieces, ABC):
         time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Sample a volume at several depths, all maps of a file, or a series of volumes, onto the page.
+        """Show several depths, all maps of a file, or a series of volumes on the page.
+
+        Shorthand for `page` and `FlatPage.images`.
 
         Parameters
         ----------
-        volume, pixel_size, channel, depth, average, interpolation, period, time_step, name
+        volume : path, ndarray, image object or Volume
+            As in `FlatMap.images`.
+        pixel_size : float, optional
+            As in `FlatMap.images`.
+        channel : int or str, optional
+            As in `FlatMap.images`.
+        depth : float or sequence of float
+            As in `FlatMap.images`.
+        average : bool
+            As in `FlatMap.images`.
+        interpolation : {"linear", "nearest", "majority"}, optional
+            As in `FlatMap.images`.
+        period, time_step : float, optional
+            As in `FlatMap.images`.
+        name : str, optional
             As in `FlatMap.images`.
 
         Returns
         -------
         FlatStack
+            A sequence of images.
+
+        See Also
+        --------
+        Atlas.image : Show a single image.
 
         Examples
         --------
@@ -256,23 +328,31 @@ class Atlas(FlatPieces, ABC):
         return self.page().images(volume, pixel_size, channel=channel, **how)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
-        """Return the distortion of each triangle on the page: `page` and `FlatPage.heat_map` in one.
+        """Return an image of the distortion of each triangle on the page.
+
+        Shorthand for `page` and `FlatPage.heat_map`.
 
         Parameters
         ----------
-        pixel_size, of
+        pixel_size : float, optional
+            As in `FlatPage.heat_map`.
+        of : {"isometric", "quasi_conformal", "areal"}
             As in `FlatPage.heat_map`.
 
         Returns
         -------
         FlatImage
-            NaN beside the pieces.
+            The image, with NaN outside the pieces.
+
+        See Also
+        --------
+        FlatPage.heat_map : The same for a page with its own gap and packing.
 
         Examples
         --------
         >>> atlas = voxflat.samples.hill().patches(max_angle=20)
         >>> atlas.heat_map(pixel_size=1.0)
-        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1>
+        <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         return self.page().heat_map(pixel_size, of=of)
 
@@ -280,11 +360,18 @@ class Atlas(FlatPieces, ABC):
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:
-        """Return the figures by their names, ready for JSON.
+        """Return the figures of the atlas, ready for JSON.
+
+        They describe the pieces, the bounds and the measured distortion.
 
         Returns
         -------
         dict
+            The figures by name.
+
+        See Also
+        --------
+        Atlas.table : The figures as text.
 
         Examples
         --------
@@ -294,17 +381,24 @@ class Atlas(FlatPieces, ABC):
         """
 
     def _repr_html_(self) -> str:
-        """Return the page and the table of the pieces, for Jupyter."""
-        figure = importlib.import_module("voxflat.figures").atlas_page(self)  # it stands above atlases
-        return page(self, self.table(), figure, "The pieces side by side, a colour for each patch")
+        """Return a picture of the page and a table of the pieces, for Jupyter."""
+        figure = importlib.import_module("voxflat.figures").atlas_page(self)  # a higher layer
+        return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
     @abstractmethod
     def table(self) -> str:
-        """Return the figures as a table of text.
+        """Return a table of the figures as text.
+
+        The largest pieces have one row each.
 
         Returns
         -------
         str
+            The table.
+
+        See Also
+        --------
+        Atlas.figures : The figures for JSON.
 
         Examples
         --------
@@ -315,11 +409,11 @@ class Atlas(FlatPieces, ABC):
 
     @property
     def _sizes(self) -> NDArray[np.int64]:
-        """How many triangles each piece has."""
+        """Number of triangles of each piece."""
         return np.bincount(self.piece_ids, minlength=len(self))
 
     def _shares(self) -> dict[str, Any]:
-        """Return the figures of how the surface is shared between the pieces."""
+        """Return figures of the pieces' shares of the surface."""
         area = self.measured[:, -3]
         return {
             "triangles": len(self.faces),
@@ -329,7 +423,7 @@ class Atlas(FlatPieces, ABC):
         }
 
     def _largest(self, columns: Sequence[tuple[str, str]], measured: NDArray[np.float64]) -> list[str]:
-        """Return the lines of a table of the largest pieces: number, triangles, and what is measured."""
+        """Return the lines of a table of the largest pieces: number, triangles, and figures."""
         lines = ["".join(in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns)]
         for n, values in enumerate(measured[:_SHOWN].tolist()):
             row = zip((n, self._sizes[n], *values), columns, strict=True)
@@ -342,28 +436,46 @@ class Atlas(FlatPieces, ABC):
 
     @property
     def provenance(self) -> Record:
-        """What made it: version, function, parameters, the files that were read, warnings, and figures."""
+        """The record of how the atlas was made.
+
+        It lists version, function, parameters, input files, warnings and figures.
+
+        See Also
+        --------
+        Atlas.save : Save the atlas with this record.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).provenance["function"]
+        'patches'
+        """
         told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**super().provenance, **told, "figures": self.figures()}
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the atlas to a file, all of it or nothing.
+        """Save the atlas to a file.
+
+        The file includes `provenance`. The file is either complete or not written at all.
 
         Parameters
         ----------
         path : path
-            Ends in .npz or .voxflat, which hold `provenance`.
+            A name that ends in .npz or .voxflat.
         sidecar : bool
-            Write `provenance` to ``<path>.json``, too.
+            Also write `provenance` to ``<path>.json``.
         overwrite : bool
-            Replace a file of that name that voxflat did not write.
+            Replace an existing file that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending, or is a file that the atlas was made of.
+            If the ending is not supported, or the path is an input file of the atlas.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        load_atlas : Load an atlas.
 
         Examples
         --------
@@ -374,7 +486,7 @@ class Atlas(FlatPieces, ABC):
         """
         path = checked_path(path)
         if path.suffix.lower() not in SAVED_ENDINGS:
-            raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz or .voxflat")
+            raise InputError(f"cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
         with (
@@ -386,16 +498,18 @@ class Atlas(FlatPieces, ABC):
 
     @abstractmethod
     def _text(self) -> dict[str, Any]:
-        """Return what JSON can hold, beside the metadata."""
+        """Return the part of the file that is JSON, except the metadata."""
 
     @classmethod
     @abstractmethod
     def _of_file(cls: type[Own], text: dict[str, Any], arrays: dict[str, Any]) -> Own:
-        """Make one of what was saved."""
+        """Return an atlas from the contents of a file."""
 
     @classmethod
     def load(cls: type[Own], path: str | os.PathLike[str]) -> Own:
         """Load an atlas that `save` wrote.
+
+        `load_atlas` loads either kind.
 
         Parameters
         ----------
@@ -405,14 +519,18 @@ class Atlas(FlatPieces, ABC):
         Returns
         -------
         FlatAtlas or GluedAtlas
-            Of the class that is asked.
+            An atlas of the class on which this method is called.
 
         Raises
         ------
         InputError
-            If the file is damaged or is no such atlas.
+            If the file is damaged or is not such an atlas.
         FileNotFoundError
             If there is no such file.
+
+        See Also
+        --------
+        load_atlas : Load an atlas of either kind.
 
         Examples
         --------
@@ -428,16 +546,16 @@ class Atlas(FlatPieces, ABC):
             text = from_json(str(arrays.pop("text")))
             note(path)
             if text.pop("format") != cls._format:
-                raise InputError(f"{path} was written by another version of voxflat; make the patches again")
+                raise InputError(f"{path} was written by another version of voxflat. Make the patches again")
             with naming(path, AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)
 
 
 def figures_of(told: Mapping[str, Any]) -> dict[str, float]:
-    """Return figures that a file tells; ValueError if one is no number."""
+    """Return figures from a file; raise ValueError if one is not a number."""
     if not all(is_number(one) for one in told.values()):
-        raise ValueError(f"{dict(told)} are no numbers")
+        raise ValueError(f"{dict(told)} are not numbers")
     return {name: float(one) for name, one in told.items()}
 
 
@@ -458,7 +576,7 @@ _LAYOUT = {
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file, checked against each other, and against what it was made of."""
+    """Return the arrays of a file, checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
     check_shapes(arrays, layout)
     points, rows, starts = len(arrays["points"]), len(arrays["uv"]), arrays["starts"].astype(np.int64)
@@ -470,11 +588,11 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
         or starts[-1] != rows
         or (np.diff(starts) < 1).any()
     ):
-        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say. {AGAIN}")
+        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its array starts says. {AGAIN}")
     check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
-        raise InputError(f"it measured too little. {AGAIN}")
+        raise InputError(f"its figures are not complete. {AGAIN}")
     areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
         raise InputError(f"its pieces have the areas {shown(areas)} mm². {AGAIN}")

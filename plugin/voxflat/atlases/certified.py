@@ -1,4 +1,4 @@
-"""Quasi-isometric patches with a certificate: a `FlatAtlas`, of `FlatPatch`es."""
+"""Quasi-isometric patches with a certificate: `FlatAtlas` and `FlatPatch`."""
 
 import os
 from collections.abc import Sequence
@@ -29,16 +29,22 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is proven for every triangle.
+    """Bounds that are proven for every triangle of an atlas.
+
+    Measured figures stay within them, except for rounding.
 
     Parameters
     ----------
     angle : float
-        No direction on the surface is inclined by more to its patch's plane, degrees.
+        Greatest inclination of a direction on the surface to the plane of its patch, degrees.
     c : float
-        No length changes by more than this factor: max(σ1, 1/σ2) ≤ C.
+        Greatest factor by which lengths change: max(σ1, 1/σ2) ≤ C.
     k : float
         Maximal dilatation: σ1/σ2 ≤ K.
+
+    See Also
+    --------
+    Surface.patches : Make certified patches.
 
     Examples
     --------
@@ -56,14 +62,20 @@ class Certificate:
 class Plane:
     """A plane in space, seen from the side to which its normal points.
 
+    Each certified patch is projected onto one.
+
     Parameters
     ----------
     origin : ndarray, shape (3,)
-        What lies at (0, 0), RAS+ mm.
+        The point at (u, v) = (0, 0), RAS+ mm.
     normal : ndarray, shape (3,)
         Unit normal.
     axes : ndarray, shape (2, 3)
         Orthogonal unit vectors, the directions of u and v.
+
+    See Also
+    --------
+    FlatPatch : A part of a surface in its plane.
 
     Examples
     --------
@@ -83,7 +95,9 @@ class Plane:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FlatPatch(Piece):
-    """A part of a surface in its plane.
+    """A part of a surface, projected onto a plane.
+
+    It is an item of a `FlatAtlas`.
 
     Parameters
     ----------
@@ -94,17 +108,21 @@ class FlatPatch(Piece):
     uv : ndarray, shape (P, 2)
         Their places in the plane, mm.
     faces : ndarray of int64, shape (G, 3)
-        Its triangles, by rows of `uv`; counterclockwise.
-    plane : Plane
-        Onto which it is projected.
-    certificate : Certificate
-        What is proven for it.
-    tilt : float
-        The greatest inclination of a triangle to the plane, degrees.
+        Its triangles, as rows of `uv`; counterclockwise.
     area : float
-        On the surface, mm².
+        Area on the surface, mm².
     isometric, quasi_conformal : float
-        The greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
+        Greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
+    plane : Plane
+        The plane onto which it is projected.
+    certificate : Certificate
+        The bounds that are proven for it.
+    tilt : float
+        Greatest inclination of a triangle to the plane, degrees.
+
+    See Also
+    --------
+    FlatAtlas : A surface as flat patches.
 
     Examples
     --------
@@ -119,18 +137,36 @@ class FlatPatch(Piece):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatAtlas(Atlas, Sequence[FlatPatch]):
-    """A surface as flat patches, from the largest to the smallest: a sequence of `FlatPatch`.
+    """A surface as certified flat patches: a sequence of `FlatPatch`, from the largest to the smallest.
+
+    `Surface.patches` returns it.
 
     Parameters
     ----------
-    points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces, metadata
-        As of any `Atlas`; each piece is a patch.
-    certificate : Certificate
-        What is proven for all patches.
-    planes : ndarray, shape (patches, 4, 3)
-        Origin, normal, and the axes u and v of each patch's plane.
+    points : ndarray, shape (N, 3)
+        As in `Atlas`.
+    faces, ids, piece_ids, patch_ids : ndarray of int64
+        As in `Atlas`; each piece is a patch.
+    stretch : ndarray, shape (F, 2)
+        As in `Atlas`.
+    starts, vertex_ids : ndarray of int64
+        As in `Atlas`.
+    uv : ndarray, shape (P, 2)
+        As in `Atlas`.
+    uv_faces : ndarray of int64, shape (F, 3)
+        As in `Atlas`.
+    metadata : dict
+        As in `Atlas`.
     measured : ndarray, shape (patches, 4)
         Tilt, area, isometric and quasi_conformal of each patch.
+    certificate : Certificate
+        The bounds that are proven for all patches.
+    planes : ndarray, shape (patches, 4, 3)
+        Origin, normal, and the axes u and v of each patch's plane.
+
+    See Also
+    --------
+    GluedAtlas : Patches that are glued into larger pieces.
 
     Examples
     --------
@@ -162,15 +198,34 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @property
     def patches(self) -> list[FlatPatch]:
-        """The patches, from the largest to the smallest."""
+        """The patches, from the largest to the smallest.
+
+        The atlas itself is a sequence of them, too.
+
+        See Also
+        --------
+        FlatPatch : A part of a surface in its plane.
+
+        Examples
+        --------
+        >>> len(voxflat.samples.hill().patches(max_angle=20).patches)
+        8
+        """
         return list(self)
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures by their names, ready for JSON.
+        """Return the figures of the atlas, ready for JSON.
+
+        They describe the patches, the certificate and the measured distortion.
 
         Returns
         -------
         dict
+            The figures by name.
+
+        See Also
+        --------
+        FlatAtlas.table : The figures as text.
 
         Examples
         --------
@@ -195,22 +250,53 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @property
     def title(self) -> str:
-        """One line of what it is, for pictures."""
+        """One line that describes the atlas, for pictures.
+
+        It names the numbers of patches and triangles, and the bounds.
+
+        See Also
+        --------
+        FlatAtlas.table : All figures as text.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).title
+        '8 patches, 800 triangles, C ≤ 1.3640, K ≤ 1.5930'
+        """
         of = self.certificate
         return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {of.c:.4f}, K ≤ {of.k:.4f}"
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which triangles are measured beyond the certificate, shape (F,): so thin ones that rounding does it."""
+        """Which triangles exceed the certificate when measured, shape (F,).
+
+        Only triangles that are so thin that rounding matters do.
+
+        See Also
+        --------
+        Certificate : The bounds that are proven.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).broken.any()
+        np.False_
+        """
         held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
         return np.asarray(~held)
 
     def table(self) -> str:
-        """Return certificates and measured figures as a table of text.
+        """Return a table of certified and measured figures as text.
+
+        The largest patches have one row each.
 
         Returns
         -------
         str
+            The table.
+
+        See Also
+        --------
+        FlatAtlas.figures : The figures for JSON.
 
         Examples
         --------
@@ -236,30 +322,37 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @telling()
     def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
-        """Close the seams between the patches, as far as that is possible within a bound on C.
+        """Close the seams between the patches as far as a bound on C allows.
 
-        Neighbouring patches are laid out so that the edges they share meet, and moved until the distortion is least.
-        Every triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is turned over, and no piece lies on itself. Where that
-        cannot be, a seam stays cut, and pieces stay apart. A surface that can be made flat without distortion is.
+        Neighbouring patches are placed so that their common edges meet, and moved to minimise distortion. Every
+        triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is flipped, and no piece overlaps itself. Where this is not
+        possible, a seam stays cut, and pieces stay separate. A developable surface becomes flat without distortion.
 
         Parameters
         ----------
         bound : float
-            The greatest factor by which lengths may change, above 1 and at most 10.
-        threads, progress
+            Greatest factor by which lengths may change, above 1 and at most 10.
+        threads : int, optional
+            As in `surface`.
+        progress : callable, optional
             As in `surface`.
 
         Returns
         -------
         GluedAtlas
-            The same for any number of threads and any numbering of vertices and triangles, but for the order of arrays.
+            The pieces. They do not depend on the number of threads or the numbering of vertices and triangles, except
+            for the order of arrays.
 
         Raises
         ------
         InputError
-            If the bound does not fit, or the patches themselves are beyond it.
+            If the bound is not valid, or the patches themselves exceed it.
         Cancelled
             If `progress` returned False.
+
+        See Also
+        --------
+        voxflat.methods.Saucan2006 : Make one flat map of glued patches.
 
         Examples
         --------
@@ -281,6 +374,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     """Load an atlas of patches, glued or not.
 
+    The file determines the class of the result.
+
     Parameters
     ----------
     path : path
@@ -289,13 +384,18 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     Returns
     -------
     FlatAtlas or GluedAtlas
+        The atlas.
 
     Raises
     ------
     InputError
-        If the file is damaged or is no atlas.
+        If the file is damaged or is not an atlas.
     FileNotFoundError
         If there is no such file.
+
+    See Also
+    --------
+    Atlas.save : Save an atlas.
 
     Examples
     --------
@@ -311,11 +411,11 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Say what a file holds that `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read."""
+    """Return the kind of a file that `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read."""
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)
-    except Exception:  # what damage leads to is known to no one
+    except Exception:  # damaged files raise many kinds of errors
         return None
     if {"uv", "ids", "metadata"} <= names:
         return "map"

@@ -1,4 +1,4 @@
-"""Glued patches: `FlatAtlas.glue` closes the seams between certified patches, into a `GluedAtlas`."""
+"""Glued patches: `FlatAtlas.glue` closes the seams between certified patches and returns a `GluedAtlas`."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -22,20 +22,27 @@ _COLUMNS = (("piece", ">6"), ("triangles", ">11"), ("area, mm²", ">12.4g"), ("C
 
 @dataclass(frozen=True)
 class Seams:
-    """What became of the seams between patches; lengths on the surface, mm, each seam once.
+    """The lengths of closed and open seams between patches, mm on the surface.
+
+    Each seam counts once.
 
     Parameters
     ----------
     length : float
-        All seams.
+        Length of all seams.
     closed : float
-        Those that were closed.
+        Length of closed seams.
     holonomy : float
-        Cuts inside a piece: closing them would take a triangle beyond the bound, as the surface is curved around them.
+        Length of cuts inside a piece that cannot be closed because the surface is curved around them: a triangle would
+        exceed the bound.
     bound : float
-        Cuts between pieces that could not be united within the bound.
+        Length of cuts between pieces that could not be united within the bound.
     overlap : float
-        Cuts that are needed for a piece not to lie on itself.
+        Length of cuts that prevent a piece from overlapping itself.
+
+    See Also
+    --------
+    FlatAtlas.glue : Close the seams between patches.
 
     Examples
     --------
@@ -52,16 +59,51 @@ class Seams:
 
     @property
     def cuts(self) -> float:
-        """The length of what remains cut, mm."""
+        """The length of the remaining cuts, mm.
+
+        It is the sum of `holonomy`, `bound` and `overlap`.
+
+        See Also
+        --------
+        Seams.closed_share : Share of the seams that are closed.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).glue().seams.cuts
+        0.0
+        """
         return self.holonomy + self.bound + self.overlap
 
     @property
     def closed_share(self) -> float:
-        """The part of the seams' length that is closed; 1 where there are none."""
+        """The closed share of the seams' length.
+
+        It is 1 if there are no seams.
+
+        See Also
+        --------
+        Seams.cuts : Length of the remaining cuts.
+
+        Examples
+        --------
+        >>> round(voxflat.samples.hill().patches(max_angle=20).glue().seams.closed_share, 2)
+        1.0
+        """
         return self.closed / self.length if self.length > 0 else 1.0
 
     def figures(self) -> dict[str, float]:
-        """Return the lengths, mm, and the closed share by their names.
+        """Return the lengths, mm, and the closed share.
+
+        They are ready for JSON.
+
+        Returns
+        -------
+        dict
+            The figures by name.
+
+        See Also
+        --------
+        GluedAtlas.figures : Figures of the atlas.
 
         Examples
         --------
@@ -74,12 +116,24 @@ class Seams:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GluedPiece(Piece):
-    """A flat piece of a surface, of several patches.
+    """A flat piece of a surface, made of several patches.
+
+    It is an item of a `GluedAtlas`.
 
     Parameters
     ----------
-    face_ids, vertex_ids, uv, faces, area, isometric, quasi_conformal
-        As of a `FlatPatch`; a vertex that lies on both sides of a cut is there twice.
+    face_ids, vertex_ids : ndarray of int64
+        As in `FlatPatch`; a vertex on both sides of a cut has two rows.
+    uv : ndarray, shape (P, 2)
+        As in `FlatPatch`.
+    faces : ndarray of int64, shape (G, 3)
+        As in `FlatPatch`.
+    area, isometric, quasi_conformal : float
+        As in `FlatPatch`.
+
+    See Also
+    --------
+    GluedAtlas : A surface as glued pieces.
 
     Examples
     --------
@@ -91,22 +145,40 @@ class GluedPiece(Piece):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GluedAtlas(Atlas, Sequence[GluedPiece]):
-    """A surface as flat pieces of glued patches, from the largest to the smallest: a sequence of `GluedPiece`.
+    """A surface as glued flat pieces: a sequence of `GluedPiece`, from the largest to the smallest.
+
+    `FlatAtlas.glue` returns it.
 
     Parameters
     ----------
-    points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces, metadata
-        As in `FlatAtlas`; `patch_ids` has the patch that each triangle belonged to.
+    points : ndarray, shape (N, 3)
+        As in `Atlas`.
+    faces, ids, piece_ids, patch_ids : ndarray of int64
+        As in `Atlas`; `patch_ids` holds the original patch of each triangle.
+    stretch : ndarray, shape (F, 2)
+        As in `Atlas`.
+    starts, vertex_ids : ndarray of int64
+        As in `Atlas`.
+    uv : ndarray, shape (P, 2)
+        As in `Atlas`.
+    uv_faces : ndarray of int64, shape (F, 3)
+        As in `Atlas`.
+    metadata : dict
+        As in `Atlas`.
     measured : ndarray, shape (pieces, 3)
         Area, isometric and quasi_conformal of each piece.
     bound : float
-        No triangle has a greater max(σ1, 1/σ2).
+        Upper bound of max(σ1, 1/σ2) for all triangles.
     certified_before : float
-        The bound of the certificate that the patches had before.
+        C of the patches' certificate, before gluing.
     measured_before : float
-        The greatest max(σ1, 1/σ2) that was measured in the patches before.
+        Greatest max(σ1, 1/σ2) measured in the patches, before gluing.
     seams : Seams
-        What became of the seams.
+        Lengths of closed and open seams.
+
+    See Also
+    --------
+    FlatAtlas : A surface as certified patches.
 
     Examples
     --------
@@ -134,32 +206,75 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     @property
     def title(self) -> str:
-        """One line of what it is, for pictures."""
+        """One line that describes the atlas, for pictures.
+
+        It names the numbers of patches and pieces, the closed share and the bound.
+
+        See Also
+        --------
+        GluedAtlas.table : All figures as text.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).glue().title
+        '8 patches in 1 pieces, 100.0 % of the seams closed, C ≤ 1.5'
+        """
         closed = 100 * self.seams.closed_share
         count = int(self.patch_ids.max()) + 1
         return f"{count} patches in {len(self)} pieces, {closed:.1f} % of the seams closed, C ≤ {self.bound:g}"
 
     @cached_property
     def outline(self) -> NDArray[np.int64]:
-        """Where pieces end, at cuts and at the surface's boundary: edges as pairs of rows of `uv`, shape (edges, 2)."""
+        """The edges of pieces, at cuts and at the boundary, shape (edges, 2).
+
+        Each edge is a pair of rows of `uv`.
+
+        See Also
+        --------
+        GluedAtlas.cuts : Edges of the surface that are cut.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).glue().outline.shape[1]
+        2
+        """
         edges = np.sort(np.stack([self.uv_faces, np.roll(self.uv_faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
         found = distinct(edges)
         return np.asarray(found.rows[found.counts == 1])
 
     @cached_property
     def cuts(self) -> NDArray[np.int64]:
-        """The edges of the surface that stayed cut, as pairs of rows of `points`, shape (cuts, 2)."""
+        """The edges of the surface that remain cut, shape (cuts, 2).
+
+        Each edge is a pair of rows of `points`.
+
+        See Also
+        --------
+        GluedAtlas.outline : Edges of pieces in the plane.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).glue().cuts.shape[1]
+        2
+        """
         edges, sides = _edges(self.faces, self.uv_faces)
         paired = (edges[1:] == edges[:-1]).all(axis=1)
         apart = paired & (sides[1:] != sides[:-1]).any(axis=1)
         return np.asarray(edges[1:][apart])
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures by their names, ready for JSON.
+        """Return the figures of the atlas, ready for JSON.
+
+        They describe the pieces, the seams, the bound and the measured distortion.
 
         Returns
         -------
         dict
+            The figures by name.
+
+        See Also
+        --------
+        GluedAtlas.table : The figures as text.
 
         Examples
         --------
@@ -178,11 +293,18 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         }
 
     def table(self) -> str:
-        """Return what became of the seams, and bounds beside measured figures, as a table of text.
+        """Return a table of the seams, and of bounds and measured figures, as text.
+
+        The largest pieces have one row each.
 
         Returns
         -------
         str
+            The table.
+
+        See Also
+        --------
+        GluedAtlas.figures : The figures for JSON.
 
         Examples
         --------
@@ -229,7 +351,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
 
 def measured(stretch: NDArray[np.float64], corners: NDArray[np.float64]) -> dict[str, float]:
-    """Return the greatest C and K of triangles, and their means by area, from σ1 and σ2 and corners in space."""
+    """Return the greatest C and K of triangles and their area-weighted means, from σ1, σ2 and corners in space."""
     area, c, k = _areas(corners), isometric(stretch), quasi_conformal(stretch)
     return {
         "c": float(c.max()),
@@ -246,7 +368,7 @@ def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return each side of each triangle, the lesser vertex first, sorted; and the corners at its ends."""
+    """Return the sides of all triangles, smaller vertex first, sorted, and the corners at their ends."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     rows = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
     turned = ends[:, 0] > ends[:, 1]
@@ -256,13 +378,13 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 
 
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
-    """Glue the patches of an atlas, of which C ≤ `certified` is proven: see `FlatAtlas.glue`."""
+    """Glue the patches of an atlas with a proven bound C ≤ `certified`: see `FlatAtlas.glue`."""
     if not is_number(bound):
-        raise InputError(f"bound is {shown(bound)}; give a number, the greatest factor by which lengths may change")
+        raise InputError(f"bound is {shown(bound)}. Pass the greatest factor by which lengths may change")
     threads = checked_threads(threads)
     core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):
-        raise InputError("the atlas's triangles are no surface; make the patches again")
+        raise InputError("the atlas's triangles are not a surface. Make the patches again")
     flat = np.ascontiguousarray(atlas.uv[atlas.uv_faces].reshape(-1, 6))
     found = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)
     glued = GluedAtlas(
@@ -283,5 +405,5 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
         measured_before=found["before"],
         seams=Seams(**found["seams"]),
     )
-    log.info("%d patches are glued to %d pieces", len(atlas), len(glued))
+    log.info("%d patches were glued into %d pieces", len(atlas), len(glued))
     return glued

@@ -1,4 +1,4 @@
-"""Flat pieces side by side on a page, without overlap: in rows of boxes, or packed by their shapes with xatlas."""
+"""Place flat pieces side by side on a page, without overlap: in rows of boxes, or packed by shape with xatlas."""
 
 import numpy as np
 import scipy
@@ -6,15 +6,15 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-PACKINGS = ("boxes", "shapes")  # how pieces are packed
+PACKINGS = ("boxes", "shapes")  # packing methods
 
-_GAP = 0.05  # of the side of a square as large as a piece's box on the average
-_WIDTH = 1.05  # of the side of a square as large as all boxes
-_TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
+_GAP = 0.05  # share of the side of a square with the mean area of the pieces' boxes
+_WIDTH = 1.05  # share of the side of a square with the area of all boxes
+_TEXELS = 4  # texels of xatlas per gap; more are slow and do not make the page smaller
 
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
-    """Return the gap that suits pieces, mm: the smaller they are, the smaller."""
+    """Return the default gap, mm, which is proportional to the typical size of the pieces."""
     boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
     return _GAP * float(np.sqrt(boxes.mean()))
 
@@ -22,14 +22,14 @@ def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
 def lay_out(
     uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
 ) -> NDArray[np.float64]:
-    """Lay pieces out on a page; return for each row of `uv` its place, mm, the lowest corner at (0, 0).
+    """Place pieces on a page; return the place of each row of `uv`, mm, with the lowest corner at (0, 0).
 
-    Pieces follow one another in `uv` (P, 2), each in a plane of its own, mm, and begin at `starts`. They are turned and
-    moved, not mirrored: "boxes" is each in its smallest rectangle, in rows from the highest to the lowest, with the gap
-    between the boxes; "shapes" into each other's bays, by xatlas.
+    Pieces follow one another in `uv` (P, 2), each in its own plane, mm, and begin at `starts`. They are rotated and
+    moved, not mirrored: "boxes" places the smallest rectangle of each piece in rows, from the highest to the lowest,
+    with the gap between boxes; "shapes" fits pieces into each other with xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
-        raise InputError(f"the gap is {gap} mm; give a positive number")
+        raise InputError(f"gap is {gap} mm. Pass a positive number")
     placed = _turned(uv, starts)
     sizes = _sizes(placed, starts)
     placed += np.repeat(_in_rows(sizes, gap), np.diff(starts), axis=0)
@@ -39,7 +39,7 @@ def lay_out(
 
 
 def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Turn each piece into its smallest rectangle, which lies with its longer side along u and a corner at (0, 0)."""
+    """Rotate each piece into its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
     parts = []
     for part in np.split(uv, starts[1:-1]):
         axis = _axis(part)
@@ -49,10 +49,10 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction of the longer side of the smallest rectangle: it has a side along one of the hull's."""
+    """Return the direction of the longer side of the smallest rectangle, which has a side along one of the hull's."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
-    except scipy.spatial.QhullError:  # as thin as a line
+    except scipy.spatial.QhullError:  # degenerate to a line
         hull = places
     sides = np.roll(hull, -1, axis=0) - hull
     lengths = np.linalg.norm(sides, axis=1)
@@ -69,7 +69,7 @@ def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np
 
 
 def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
-    """Return the lowest corner of each box, in rows from the highest box to the lowest; the page is about square."""
+    """Return the lowest corner of each box, in rows from the highest to the lowest; the page is nearly square."""
     width = max(float(sizes[:, 0].max()), _WIDTH * float(np.sqrt((sizes + gap).prod(axis=1).sum())))
     corners = np.zeros_like(sizes)
     x = y = row = 0.0
@@ -85,11 +85,11 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
 def _by_shape(
     apart: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float
 ) -> NDArray[np.float64]:
-    """Pack pieces, which lie apart already, with xatlas; its places, of single precision, become rigid motions."""
+    """Pack pieces, which do not overlap, with xatlas; its single-precision places are converted to rigid motions."""
     try:
         import xatlas
     except ImportError as error:
-        raise InputError("packing 'shapes' needs xatlas: pip install 'voxflat[atlas]', or pack 'boxes'") from error
+        raise InputError("packing='shapes' needs xatlas: pip install 'voxflat[atlas]'. Or pass 'boxes'") from error
     atlas = xatlas.Atlas()
     pieces = (np.searchsorted(starts, faces[:, 0], side="right") - 1).astype(np.uint32)
     atlas.add_uv_mesh(apart.astype(np.float32), faces.astype(np.uint32), pieces[:, None])
@@ -97,7 +97,7 @@ def _by_shape(
     options.padding, options.bilinear, options.texels_per_unit = _TEXELS, True, _TEXELS / gap
     atlas.generate(pack_options=options)
     if atlas.atlas_count != 1 or atlas.chart_count < len(starts) - 1:
-        raise InputError("xatlas cannot pack these pieces: pack 'boxes', or give a larger gap")
+        raise InputError("xatlas cannot pack these pieces. Pass packing='boxes', or a larger gap")
     rows, _, places = atlas.get_mesh(0)
     target = np.full_like(apart, np.nan)
     target[rows] = places.astype(np.float64) * [atlas.width, atlas.height] * gap / _TEXELS
@@ -105,7 +105,7 @@ def _by_shape(
 
 
 def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Move each piece rigidly to where its places are wanted; a mirrored one is turned by half instead."""
+    """Move each piece rigidly to its target; a mirrored target is rotated by 180 degrees instead."""
     parts = []
     for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):
         known = np.isfinite(target[:, 0])

@@ -1,4 +1,4 @@
-"""From a surface of any topology to an atlas: `patches`."""
+"""Make an atlas of certified patches of a surface of any topology."""
 
 from typing import Any
 
@@ -9,8 +9,8 @@ from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 
-MAX_ANGLE = 10.0  # greatest inclination to a patch's plane, degrees, where no limit is given
-SEEDS = ("curvature", "flattest", "random")  # where patches may begin
+MAX_ANGLE = 10.0  # default inclination to a patch's plane, degrees
+SEEDS = ("curvature", "flattest", "random")  # ways to start patches
 
 
 def patches(
@@ -31,7 +31,7 @@ def patches(
     faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
     starts = np.cumsum([0, *(len(part["vertices"]) for part in parts)])
     vertices = np.concatenate([part["vertices"] for part in parts]).astype(np.int64)
-    count = int(vertices.max()) + 1  # vertices ascend within each patch, and so do the keys
+    count = int(vertices.max()) + 1  # vertices, and so keys, are sorted within each patch
     keys = np.repeat(np.arange(len(parts)), np.diff(starts)) * count + vertices
     atlas = FlatAtlas(
         points=whole.points,
@@ -58,7 +58,7 @@ def patches(
     )
     if broken := int(atlas.broken.sum()):
         atlas.metadata["warnings"].append(
-            f"{broken} triangles are so thin that rounding takes them beyond the certificate; remesh the surface"
+            f"{broken} triangles are so thin that rounding errors exceed the certificate. Remesh the surface"
         )
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
@@ -70,17 +70,17 @@ _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:
-    """Return what limits the patches: the core's name for it, and its value."""
+    """Return the name, as in the core, and the value of the limit on patches."""
     given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")
+        raise InputError(f"{' and '.join(given)} are both given. Pass only one of max_angle, bound and count")
     if not given:
         return "angle", MAX_ANGLE
     name, value = next(iter(given.items()))
     fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
     if not fits(value):
-        raise InputError(f"{name} is {shown(value)}; give {what}")
+        raise InputError(f"{name} is {shown(value)}. Pass {what}")
     number = float(value)
     if name == "count" and not 1 <= number < 2**32:
-        raise InputError(f"count is {value}; give a positive whole number")
+        raise InputError(f"count is {value}. Pass a positive whole number")
     return "angle" if name == "max_angle" else name, number

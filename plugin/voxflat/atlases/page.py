@@ -1,4 +1,4 @@
-"""The page of an atlas: its pieces side by side, as images, as a texture, and the way back to the surface."""
+"""The page of an atlas: its pieces side by side, as images and as a texture, with lookups on the surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,17 +20,23 @@ from voxflat.maps.textures.textured import TexturedSurface
 
 @dataclass(frozen=True, eq=False)
 class FlatPage(Planar):
-    """The pieces of an atlas side by side, without overlap: what `Atlas.page` returns.
+    """The pieces of an atlas side by side, without overlap.
+
+    `Atlas.page` returns it.
 
     Parameters
     ----------
     atlas : Atlas
         The atlas.
     uv : ndarray, shape (P, 2)
-        For each row of the atlas's `uv` its place on the page, mm; pieces are turned and moved, and (0, 0) is the lower
-        left corner.
+        Place on the page for each row of the atlas's `uv`, mm. Pieces are rotated and moved; (0, 0) is the lower left
+        corner.
     gap : float
-        At least so much lies between pieces, mm.
+        Smallest distance between pieces, mm.
+
+    See Also
+    --------
+    Atlas.page : Place the pieces on a page.
 
     Examples
     --------
@@ -50,29 +56,77 @@ class FlatPage(Planar):
 
     @property
     def provenance(self) -> Record:
-        """What made the atlas."""
+        """The record of how the atlas was made.
+
+        It is the record of `atlas`.
+
+        See Also
+        --------
+        Atlas.provenance : The same record.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).page().provenance["function"]
+        'patches'
+        """
         return self.atlas.provenance
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Where each triangle's corners lie, shape (F, 3, 2), mm."""
+        """The places of each triangle's corners, shape (F, 3, 2), mm.
+
+        Triangles have the order of the atlas's `faces`.
+
+        See Also
+        --------
+        FlatPage.face_ids : The triangle of each pixel.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).page().corners.shape
+        (800, 3, 2)
+        """
         return np.asarray(self.uv[self.atlas.uv_faces])
 
     @property
     def used_share(self) -> float:
-        """How much of the page pieces cover, as a fraction."""
+        """The share of the page that pieces cover, as a fraction.
+
+        Packing by shapes increases it for large pieces.
+
+        See Also
+        --------
+        Atlas.page : Choose the packing.
+
+        Examples
+        --------
+        >>> round(voxflat.samples.hill().patches(max_angle=20).page().used_share, 2)
+        0.44
+        """
         a, b = (self.corners[:, k] - self.corners[:, 0] for k in (1, 2))
         return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / self.uv.max(axis=0).prod())
 
     @property
     def pixel_size(self) -> float:
-        """Side of a pixel unless another is given, mm: half the usual edge or voxel, and at most half the gap."""
+        """The default side length of a pixel, mm.
+
+        It is half of the typical edge or voxel size, and at most half of the gap.
+
+        See Also
+        --------
+        FlatPage.raster : Return the pixels of the page.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).page().pixel_size < 1
+        True
+        """
         half = usual_spacing(self.atlas.metadata, self.uv, self.atlas.uv_faces) / 2
         return min(half, self.gap / 2) if self.gap > 0 else half
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
-        """The corners of all triangles, one after another: a raster's corner leads to its triangle."""
+        """The corners of all triangles, one after another, so that a corner of the raster identifies its triangle."""
         of, count = self.atlas, len(self.atlas.faces)
         rows = of.faces.ravel()
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
@@ -85,7 +139,9 @@ class FlatPage(Planar):
         )
 
     def face_ids(self, pixel_size: float | None = None) -> NDArray[np.int64]:
-        """Return which triangle each pixel shows.
+        """Return the triangle at each pixel.
+
+        The pixels are those of `raster`.
 
         Parameters
         ----------
@@ -95,7 +151,11 @@ class FlatPage(Planar):
         Returns
         -------
         ndarray of int64, shape (H, W)
-            Rows of the atlas's `faces`; −1 beside the pieces.
+            Rows of the atlas's `faces`; −1 outside the pieces.
+
+        See Also
+        --------
+        FlatPage.look_up : Look up single places.
 
         Examples
         --------
@@ -108,37 +168,45 @@ class FlatPage(Planar):
 
     @telling()
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
-        """Return the distortion of each triangle as an image on the same pixels as `image`.
+        """Return an image of the distortion of each triangle.
+
+        It has the same pixels as those from `image`.
 
         Parameters
         ----------
         pixel_size : float, optional
             As in `raster`.
         of : {"isometric", "quasi_conformal", "areal"}
-            C, K, or the change of area.
+            The figure: C, K, or the change of area.
 
         Returns
         -------
         FlatImage
-            NaN beside the pieces.
+            The image, with NaN outside the pieces.
 
         Raises
         ------
         InputError
             If there is no such figure.
 
+        See Also
+        --------
+        FlatPage.label_image : Return the patch at each pixel.
+
         Examples
         --------
         >>> page = voxflat.samples.hill().patches(max_angle=20).page()
         >>> page.heat_map(pixel_size=1.0)
-        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1>
+        <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
 
     @telling()
     def label_image(self, pixel_size: float | None = None) -> FlatImage:
-        """Return the number of the patch at each pixel, from 1 on, as an image on the same pixels as `image`.
+        """Return an image of the patch numbers, from 1.
+
+        It has the same pixels as those from `image`.
 
         Parameters
         ----------
@@ -148,7 +216,11 @@ class FlatPage(Planar):
         Returns
         -------
         FlatImage
-            NaN beside the pieces.
+            The image, with NaN outside the pieces.
+
+        See Also
+        --------
+        FlatPage.heat_map : Return the distortion at each pixel.
 
         Examples
         --------
@@ -156,32 +228,38 @@ class FlatPage(Planar):
         >>> page.label_image(pixel_size=1.0)
         <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
-        numbers = self.atlas.patch_ids + 1  # 0 is grey: unlabelled
+        numbers = self.atlas.patch_ids + 1  # 0 would be grey, for unlabelled
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
-        """Carry values of the triangles to their pixels."""
+        """Return an image of values of the triangles."""
         raster, shown = self.raster(pixel_size), self.face_ids(pixel_size)
         data = np.where(shown < 0, np.nan, values.astype(np.float64)[shown])
         return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
     def texture_coordinates(self, image: FlatImage | None = None) -> NDArray[np.float64]:
-        """Return where the pieces lie in an image of the page.
+        """Return the places of the pieces in an image of the page.
+
+        They refer to the whole image, as texture coordinates do.
 
         Parameters
         ----------
         image : FlatImage, optional
-            From `image`, `heat_map` or `label_image`; by default one with the default pixels.
+            An image from `image`, `heat_map` or `label_image`; by default one with the default pixels.
 
         Returns
         -------
         ndarray, shape (P, 2)
-            For each row of `uv` (s, t) from 0 to 1; (0, 0) is the image's lower left corner.
+            (s, t) from 0 to 1 for each row of `uv`; (0, 0) is the lower left corner of the image.
 
         Raises
         ------
         InputError
-            If the image does not hold the whole page.
+            If the image does not contain the whole page.
+
+        See Also
+        --------
+        FlatPage.textured : Return the surface with an image on it.
 
         Examples
         --------
@@ -196,34 +274,39 @@ class FlatPage(Planar):
         left, right, bottom, top = image.extent
         coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():
-            raise InputError("the image is none of this page")
+            raise InputError("the image does not belong to this page. Pass one that this page made")
         return np.asarray(coordinates)
 
     @telling()
     def textured(
         self, image: FlatImage | None = None, *, colour_map: str | None = None, limits: Sequence[float] | None = None
     ) -> TexturedSurface:
-        """Return the surface with an image of the page on it: a texture atlas.
+        """Return the surface with an image of the page on it, as a texture atlas.
+
+        The picture's colours extend into the gaps, so that seams are not visible.
 
         Parameters
         ----------
         image : FlatImage, optional
-            From `image`, `heat_map` or `label_image`; by default the patches in colours, `label_image`.
+            An image from `image`, `heat_map` or `label_image`; by default `label_image`, the patches in colours.
         colour_map : str, optional
-            A colour map of matplotlib for values; by default grey, and for labels a colour each, as in a PNG.
+            A matplotlib colour map for values; by default grey levels, and for labels a colour each, as in a PNG.
         limits : sequence of 2 floats, optional
-            The values at the ends of the colour map; by default the 1st and 99th percentile.
+            The values at the ends of the colour map; by default the 1st and 99th percentiles.
 
         Returns
         -------
         TexturedSurface
-            The surface's own triangles and vertices; texture coordinates of their corners, with seams between pieces.
-            The picture's colours reach into the gaps, so that seams do not show.
+            The surface with its own triangles and vertices, and texture coordinates with seams between pieces.
 
         Raises
         ------
         InputError
-            If the image is none of this page, shows nothing, or there is no such colour map.
+            If the image does not belong to this page or shows nothing, or there is no such colour map.
+
+        See Also
+        --------
+        TexturedSurface.save : Save the surface with its texture.
 
         Examples
         --------
@@ -240,9 +323,9 @@ class FlatPage(Planar):
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return colours without opacity, where there were none those of the nearest pixel."""
+    """Return colours without opacity; pixels without a colour get that of the nearest pixel."""
     empty = picture[..., 3] == 0
     if empty.all():
-        raise InputError("the image shows nothing on the page")
+        raise InputError("the image shows nothing on the page. Pass one that covers the pieces")
     rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     return np.ascontiguousarray(picture[rows, columns, :3])

@@ -1,4 +1,4 @@
-"""A surface in flat pieces: what all atlases hold, whoever made the pieces."""
+"""A surface in flat pieces: the arrays that all atlases hold."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,11 +13,11 @@ from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
 
 FIGURES = {
-    "isometric": "C: by what factor lengths change at most",
-    "quasi_conformal": "K: by what factor lengths change more one way than across",
-    "areal": "area in the plane by area on the surface",
+    "isometric": "C: greatest factor by which lengths change",
+    "quasi_conformal": "K: ratio of the stretches along and across",
+    "areal": "area in the plane divided by area on the surface",
 }
-"""The figures of a triangle that a heat map shows, and what they mean."""
+"""The figures of triangles that heat maps show, with their descriptions."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,15 +29,15 @@ class Piece:
     face_ids : ndarray of int64, shape (G,)
         Its triangles, as rows of the atlas's `faces`.
     vertex_ids : ndarray of int64, shape (P,)
-        What each row of `uv` is, as a row of the atlas's `points`; twice where it lies on both sides of a cut.
+        The row of the atlas's `points` for each row of `uv`; a vertex on both sides of a cut has two.
     uv : ndarray, shape (P, 2)
         Places in the plane, mm.
     faces : ndarray of int64, shape (G, 3)
-        Its triangles, by rows of `uv`; counterclockwise.
+        Its triangles, as rows of `uv`; counterclockwise.
     area : float
-        On the surface, mm².
+        Area on the surface, mm².
     isometric, quasi_conformal : float
-        The greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
+        Greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
     """
 
     face_ids: NDArray[np.int64]
@@ -58,7 +58,7 @@ Own = TypeVar("Own", bound="FlatPieces")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPieces:
-    """A surface as flat pieces: every triangle lies in one of them. `Atlas` says what its arrays are."""
+    """A surface as flat pieces: every triangle lies in one of them. `Atlas` documents the arrays."""
 
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
@@ -78,36 +78,96 @@ class FlatPieces:
 
     @property
     def space(self) -> Space:
-        """The space of its points, as `Surface.space`."""
+        """The coordinate space of the points, as in `Surface.space`.
+
+        `Space.to_scanner` converts points to the scanner space in which volumes lie.
+
+        See Also
+        --------
+        Surface.space : The space of a surface.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).space.name
+        'unknown'
+        """
         return Space._of(self.metadata)
 
     @property
     def provenance(self) -> Record:
-        """What made it: version, function, parameters, and the files that were read."""
+        """The record of how the atlas was made: version, function, parameters, and input files."""
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self: Own, record: Record) -> Own:
-        """Return the same with a record of what made it."""
+        """Return a copy with a record of how it was made."""
         return replace(self, metadata={**self.metadata, "provenance": record})
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
-        """Outward unit normals of the vertices, weighted by areas, shape (N, 3); NaN for a sheet."""
+        """The outward unit normals of the vertices, shape (N, 3).
+
+        They are area-weighted means over triangles; NaN for a one-voxel-thick surface.
+
+        See Also
+        --------
+        FlatMap : Holds normals, too.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).normals.shape
+        (441, 3)
+        """
         if self.metadata.get("sheet"):
             return np.full(self.points.shape, np.nan)
         return _core.vertex_normals(self.points, self.faces.astype(np.uint32))
 
     @property
     def isometric(self) -> NDArray[np.float64]:
-        """C of each triangle, max(σ1, 1/σ2): by what factor lengths change at most, shape (F,)."""
+        """The figure C of each triangle, max(σ1, 1/σ2), shape (F,).
+
+        It is the greatest factor by which lengths change.
+
+        See Also
+        --------
+        Atlas.heat_map : Show figures on the page.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).isometric.shape
+        (800,)
+        """
         return isometric(self.stretch)
 
     @property
     def quasi_conformal(self) -> NDArray[np.float64]:
-        """K of each triangle, σ1/σ2, shape (F,)."""
+        """The figure K of each triangle, σ1/σ2, shape (F,).
+
+        It is 1 where angles do not change.
+
+        See Also
+        --------
+        Atlas.heat_map : Show figures on the page.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).quasi_conformal.shape
+        (800,)
+        """
         return quasi_conformal(self.stretch)
 
     @property
     def areal(self) -> NDArray[np.float64]:
-        """Area in the plane by area on the surface of each triangle, σ1 σ2, shape (F,)."""
+        """The change of area of each triangle, σ1 σ2, shape (F,).
+
+        It is the area in the plane divided by the area on the surface.
+
+        See Also
+        --------
+        Atlas.heat_map : Show figures on the page.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().patches(max_angle=20).areal.shape
+        (800,)
+        """
         return np.asarray(self.stretch.prod(axis=1))

@@ -1,1 +1,1 @@
-"""Geodesic distances: sources, rows of distances in memory or in a store on disk, and paths."""
+"""Geodesic distances: sources, distance rows in memory or in a store on disk, and paths."""

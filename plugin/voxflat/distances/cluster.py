@@ -1,4 +1,4 @@
-"""Work on many machines: the workers of a Dask cluster take one item after another, and may die on the way."""
+"""Work on many machines: workers of a Dask cluster process one item after another, and may die at any time."""
 
 import importlib
 import json
@@ -19,29 +19,29 @@ from voxflat._core import __version__
 from voxflat.arguments import Progress, free_memory, log
 from voxflat.errors import Cancelled, InputError
 
-LOCAL = "local"  # instead of an address: workers on this machine, for as long as they are needed
+LOCAL = "local"  # instead of an address: start workers on this machine
 
-_PATIENCE = 30  # s, in which a scheduler answers
-_WAITING = "waiting for workers"  # as long as there is none: they may come, or come back
-_POLL = 0.1  # s between two looks at whether the user has had enough
-_COUNT = 1.0  # s between two looks at how many workers there are, which costs the scheduler a message
-_ROOM = 2 << 30  # bytes that a worker of this machine has at least: a hemisphere of 160,000 vertices takes 1.3 GiB
-_ALONE = threading.Lock()  # a process has one working directory, and one log
+_PATIENCE = 30  # s within which a scheduler must answer
+_WAITING = "waiting for workers"  # shown while there are no workers
+_POLL = 0.1  # s between checks for cancellation
+_COUNT = 1.0  # s between queries of the number of workers
+_ROOM = 2 << 30  # minimum bytes for a local worker: a hemisphere of 160,000 vertices needs 1.3 GiB
+_ALONE = threading.Lock()  # the working directory and the log belong to the whole process
 
 Work = Callable[..., Any]
-"""Called on a worker as ``work(item, threads=, progress=)``: a function that can be imported, or `partial` of one."""
+"""A function called on a worker as ``work(item, threads=, progress=)``: importable, or a `partial` of such."""
 
 _Item = TypeVar("_Item")
 
 
 class Cluster:
-    """The workers of a Dask cluster, of which a `distributed.Client` is a connection to the scheduler."""
+    """The workers of a Dask cluster; a `distributed.Client` is a connection to the scheduler."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
 
     def __len__(self) -> int:
-        """Return how many workers there are now."""
+        """Return the current number of workers."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def everywhere(self, function: Callable[[], object]) -> None:
@@ -57,7 +57,7 @@ class Cluster:
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Iterator[tuple[_Item, Any, Exception | None]]:
-        """Have work done on each item by a free worker; that of one that dies is taken up 4 times at most."""
+        """Process each item on a free worker; if the worker dies, another one takes the item, at most 4 times."""
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
         futures = self._client.map(run, items, pure=False, retries=0)
@@ -76,24 +76,24 @@ class Cluster:
                     future = finished.get(timeout=_POLL)
                     done += 1
                     outcome = _outcome(future)
-                    future.release()  # or it would be computed again if the worker dies that holds the result
+                    future.release()  # otherwise it is recomputed if the worker that holds the result dies
                     yield of[future.key], *outcome
         finally:
-            with suppress(Exception):  # the scheduler may be gone, and takes them along
+            with suppress(Exception):  # the scheduler may be gone
                 self._client.cancel(futures)
 
 
 def _outcome(future: Any) -> tuple[Any, Exception | None]:
-    """Return the result of a future that is done, or the error."""
+    """Return the result of a finished future, or its error."""
     if future.status == "cancelled" or future.status == "lost":
-        return None, InputError("the scheduler was lost; give the same command again to go on")
+        return None, InputError("the connection to the scheduler was lost. Run the same command again to resume")
     error = future.exception()
     if error is None:
         return future.result(), None
     if type(error).__name__ == "KilledWorker":
         return None, InputError(
-            f"its worker died {error.allowed_failures + 1} times, the last one at {error.last_worker.address}; has it "
-            "too little memory or time?"
+            f"the worker died {error.allowed_failures + 1} times, last at {error.last_worker.address}. Give workers "
+            "more memory or time"
         )
     return None, error if isinstance(error, Exception) else RuntimeError(str(error))
 
@@ -104,7 +104,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise InputError(f"a cluster needs {error.name}: pip install 'voxflat[cluster]'") from error
+        raise InputError(f"a cluster needs {error.name}. Install it with: pip install 'voxflat[cluster]'") from error
     if address == LOCAL:
         cores = os.cpu_count() or 1
         count = max(1, min(cores, free_memory() // _ROOM, most))
@@ -116,36 +116,36 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         ):
             yield Cluster(client)
         return
-    try:  # the client waits for a file for ever
+    try:  # the client would wait for a file forever
         at = json.loads(Path(address).read_text())["address"] if address.endswith(".json") else address
         client = distributed.Client(at, timeout=_PATIENCE)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        why = "is it running, and can be reached from here?"
-        raise InputError(f"no scheduler of Dask answers at {address} ({error}): {why}") from error
+        why = "Check that it is running and can be reached from this machine"
+        raise InputError(f"no Dask scheduler answers at {address} ({error}). {why}") from error
     with client:
         found = client.run(version, "voxflat", on_error="return")
         for worker, own in found.items():
             if isinstance(own, PackageNotFoundError):
-                raise InputError(f"the worker {worker} has no voxflat: install {__version__} where it was started")
-            if isinstance(own, str):  # else it has died meanwhile
+                raise InputError(f"the worker {worker} has no voxflat. Install version {__version__} there")
+            if isinstance(own, str):  # otherwise the worker has died
                 _check_version(worker, own, __version__)
         yield Cluster(client)
 
 
 def _check_version(worker: str, own: str, wanted: str) -> None:
     if own != wanted:
-        raise InputError(f"the worker {worker} has voxflat {own}, here it is {wanted}: install the same one")
+        raise InputError(f"the worker {worker} has voxflat {own}, this process {wanted}. Install the same version")
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:
-    """Do work on a worker, where nothing else is done at a time: threads are the core's."""
+    """Process an item on a worker, one at a time: the core uses several threads."""
     distributed = importlib.import_module("distributed")
     worker, key = distributed.get_worker(), distributed.worker.thread_state.key
-    _check_version(worker.address, __version__, of)  # it may have come later than the client
+    _check_version(worker.address, __version__, of)  # the worker may have joined after the client
 
     def go_on(*_: object) -> bool:
         task = worker.state.tasks.get(key)
-        return task is not None and task.state == "executing"  # else nobody waits for it any more
+        return task is not None and task.state == "executing"  # otherwise the result is no longer needed
 
     with _ALONE, _in(folder):
         return work(item, threads=threads or worker.state.nthreads, progress=go_on)
@@ -153,7 +153,7 @@ def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> A
 
 @contextmanager
 def _in(folder: Path) -> Iterator[None]:
-    """Go to a directory, where names are those of the caller; what is noted there is told by the results."""
+    """Change to the caller's directory, so that file names match; log messages are returned with the results."""
     before, hushed = os.getcwd(), logging.NullHandler()
     os.chdir(folder)
     log.addHandler(hushed)

@@ -1,4 +1,4 @@
-"""Distances from many sources, in memory or in a store."""
+"""Measure distances from many sources, in memory or in a store."""
 
 import os
 from typing import Any
@@ -47,7 +47,7 @@ def geodesic(
 ) -> DistanceRows:
     """Measure distances over a surface; see `voxflat.Surface.geodesic`."""
     if dask is not None and store is None:
-        raise InputError("dask is given, but no store for workers to write into; give a store")
+        raise InputError("dask is given, but the workers have no store to write into. Pass store, too")
     seed, threads = checked_seed(seed), checked_threads(threads)
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
     part: Manifold | VoxelGraph
@@ -67,16 +67,16 @@ def geodesic(
     choice = source_choice(part, sources, sampling, seed, fewest=1)
     if dask is not None and store is not None and isinstance(part, Manifold):
         return rows_by_workers(part, choice, store, dask, geodesic=geodesic, **common)
-    core, few = part.core, "take fewer sources or a smaller patch"
+    core, few = part.core, "use fewer sources or a smaller patch"
     if store is None:
-        check_memory(4 * choice.count * len(core), memory_limit, few + ", or give a store")
+        check_memory(4 * choice.count * len(core), memory_limit, few + ", or pass store")
         chosen = choice.made(progress)
         named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
         rows = core.rows(chosen, **named, threads=threads, progress=progress)
         return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
     need = _core.store_memory_need(len(core), choice.count, workers(threads))
-    check_memory(need, memory_limit, "take fewer threads")
-    log.info("up to %s of memory are needed for rows in the making", amount(need))
+    check_memory(need, memory_limit, "use fewer threads")
+    log.info("up to %s of memory will be used for rows in progress", amount(need))
     chosen = choice.made(progress)
     prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
     return stored_rows(prepared, core, chosen, threads, progress)
@@ -89,7 +89,7 @@ def stored_rows(
     threads: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute what a store lacks, and open it."""
+    """Compute the rows that a store lacks, and open it."""
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": store.geodesic}
     store.tell(core.store_rows(*store.key, chosen, **named, threads=threads, progress=progress))
     return open_rows(store.path)

@@ -1,7 +1,7 @@
-"""One store by many workers: each writes some of its rows, a part, whose journal lies in a directory of its own.
+"""One store written by many workers: each writes some rows, a part, with a journal in its own directory.
 
-The caller takes what that journal says over into the store's. Parts lie in the store's directory, and are what a dead
-worker, or caller, leaves behind. A row has the same bits whoever computes it: two who write it at once do no harm.
+The caller copies entries of that journal into the store's. Parts lie in the store's directory, and remain if a worker
+or the caller dies. A row has the same bits on every worker, so two workers may write it at once.
 """
 
 import errno
@@ -32,23 +32,23 @@ from voxflat.surfaces.manifold import Manifold
 
 try:
     import fcntl
-except ImportError:  # not on every system: there two callers at once compute rows twice
+except ImportError:  # not on every system; without it two simultaneous callers compute rows twice
     fcntl = None  # type: ignore[assignment]
 
-_UNKNOWN = 16  # parts where no worker is there yet
-_PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
-_ENDING = 60.0  # s, within which a worker that was killed has ended: first its writes do, and disks are slow
-_LOOK = 1.0  # s between two looks at how far workers are
+_UNKNOWN = 16  # number of parts if there is no worker yet
+_PATIENCE = 5.0  # s within which a stopped core releases its lock
+_ENDING = 60.0  # s within which a killed worker finishes its writes and ends
+_LOOK = 1.0  # s between checks of the workers' progress
 
-_kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works on, whose neighbours are joined
+_kept: dict[str, _core.Surface] = {}  # in a worker: its current surface, with a prepared graph
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Rows that are to be computed."""
+    """Rows to compute."""
 
     surface: str  # a hash of it
-    sources: int | NDArray[np.uint32]  # how many to choose, or which, as numbers into the points
+    sources: int | NDArray[np.uint32]  # number of sources to choose, or row numbers of the points
     sampling: str
     seed: int
     geodesic: str  # as in `voxflat.geodesic`, over triangles
@@ -65,9 +65,9 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks, on the workers of a cluster, and open it; what is finished is kept."""
+    """Compute the rows that a store lacks on the workers of a cluster, and open it; finished rows are kept."""
     path = store_path(store)
-    beside = temporary_beside(path)  # until there is a store
+    beside = temporary_beside(path)  # used until the store exists
     sources = choice.count if choice.given is None else choice.given
     wanted = Wanted(_write_surface(part, beside), sources, choice.sampling, choice.seed, geodesic)
     how: dict[str, Any] = {"threads": threads, "progress": progress}
@@ -81,7 +81,7 @@ def rows_by_workers(
                     raise error
                 _finish(cluster, prepared, beside, partial(_part, wanted, prepared.identity, memory_limit), how)
             finally:
-                with suppress(Exception):  # they may be gone
+                with suppress(Exception):  # workers may be gone
                     cluster.everywhere(_forget)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
@@ -94,7 +94,7 @@ def rows_by_workers(
 
 
 def _write_surface(part: Manifold, folder: Path) -> str:
-    """Write what workers need to know of a surface; return its hash."""
+    """Write the surface for workers; return its hash."""
     core = part.core
     arrays: dict[str, NDArray[Any]] = {"points": core.points, "faces": core.faces, "ids": part.ids}
     with naming_file(folder):
@@ -105,7 +105,7 @@ def _write_surface(part: Manifold, folder: Path) -> str:
 
 
 def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict[str, Any]) -> None:
-    """Have computed what a store lacks."""
+    """Compute the rows that a store lacks."""
     path = store.path
     with _locked(path):
         _collect(path)
@@ -132,7 +132,7 @@ def _locked(store: Path) -> Iterator[None]:
                     break
                 except BlockingIOError:
                     if time.monotonic() > deadline:
-                        text = f"the store is in use by process {lock.read().strip()}; wait until that has ended"
+                        text = f"the store is in use by process {lock.read().strip()}. Wait until it has finished"
                         raise OSError(errno.EAGAIN, text, str(store)) from None
                 time.sleep(0.01)
             lock.truncate(0)
@@ -142,11 +142,11 @@ def _locked(store: Path) -> Iterator[None]:
 
 
 def _collect(store: Path) -> None:
-    """Take over what parts of an earlier call have finished."""
+    """Copy finished rows from parts of an earlier call."""
     whole = read_journal(store)
     known = len(whole.checksums)
     for part in sorted((store / "parts").glob("*/journal.jsonl")):
-        with suppress(InputError):  # it had not begun
+        with suppress(InputError):  # the part was not started
             own = read_journal(part.parent)
             if own.header == whole.header:
                 damaged = damaged_rows(store, own.checksums)
@@ -155,11 +155,11 @@ def _collect(store: Path) -> None:
                 known += len(sound)
     shutil.rmtree(store / "parts", ignore_errors=True)
     if known:
-        log.info("%d rows were in the store %s already", known, store)
+        log.info("%d rows were already in the store %s", known, store)
 
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
-    """Make a part for each worker, as each has to join neighbours; the sources of one lie together."""
+    """Make a part for each worker, with neighbouring sources; each worker has to prepare the graph."""
     sources = Table.open(store / "points.npy")[Table.open(store / "sources.npy")[missing]]
     along = np.linalg.svd(sources - sources.mean(axis=0), full_matrices=False)[2][0]
     order = np.array(missing)[np.argsort(sources @ along, kind="stable")]
@@ -174,7 +174,7 @@ def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
 
 
 def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, how: dict[str, Any]) -> None:
-    """Have parts computed, and enter what is finished."""
+    """Compute parts on the workers, and record finished rows."""
     errors = []
     if how["progress"] is not None:
         how = {**how, "progress": _Rows(store, how["progress"])}
@@ -189,7 +189,7 @@ def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, how:
 
 
 class _Rows:
-    """Progress in rows, as journals tell them."""
+    """Progress in rows, read from journals."""
 
     def __init__(self, store: Path, progress: Progress) -> None:
         self._store, self._progress = store, progress
@@ -211,7 +211,7 @@ class _Rows:
 
 
 def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress: Progress) -> Store:
-    """Choose sources, and make a store of them, or find that an old one is of the same rows."""
+    """Choose sources and create a store of them, or check that an existing store has the same rows."""
     folder, path = places
     core = _surface(wanted.surface, folder)
     if isinstance(wanted.sources, int):
@@ -232,7 +232,7 @@ def _part(
     core = _surface(wanted.surface, store / "parts" / "surface")
     rows = json.loads((part / "rows.json").read_text())
     need = _core.store_memory_need(len(core), len(rows), threads)
-    check_memory(need, memory_limit, "take fewer threads")
+    check_memory(need, memory_limit, "use fewer threads")
     chosen = np.asarray(Table.open(store / "sources.npy")).astype(np.uint32)
     key = (store, part, identity, chosen, np.array(rows, dtype=np.uint32))
     deadline = time.monotonic() + _ENDING
@@ -240,19 +240,19 @@ def _part(
         try:
             core.store_part(*key, geodesic=wanted.geodesic, threads=threads, progress=progress)
             return read_journal(part).checksums
-        except BlockingIOError:  # the worker that it was taken from has not ended yet
+        except BlockingIOError:  # the previous worker has not ended yet
             if time.monotonic() > deadline:
                 raise
 
 
 def _surface(key: str, folder: Path) -> _core.Surface:
-    """Return the surface of a folder; a worker keeps it as long as it works on it, with what distances need."""
+    """Return the surface of a folder; a worker caches it, with the data that distances need."""
     if key not in _kept:
         _kept.clear()
         points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))
         core, _ = _core.Surface.from_triangles(points, faces.astype(np.int64))
         if not (np.array_equal(core.points, points) and np.array_equal(core.faces, faces)):
-            raise InputError("the surface is not the same in another process; leave dask out")
+            raise InputError("the surface differs between processes. Do not pass dask")
         _kept[key] = core
     return _kept[key]
 

@@ -1,4 +1,4 @@
-"""Shortest paths over a surface: to see, to measure along, and to cut along."""
+"""Shortest paths over a surface: to display, to measure along, and to cut along."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,18 +20,25 @@ from voxflat.surfaces.voxel_graph import LINK_LENGTHS, voxel_graph
 class Path(Recorded):
     """A shortest path over a surface.
 
+    `Surface.path` returns it.
+
     Parameters
     ----------
     ids : ndarray of int64, shape (k, 3) or (k,)
-        The voxels, or the vertices, that it passes, both ends included; -1 where it crosses an edge.
+        Voxels or vertices on the path, including both ends; −1 where it crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Their places, RAS+ mm in `space`. Between them a path is straight; only one of links runs over the triangles.
+        Positions, RAS+ mm in `space`. The path is straight between them, except that a path of links follows the
+        triangles.
     length : float
-        Of the path over the surface, mm.
+        Length of the path over the surface, mm.
     space : Space
-        The surface's.
+        The coordinate space of the surface.
     provenance : dict
-        What made it.
+        Record of how it was made.
+
+    See Also
+    --------
+    Surface.path : Find the shortest path through points.
 
     Examples
     --------
@@ -60,7 +67,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
         ids, find, space = core.voxels, core.path, Space._of(graph.metadata)
     else:
         if link_lengths is not None:
-            raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
+            raise InputError(f"link_lengths does not apply to geodesic={geodesic!r}. Do not pass it")
         core = surface.core
         vertices = surface.find(stops, "the stops")
         ids, find, space = surface.ids, core.path if geodesic == "graph" else core.edge_path, surface.space
@@ -75,8 +82,8 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
                 places = core.points[steps]
         except InputError:
             raise InputError(
-                f"no path leads from {np.asarray(leg[0]).tolist()} to {np.asarray(leg[1]).tolist()}: they lie in "
-                "different components of the surface; choose all stops in one"
+                f"no path connects {np.asarray(leg[0]).tolist()} and {np.asarray(leg[1]).tolist()}: they lie in "
+                "different components of the surface. Choose all stops in one component"
             ) from None
         points.append(places[1:])
         passed.append(steps[1:].astype(np.int64))

@@ -1,7 +1,7 @@
-"""Distance rows: in memory, or in a store on disk that is larger than memory and survives interruptions.
+"""Distance rows: in memory, or in a store on disk that may exceed memory and survives interruptions.
 
-A store is a directory: `rows.npy`, `journal.jsonl` (which rows are finished, with their CRC-32), `store.json`
-(what was measured), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes and writes rows and
+A store is a directory: `rows.npy`, `journal.jsonl` (the finished rows with their CRC-32), `store.json` (a description
+of the distances), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes and writes rows and
 journal.
 """
 
@@ -31,29 +31,34 @@ from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 
-_CHUNK = 1 << 26  # bytes that are best asked for at once
+_CHUNK = 1 << 26  # best number of bytes per read
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceRows:
     """Geodesic distances from sources to all points of a surface; converts to an array.
 
-    Rows in a store are read from disk when they are looked at: slices are arrays in memory, the whole is not.
+    Rows in a store are read from disk on demand: slices are arrays in memory.
 
     Parameters
     ----------
     rows : ndarray of float32, shape (m, N)
-        Distances, mm; of a store a `Table`, which is read from disk where it is looked at.
+        Distances, mm; those in a store are a `Table`, which is read on demand.
     ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices, or vertex numbers, of the points.
+        Voxel indices or vertex numbers of the points.
     points : ndarray of float64, shape (N, 3)
-        The points, RAS+ mm in the surface's space.
+        Positions of the points, RAS+ mm in the surface's space.
     sources : ndarray of int64, shape (m,)
-        The sources, as numbers into the points.
+        The sources, as row numbers of the points.
     store : Path, optional
-        The store's directory.
+        Directory of the store.
     provenance : dict
-        What made them; a store keeps it.
+        Record of how they were made, which a store keeps.
+
+    See Also
+    --------
+    Surface.geodesic : Measure distances.
+    open_rows : Open the rows of a store.
 
     Examples
     --------
@@ -70,7 +75,7 @@ class DistanceRows:
     provenance: Record = field(default_factory=dict)
 
     def _with_provenance(self, record: Record) -> DistanceRows:
-        """Return the same rows with a record of what made them, which goes into their store, too."""
+        """Return the same rows with a record of how they were made, which is also written to their store."""
         if self.store is not None:
             write_provenance(self.store, record)
         return replace(self, provenance=record)
@@ -81,27 +86,87 @@ class DistanceRows:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of sources and of points."""
+        """The numbers of sources and of points.
+
+        They are the axes of the array.
+
+        See Also
+        --------
+        DistanceRows.chunks : Shape of blocks to read at once.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).shape
+        (5, 441)
+        """
         return (self.rows.shape[0], self.rows.shape[1])
 
     @property
     def dtype(self) -> np.dtype[np.float32]:
-        """Type of a distance."""
+        """The type of the distances.
+
+        It is always float32.
+
+        See Also
+        --------
+        DistanceRows.nbytes : Size of all distances.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).dtype
+        dtype('float32')
+        """
         return self.rows.dtype
 
     @property
     def ndim(self) -> int:
-        """Number of axes: 2."""
+        """The number of axes.
+
+        It is always 2.
+
+        See Also
+        --------
+        DistanceRows.shape : Length of the axes.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).ndim
+        2
+        """
         return 2
 
     @property
     def nbytes(self) -> int:
-        """Size of all distances, bytes."""
+        """The size of all distances, bytes.
+
+        Rows in a store need this much memory only if they are converted to an array.
+
+        See Also
+        --------
+        DistanceRows.chunks : Shape of blocks to read at once.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).nbytes
+        8820
+        """
         return int(self.rows.nbytes)
 
     @property
     def chunks(self) -> tuple[int, int]:
-        """Shape of what is best read at once: whole rows; dask takes it as a hint."""
+        """The shape of blocks to read at once, which consist of complete rows.
+
+        Dask uses it as a hint.
+
+        See Also
+        --------
+        DistanceRows.nbytes : Size of all distances.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).chunks
+        (5, 441)
+        """
         height = self.shape[0] if self.store is None else _CHUNK // max(1, 4 * self.shape[1])
         return (max(1, min(height, self.shape[0])), self.shape[1])
 
@@ -116,46 +181,56 @@ class DistanceRows:
         return len(self.rows)
 
     def verify(self) -> None:
-        """Read a whole store and compare it with its checksums; rows in memory have none.
+        """Read a complete store and compare it with its checksums.
+
+        Rows in memory have no checksums, and always pass.
 
         Raises
         ------
         InputError
-            If rows do not agree; the message names them.
+            If rows do not match; the message names them.
+
+        See Also
+        --------
+        open_rows : Open the rows of a store.
 
         Examples
         --------
         >>> rows = voxflat.samples.hill().geodesic(5, store="hill.rows")
-        >>> rows.verify()  # every row is read, and compared with its checksum
+        >>> rows.verify()  # reads every row and compares its checksum
         """
         if self.store is None:
             return
         damaged = damaged_rows(self.store, dict(enumerate(_checksums(self.store, self.shape))))
         if damaged:
             which = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
-            raise InputError(f"the rows {which} of {self.store} do not agree with their checksums; {FINISH}")
+            raise InputError(f"{self.store}: the rows {which} do not match their checksums. {FINISH}")
 
 
 def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """Open the distance rows of a store without reading them.
 
-    Whether the store is complete, its sizes, and its points, ids and sources are checked at once; `DistanceRows.verify`
-    reads all rows and compares their checksums.
+    Completeness, sizes, points, ids and sources are checked immediately. `DistanceRows.verify` reads all rows and
+    compares their checksums.
 
     Parameters
     ----------
     path : path
-        A directory that `voxflat.geodesic`, `voxflat.flatten` or ``voxflat rows`` was given as a store.
+        A directory that was passed as a store to `Surface.geodesic`, `Surface.flatten` or ``voxflat rows``.
 
     Returns
     -------
     DistanceRows
-        It can be given to NumPy, to ``dask.array.from_array`` and to napari's ``viewer.add_image``.
+        The rows, which NumPy, ``dask.array.from_array`` and napari's ``viewer.add_image`` accept.
 
     Raises
     ------
     InputError
-        If it is no store, is not complete or is damaged.
+        If the directory is not a store, or is incomplete or damaged.
+
+    See Also
+    --------
+    Surface.geodesic : Measure distances and keep them in a store.
 
     Examples
     --------
@@ -165,7 +240,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """
     path = checked_path(path)
     if not path.exists():
-        raise InputError(f"there is no store at {path}; voxflat rows makes one")
+        raise InputError(f"{path}: store not found. Create one with Surface.geodesic(store=) or `voxflat rows`")
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
@@ -173,7 +248,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     rows = Table.open(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
-            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape}, not float32 of {shape}; {FINISH}"
+            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape} instead of float32 of {shape}. {FINISH}"
         )
     return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, read_provenance(path))
 
@@ -181,7 +256,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
 def _array(path: Path, expected: str) -> NDArray[Any]:
     array = np.asarray(Table.open(path))
     if array_hash(array) != expected:
-        raise InputError(f"{path} does not agree with its checksum in store.json; {FINISH}")
+        raise InputError(f"{path} does not match its checksum in store.json. {FINISH}")
     return array
 
 
@@ -189,19 +264,19 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's rows."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
-        raise InputError(f"{path / 'journal.jsonl'} is damaged (it is not of {shape[0]} x {shape[1]} rows); {OTHER}")
+        raise InputError(f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]}). {OTHER}")
     known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
     if not journal.is_complete or len(known) < journal.rows:
-        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows); {FINISH}")
+        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
     return known
 
 
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
-    """Read those rows of a store whose CRC-32 a journal has; return those that do not agree with it."""
+    """Read the rows of a store that the journal lists; return those that do not match their CRC-32."""
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:
-        raise InputError(f"{store / 'rows.npy'} holds values of shape {shape}, not of rows and columns; {FINISH}")
+        raise InputError(f"{store / 'rows.npy'} has shape {shape} instead of two axes. {FINISH}")
     rows, columns = shape
     if max(checksums, default=0) >= rows:
-        raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal knows row {max(checksums)}; {FINISH}")
+        raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal lists row {max(checksums)}. {FINISH}")
     return _core.damaged_rows(store, columns, [checksums.get(row) for row in range(rows)])

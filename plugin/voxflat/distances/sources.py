@@ -10,22 +10,22 @@ from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import VoxelGraph
 
-SAMPLINGS = ("farthest", "curvature", "random")  # how sources may be chosen on any surface
+SAMPLINGS = ("farthest", "curvature", "random")  # ways to choose sources on any surface
 
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How many sources there will be, before any is chosen: choosing takes links, which take memory."""
+    """How sources will be chosen: their number is known before they are chosen, which needs memory for links."""
 
     part: Manifold | VoxelGraph
     count: int
-    given: NDArray[np.uint32] | None  # (count,), numbers into the surface's points; without, they are to be chosen
+    given: NDArray[np.uint32] | None  # (count,), row numbers of the surface's points; None if they are to be chosen
     sampling: str
     seed: int
-    rule: str  # `sampling`, or "given" where the sources were given themselves
+    rule: str  # `sampling`, or "given" if sources were passed
 
     def made(self, progress: Progress | None) -> NDArray[np.uint32]:
-        """Return the sources as numbers into the surface's points, shape (count,)."""
+        """Return the sources as row numbers of the surface's points, shape (count,)."""
         if self.given is not None:
             return self.given
         return self.part.core.choose_sources(self.sampling, self.count, self.seed, progress)
@@ -40,21 +40,21 @@ def source_choice(
     fewest: int,
     at_most_all: bool = False,
 ) -> SourceChoice:
-    """Return how many sources there will be, and what chooses them; no more than points, or all (`at_most_all`)."""
+    """Return how sources will be chosen; more than the number of points is an error unless `at_most_all`."""
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):
         if sources < fewest:
-            raise InputError(f"{sources} sources are too few; give at least {fewest}")
+            raise InputError(f"{sources} sources are too few. Pass at least {fewest}")
         if sources > len(part) and not at_most_all:
             raise InputError(
-                f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
+                f"{sources} sources are more than the {len(part)} points of the surface. Pass at most {len(part)}"
             )
         return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
-        raise InputError("sources are None; give how many, or points of the surface")
+        raise InputError("sources is None. Pass the number of sources, or points of the surface")
     found = part.find(sources, "sources")
     unique, counts = np.unique(found, return_counts=True)
     if (counts > 1).any():
         again = part.ids[unique[counts > 1][0]].tolist()
-        raise InputError(f"source {again} is given {counts.max()} times; give each once")
+        raise InputError(f"source {again} is given {counts.max()} times. Pass each source once")
     return SourceChoice(part, len(found), found, sampling, seed, "given")

@@ -23,12 +23,12 @@ from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")
-OTHER = "choose another directory, or delete this one"
+OTHER = "Choose another directory, or delete this one"
 
 
 @dataclass(frozen=True)
 class Store:
-    """A directory that is ready to take rows."""
+    """A directory that is ready to receive rows."""
 
     path: Path
     identity: str
@@ -36,16 +36,16 @@ class Store:
 
     @property
     def key(self) -> tuple[Path, str]:
-        """What the compiled core needs to know."""
+        """The arguments that the compiled core needs."""
         return (self.path, self.identity)
 
     def tell(self, found: tuple[int, int]) -> None:
-        """Say what was in the store already."""
+        """Log the rows that were already in the store."""
         rows, damaged = found
         if rows:
-            log.info("%d rows were in the store %s already", rows, self.path)
+            log.info("%d rows were already in the store %s", rows, self.path)
         if damaged:
-            log.warning("%d rows of the store %s did not agree with their checksums: computed anew", damaged, self.path)
+            log.warning("recomputed %d rows of the store %s, which did not match their checksums", damaged, self.path)
 
 
 def prepare_store(
@@ -58,7 +58,7 @@ def prepare_store(
     link_lengths: str | None = None,
     progress: Progress | None = None,
 ) -> Store:
-    """Make a store of a directory, or find the same rows there; `chosen` (m,) are sources, numbers into the points."""
+    """Create a store, or open one of the same rows; `chosen` (m,) are sources, as row numbers of the points."""
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
@@ -87,15 +87,15 @@ def prepare_store(
 
 
 def store_path(path: str | os.PathLike[str]) -> Path:
-    """Return the directory of a store in full, so that messages name it and no later change of directory moves it."""
+    """Return the absolute directory of a store, for messages, and in case the working directory changes."""
     return Path(os.path.abspath(checked_path(path, "store")))
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """Return what a store says that it holds."""
+    """Return the description of a store."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
-        raise InputError(f"{path} is no store of distance rows: no store.json; give a directory that was a store=")
+        raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one")
     check_regular_within(path)
     try:
         described = from_json(file.read_text())
@@ -104,20 +104,20 @@ def read_description(path: Path) -> dict[str, Any]:
         if named == FORMAT and not all(name in described for name in wanted):
             raise ValueError("it is not complete")
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{file} is damaged ({error}); {OTHER}") from error
+        raise InputError(f"{file} is damaged ({error}). {OTHER}") from error
     if named != FORMAT:
-        raise InputError(f"{file} has the format {named!r}, this version of voxflat has {FORMAT!r}; {OTHER}")
+        raise InputError(f"{file} has the format {named!r}, but this version reads {FORMAT!r}. {OTHER}")
     return dict(described)
 
 
 def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
-    """Keep in a store what made its rows."""
+    """Write the record of how rows were made into their store."""
     with atomic_path(Path(path) / "provenance.json") as temporary:
         temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8")
 
 
 def read_provenance(path: Path) -> Record:
-    """Return what made a store's rows; nothing if that is not known. Nothing depends on it."""
+    """Return the record of how a store's rows were made; empty if unknown. Nothing depends on it."""
     with suppress(OSError, ValueError):
         record = from_json((path / "provenance.json").read_text(encoding="utf-8"))
         return record if isinstance(record, dict) else {}
@@ -133,32 +133,32 @@ def array_hash(array: NDArray[Any]) -> str:
 
 def _holds_files(path: Path) -> bool:
     if path.exists() and not path.is_dir():
-        raise InputError(f"the store {path} is a file; give a directory")
+        raise InputError(f"the store {path} is a file. Pass a directory")
     names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
     if names and "store.json" not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        raise InputError(f"the directory {path} is no store and holds other files ({shown}); give a new or empty one")
+        raise InputError(f"the directory {path} is not a store and holds files ({shown}). Pass a new or empty one")
     return bool(names)
 
 
 def check_disk(path: Path, size: int) -> None:
-    """Say what room is needed on the disk, and refuse to start where it is not there."""
+    """Log the disk space that will be used, and raise an error if it is not free."""
     table = path / "rows.npy"
     need = max(0, size - (int(getattr(table.stat(), "st_blocks", 0)) * 512 if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
     if need > free:
         raise OSError(
             errno.ENOSPC,
-            f"{amount(need)} on disk are needed, {amount(free)} are free; make room, choose another directory, or take "
-            "fewer sources or a smaller patch",
+            f"{amount(need)} of disk space are needed, {amount(free)} are free. Free some space, choose another "
+            "directory, or use fewer sources or a smaller patch",
             str(path),
         )
     if need:
-        log.info("up to %s on disk are needed in %s", amount(need), path)
+        log.info("up to %s of disk space will be used in %s", amount(need), path)
 
 
 def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-    """Make a store beside its place and move it there, so that there is all of it or nothing."""
+    """Make a store in a temporary directory and rename it, so that it is complete or does not exist."""
     beside = temporary_beside(path)
     try:
         beside.mkdir()
@@ -185,29 +185,31 @@ def _to_disk(file: Any) -> None:
 
 
 def _compare(path: Path, identity: dict[str, Any]) -> None:
-    """Refuse a store of other rows, and say what differs."""
+    """Raise an error if a store holds other rows, and name the differences."""
     there = read_description(path)
     if there == identity:
         return
     differ = [name for name in identity if there.get(name) != identity[name]]
-    told = [
+    differences = [
         f"its {name} is {there.get(name)!r}, not {identity[name]!r}"
         for name in ("geodesic", "link_lengths")
         if name in differ
     ]
-    if told:
-        pass  # its points are numbered in another way, too
+    if differences:
+        pass  # its points also have other numbers
     elif {"points", "points_sha256", "ids_sha256"} & set(differ):
-        told.append(f"its surface is another ({there['points']} points; this one has {identity['points']})")
+        differences.append(f"its surface differs ({there['points']} points; this one has {identity['points']})")
     elif "fingerprint" in differ:
-        told.append("its surface has other triangles, or was joined by another version of voxflat")
-    if "sources_sha256" in differ and not told:
-        told.append(f"its sources are others ({there['sources']}; these are {identity['sources']})")
-    raise InputError(f"{path} is a store of other rows: {' and '.join(told) or 'its store.json is another'}; {OTHER}")
+        differences.append("its surface has other triangles, or was processed by another version of voxflat")
+    if "sources_sha256" in differ and not differences:
+        differences.append(f"its sources differ ({there['sources']} sources; here there are {identity['sources']})")
+    raise InputError(
+        f"{path} is a store of other rows: {' and '.join(differences) or 'its store.json differs'}. {OTHER}"
+    )
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
-    """Write an array again that was damaged."""
+    """Rewrite a damaged array."""
     with suppress(InputError):
         if array_hash(np.asarray(Table.open(path))) == expected:
             return
@@ -222,28 +224,28 @@ _COMPLETE = '{"complete": true}'
 
 @dataclass(frozen=True)
 class Journal:
-    """What a journal says."""
+    """The contents of a journal."""
 
     header: str  # its first line
     rows: int  # sources
     columns: int  # points
     checksums: dict[int, int]  # CRC-32 of each row that is finished
-    is_complete: bool  # whether it says that all are
+    is_complete: bool  # whether all rows are recorded as finished
 
 
 def read_journal(store: Path) -> Journal:
-    """Read the journal of a store; lines that cannot be read say nothing, and their rows are not finished."""
+    """Read the journal of a store; lines that cannot be read are ignored, and their rows count as unfinished."""
     path = store / "journal.jsonl"
     try:
         first, *lines = path.read_text(errors="replace").splitlines() or [""]
         header = from_json(first)
         rows, columns = (header.get(name) for name in ("rows", "columns"))
         if not (isinstance(rows, int) and isinstance(columns, int)):
-            raise ValueError("its first line is no header")
+            raise ValueError("its first line is not a header")
     except FileNotFoundError:
-        raise InputError(f"the store {store} has no rows yet; {FINISH}") from None
+        raise InputError(f"the store {store} has no rows yet. {FINISH}") from None
     except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"{path} is damaged ({error}); {OTHER}") from error
+        raise InputError(f"{path} is damaged ({error}). {OTHER}") from error
     checksums: dict[int, int] = {}
     is_complete = False
     for line in lines:
@@ -258,12 +260,12 @@ def read_journal(store: Path) -> Journal:
 
 
 def append(store: Path, checksums: Mapping[int, int]) -> None:
-    """Enter rows whose data are written."""
+    """Record rows whose data are written."""
     _append(store, "".join(f'{{"row": {row}, "crc32": "{sum_:08x}"}}\n' for row, sum_ in checksums.items()))
 
 
 def complete(store: Path) -> None:
-    """Enter that all rows are finished, once their data are on the disk."""
+    """Record that all rows are finished, after their data are on disk."""
     with (store / "rows.npy").open("r+b") as table:
         os.fsync(table.fileno())
     _append(store, _COMPLETE + "\n")

@@ -1,4 +1,4 @@
-"""An array on disk, read where it is looked at: mapped, a file cut short would end the process (SIGBUS)."""
+"""An array on disk, read on demand. It is not memory-mapped: a truncated file would end the process (SIGBUS)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +12,13 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-FINISH = "measure again with the same store to finish or mend it"
-"""What a store that is damaged or not complete asks for."""
+FINISH = "Measure again with the same store to complete or repair it"
+"""Remedy for a store that is damaged or incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory."""
+    """A `.npy` file of one or two axes, in C order; converting it to an array reads all of it."""
 
     path: Path
     shape: tuple[int, ...]
@@ -27,17 +27,17 @@ class Table:
 
     @classmethod
     def open(cls, path: Path) -> "Table":
-        """Open a file without reading its values; one shorter than its header says is refused."""
+        """Open a file without reading its values; raise an error if it is shorter than its header says."""
         try:
             with path.open("rb") as file:
                 major, _ = npy.read_magic(file)
                 header = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
                 shape, is_fortran, dtype = header(file)
                 start = file.tell()
-        except Exception as error:  # of damaged headers NumPy's parser raises TokenError, OverflowError, ...
-            raise InputError(f"{path} is damaged ({one_line(error)}); {FINISH}") from error
+        except Exception as error:  # NumPy's parser raises TokenError, OverflowError, ... for damaged headers
+            raise InputError(f"{path} is damaged ({one_line(error)}). {FINISH}") from error
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
-            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {FINISH}")
+            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}). {FINISH}")
         table = cls(path, tuple(shape), dtype, start)
         if (there := path.stat().st_size) < start + table.nbytes:
             raise table._cut_short(there)
@@ -62,12 +62,12 @@ class Table:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
-            raise ValueError(f"{self.path} is on disk: its values are copied")
+            raise ValueError(f"{self.path} is on disk, so its values must be copied. Do not pass copy=False")
         check_room(self.nbytes)
         return np.asarray(self._rows(np.arange(len(self)), 0, self._width), dtype=dtype).reshape(self.shape)
 
     def __getitem__(self, index: Any) -> Any:
-        """Return what an index of an array returns, from the rows that it names alone."""
+        """Index like an array, and read only the rows that are selected."""
         parts = index if isinstance(index, tuple) else (index,)
         plain = all(isinstance(part, slice | int | np.integer | np.ndarray | list) for part in parts)
         if not plain or not 1 <= len(parts) <= self.ndim or any(np.ndim(part) > 1 for part in parts[:1]):
@@ -91,10 +91,10 @@ class Table:
         return self.shape[1] if self.ndim == 2 else 1
 
     def _cut_short(self, there: int) -> InputError:
-        return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {FINISH}")
+        return InputError(f"{self.path} was truncated to {there} of {self.start + self.nbytes} bytes. {FINISH}")
 
     def _rows(self, numbers: NDArray[np.int64], first: int, end: int) -> NDArray[Any]:
-        """Read the columns from `first` to `end` of some rows."""
+        """Read columns `first` to `end` of some rows."""
         block = np.empty((len(numbers), end - first), self.dtype)
         size = self.dtype.itemsize
         is_whole = end - first == self._width and (np.diff(numbers) == 1).all()

@@ -1,1 +1,1 @@
-"""What flattening did to a surface: `figures` of distances and triangles, and `distortion`, all of a map, in tables."""
+"""Distortion of a flattened surface: `figures` of distances and triangles, and `distortion`, all of them in tables."""

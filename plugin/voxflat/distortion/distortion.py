@@ -1,4 +1,4 @@
-"""What flattening did to a surface: all figures of a map, and tables of one map or several."""
+"""The distortion of a flat map: all its figures, and tables of one or several maps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,39 +14,45 @@ from voxflat.io.notebook import page
 
 @dataclass(frozen=True, eq=False)
 class Distortion:
-    """What flattening did to the distances, from random reference sources to all points.
+    """The distortion of a flat map, measured from random reference sources to all points.
+
+    δ are geodesic distances on the surface, d are distances in the map.
 
     Parameters
     ----------
     raw : Figures
-        At scale 1: a flat map is in mm.
+        Figures at scale 1, as the map is, in mm.
     best_scale : Figures
-        At the scale with the least mean relative error.
+        Figures at the scale with the smallest mean relative error.
     pearson_r : float
         Correlation of flat and geodesic distances.
     mean_geodesic : float
         Mean geodesic distance of the pairs, mm (Grossmann et al. 2002: δ̄).
     standard_error : StandardErrors
-        Of the figures above.
+        Standard errors of these figures.
     sources : int
         Number of reference sources.
     pairs : int
         Number of pairs.
     reference : {"exact", "graph", "chain"}
-        How reference distances were measured, as in `geodesic`.
+        How reference distances were measured, as in `Surface.geodesic`.
     per_point : ndarray, shape (N,)
-        Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
+        Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1: the heat map.
     scatter : ndarray, shape (K, 2)
-        Some pairs as (δ, d), mm.
+        A sample of pairs (δ, d), mm.
     triangles : TriangleFigures or None
-        What it did to the triangles, where the surface has some.
+        Distortion of the triangles, if the surface has triangles.
     topology : dict or None
-        Of the surface as the map cuts it, if it was looked at: ``components``, ``euler``, ``loops`` of the boundary,
-        ``handles``. Edges of more than two triangles are refused, vertices where sheets touch are split.
+        Topology of the surface as cut by the map, if determined: ``components``, ``euler``, ``loops`` of the boundary
+        and ``handles``.
     voxel_size : float or None
         Geometric mean of the three spacings, mm, of voxel surfaces.
     unit : str
-        That of the surface, in which its lengths are; "unknown" if nothing tells.
+        Unit of lengths; "unknown" if it is not defined.
+
+    See Also
+    --------
+    measure : Measure the distortion of any map.
 
     Examples
     --------
@@ -81,7 +87,7 @@ class Distortion:
     def _of(
         cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any
     ) -> "Distortion":
-        """Take what the compiled core has measured."""
+        """Return the figures that the compiled core has measured."""
         errors = dict(distances["standard_error"])
         for scales in (distances, errors):
             scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
@@ -90,12 +96,18 @@ class Distortion:
         return cls(**distances, triangles=of_triangles, reference=reference, **more)
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures without the arrays, ready for JSON: undefined ones are None.
+        """Return the figures without the arrays, ready for JSON.
+
+        Undefined figures are None.
 
         Returns
         -------
         dict
-            By the names of the fields; ``standard_error`` has the same names again.
+            The figures by the names of the fields; ``standard_error`` has the same names.
+
+        See Also
+        --------
+        Distortion.table : The figures as text.
 
         Examples
         --------
@@ -110,7 +122,18 @@ class Distortion:
         return page(self, self.table())
 
     def table(self) -> str:
-        """Return the figures as a table of text.
+        """Return a table of the figures as text.
+
+        Undefined figures are dashes.
+
+        Returns
+        -------
+        str
+            The table.
+
+        See Also
+        --------
+        Distortion.figures : The figures for JSON.
 
         Examples
         --------
@@ -127,7 +150,7 @@ class Distortion:
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the arrays of nested dictionaries."""
+    """Remove the arrays from nested dictionaries."""
     kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
     return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
 
@@ -179,7 +202,7 @@ _REFERENCES = {
 
 
 def table_of_several(maps: Mapping[str, Distortion]) -> str:
-    """Return the figures of several maps, a column each."""
+    """Return a table of several maps, with one column per map."""
     of = list(maps.values())
     sizes = {one.voxel_size for one in of}
     voxel_size = sizes.pop() if len(sizes) == 1 else None
@@ -224,7 +247,7 @@ def _other_rows(of: Sequence[Distortion]) -> list[list[str]]:
 
 
 def _number(value: Any, digits: int) -> str:
-    """Write a number; what is undefined is a dash."""
+    """Format a number; undefined ones are dashes."""
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -235,7 +258,7 @@ def _with_error(value: float, error: float, digits: int) -> str:
 
 
 def _aligned(of: Sequence[Distortion], rows: list[list[str]]) -> str:
-    """Return rows with columns to the right, under what their figures are about."""
+    """Return rows with right-aligned columns, under a line that describes the figures."""
     width = 2 + max(len(cell) for row in rows for cell in row[1:])
     sources = ", ".join(sorted({str(one.sources) for one in of}))
     references = "; ".join(sorted({_REFERENCES[one.reference] for one in of}))

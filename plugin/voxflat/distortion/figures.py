@@ -1,4 +1,4 @@
-"""Figures of distortion, of distances and of triangles, with their errors, and as JSON has them."""
+"""Distortion figures of distances and of triangles, their standard errors, and conversion for JSON."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,26 +9,30 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Figures:
-    """Distortion figures of a flat map at one scale.
+    """Distortion figures of the distances of a flat map at one scale.
 
-    δ are geodesic distances on the surface, d flat distances times `scale`. NaN means undefined.
+    δ are geodesic distances on the surface, d are flat distances times `scale`. Undefined figures are NaN.
 
     Parameters
     ----------
     scale : float
-        The factor on flat distances.
+        Factor applied to flat distances.
     relative_error : float
-        Mean of |d − δ|/δ over all pairs (Grossmann et al. 2002: ε̄_r).
+        Mean of ``|d − δ|/δ`` over all pairs (Grossmann et al. 2002: ε̄_r).
     relative_error_0_5mm, relative_error_5_15mm, relative_error_15_30mm : float
-        The same over pairs with δ in these bands, whose upper ends belong to them.
+        The same for pairs with δ in these bands, which include their upper ends.
     relative_error_10mm, relative_error_30mm : float
-        The same over pairs with δ ≤ 10 mm and ≤ 30 mm.
+        The same for pairs with δ ≤ 10 mm and ≤ 30 mm.
     absolute_error : float
-        Mean of |d − δ|, mm (Grossmann et al. 2002: ε̄).
+        Mean of ``|d − δ|``, mm (Grossmann et al. 2002: ε̄).
     stress_1 : float
-        √(Σ(d − δ)² / Σδ²), Kruskal.
+        Kruskal's stress-1, √(Σ(d − δ)² / Σδ²).
     sammon_stress : float
-        (1/Σδ) Σ (d − δ)²/δ, Schwartz et al. 1989, equation 1.0.
+        Sammon's stress, (1/Σδ) Σ (d − δ)²/δ (Schwartz et al. 1989, equation 1.0).
+
+    See Also
+    --------
+    Distortion : All figures of a map.
 
     Examples
     --------
@@ -57,27 +61,28 @@ class Figures:
 
 @dataclass(frozen=True, eq=False)
 class TriangleFigures:
-    """What flattening did to the triangles.
+    """Distortion figures of the triangles of a flat map.
 
-    σ1 ≥ σ2 are the stretches of a triangle in its two principal directions. Means, medians and 95th percentiles are by
-    the triangles' areas on the surface, those of `areal` by vertices. NaN means undefined.
+    σ1 ≥ σ2 are the principal stretches of a triangle. Means, medians and 95th percentiles are weighted by the areas of
+    triangles on the surface, those of `areal` by vertices. Undefined figures are NaN.
 
     Parameters
     ----------
     areal_median, areal_p95 : float
-        Of |log2(A_flat / A_surface)| over the vertices, as Connectome Workbench's -surface-distortion has it.
+        Median and 95th percentile of ``|log2(A_flat / A_surface)|`` over the vertices, as in Connectome Workbench's
+        -surface-distortion.
     equal_area_scale : float
-        The factor on the map that makes its area that of the surface.
+        Factor by which to scale the map so that its area equals that of the surface.
     equal_area_median, equal_area_p95 : float
         `areal_median` and `areal_p95` at that scale.
     edge : float
-        Mean over the edges of |l_flat / l_surface − 1|.
+        Mean of ``|l_flat / l_surface − 1|`` over the edges.
     angle : float
         Mean change of a corner's angle, degrees.
     quasi_conformal, isometric, symmetric_dirichlet : float
-        Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²); perfect are 1, 1 and 2.
+        Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²). Without distortion they are 1, 1 and 2.
     flipped : int
-        Number of triangles of the minority orientation.
+        Number of flipped triangles, which are those of the minority orientation.
     flipped_share : float
         Their share of the surface's area.
     collapsed : int
@@ -85,14 +90,18 @@ class TriangleFigures:
     crossings : int
         Number of pairs of boundary edges that cross in the map.
     covering : int
-        Number of triangles that cover another.
+        Number of triangles that cover another one.
     areal : ndarray, shape (N,)
-        log2(A_flat / A_surface) at each vertex.
+        Change of area at each vertex, ``log2(A_flat / A_surface)``.
     is_flipped : ndarray of bool, shape (F,)
-        Which triangles are turned over.
+        Which triangles are flipped.
     area_beyond_1_25, area_beyond_1_5, area_beyond_2 : float
-        The share of the surface, by its area, in triangles whose area changes by more than this factor, either way, at
-        `equal_area_scale`. NaN in maps that were saved before there was such a figure.
+        Share of the surface's area in triangles whose area changes by more than this factor, in either direction, at
+        `equal_area_scale`. NaN in maps that were saved before these figures existed.
+
+    See Also
+    --------
+    Distortion : All figures of a map.
 
     Examples
     --------
@@ -131,18 +140,22 @@ class TriangleFigures:
 
 @dataclass(frozen=True)
 class StandardErrors:
-    """How far figures scatter with the choice of the sources: standard errors by the bootstrap (Efron 1979).
+    """Standard errors of distortion figures with respect to the choice of sources.
 
-    Sources are drawn anew from those that there are, with replacement, 1000 times; the standard deviation over the
-    draws is corrected for their number n out of N points, √(n/(n − 1) · (1 − n/N)). The best scale is held. NaN means
-    undefined: of a single source, or where a draw has no pair.
+    They are computed by the bootstrap (Efron 1979): n sources are resampled with replacement 1000 times, and the
+    standard deviation is multiplied by √(n/(n − 1) · (1 − n/N)), where N is the number of points. The best scale is
+    held fixed. Errors are NaN if they are undefined, for a single source or if a sample has no pair.
 
     Parameters
     ----------
     raw, best_scale : Figures
-        Of the figures of that name; their `scale` is NaN.
+        Standard errors of the figures of the same name; their `scale` is NaN.
     pearson_r, mean_geodesic : float
-        Of the figures of that name.
+        Standard errors of the figures of the same name.
+
+    See Also
+    --------
+    Distortion : All figures of a map.
 
     Examples
     --------
@@ -162,7 +175,7 @@ class StandardErrors:
 
 
 def json_ready(value: Any) -> Any:
-    """Return the same with None for the numbers that JSON does not know: NaN, which means undefined, and infinity."""
+    """Replace numbers that JSON does not support (NaN, which means undefined, and infinity) with None."""
     if isinstance(value, dict):
         return {key: json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

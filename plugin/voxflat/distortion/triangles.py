@@ -1,13 +1,13 @@
-"""What flattening did to each triangle and point: the arrays behind the figures, by the names that all doors give them.
+"""Distortion of each triangle and point: the arrays behind the figures, with the same names in all interfaces.
 
-| name | of | what |
+| name | of | meaning |
 |---|---|---|
 | `distance_error` | points | mean of |d − δ|/δ over the pairs of the point, a fraction |
 | `areal` | points | log2(A_flat / A_surface) |
 | `angle` | points | mean change of the angles around it, degrees |
-| `isometric` | triangles | max(σ1, 1/σ2): by what factor lengths change at most |
-| `quasi_conformal` | triangles | σ1/σ2: by what factor lengths change more one way than across |
-| `flipped` | triangles | whether it is turned over |
+| `isometric` | triangles | max(σ1, 1/σ2): the greatest factor by which lengths change |
+| `quasi_conformal` | triangles | σ1/σ2: the ratio of the stretches in the two principal directions |
+| `flipped` | triangles | whether it is flipped |
 """
 
 from typing import Any
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from voxflat.distortion.distortion import Distortion
 
-_WEIGHTED = np.spacing(1.0)  # areas of triangles without one
+_WEIGHTED = np.spacing(1.0)  # lower bound for areas of degenerate triangles
 
 
 def measure_arrays(
     distortion: Distortion, points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Return the measures of points and triangles; `distance_error` alone where the triangles are not the surface's."""
+    """Return figures of points and triangles; only `distance_error` if the map has no triangles of the surface."""
     of_points = {"distance_error": distortion.per_point}
     if distortion.triangles is None:
         return of_points, {}
@@ -37,7 +37,7 @@ def measure_arrays(
 
 
 def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return σ1 ≥ σ2 ≥ 0 of each triangle, shape (F, 2); NaN where it has no area on the surface."""
+    """Return σ1 ≥ σ2 ≥ 0 of each triangle, shape (F, 2); NaN if it has no area on the surface."""
     a, b = (points[faces[:, corner]] - points[faces[:, 0]] for corner in (1, 2))
     base = np.linalg.norm(a, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -69,7 +69,7 @@ def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def angle_changes(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much angles around each point change in the mean, degrees; NaN where there is no triangle."""
+    """Return the mean change of angles around each point, degrees; NaN if it has no triangle."""
     corners = faces.astype(np.int64)
     change = np.abs(_corner_angles(uv[corners]) - _corner_angles(points[corners]))
     count = np.bincount(corners.ravel(), minlength=len(uv))

@@ -12,9 +12,9 @@ from matplotlib.ticker import LogLocator
 
 from voxflat.arguments import checked_kind
 from voxflat.errors import InputError
+from voxflat.evaluation.measure import Comparison
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
 from voxflat.io.grid import in_unit
-from voxflat.judging.measure import Comparison
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 

@@ -18,7 +18,7 @@ from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit
 from voxflat.lab.pages import Layer, MapLike, colour_bar, filled, layers_of, scene
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.laying import laid
+from voxflat.maps.placement import aligned
 
 _PATCHES = ("patch", "piece")  # labels that start at 0
 _STEEP = 0.9  # z component of the normal beyond which a surface is viewed from above or below
@@ -142,7 +142,7 @@ def page_of(
     if not layers:
         raise InputError("the map has no array with one number per point. Add a point array to show")
     shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
-    turn, places = laid(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
+    turn, places = aligned(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
     content = scene(flat, layers, {}, places, view=_view(turn), unit=unit)
     count = f"{len(flat.uv):,}"
     return MapPage(

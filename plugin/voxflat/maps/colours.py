@@ -1,4 +1,4 @@
-"""Colours of scalars and labels: the same in files, on pages, in textures and in space."""
+"""Colours of scalars and labels: the same in files, on pages, in textures and in 3-D."""
 
 import colorsys
 from collections.abc import Sequence
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
-WINDOW = (1, 99)  # percentiles that are shown as the ends of a colour map: black and white
+WINDOW = (1, 99)  # percentiles at the ends of a colour map
 
-_GOLDEN_RATIO = 0.6180339887498949  # its multiples spread over the circle of hues as evenly as can be
+_GOLDEN_RATIO = 0.6180339887498949  # its multiples are evenly spread over the circle of hues
 _UNLABELLED = (208, 208, 208)
 
 
 def are_labels(data: NDArray[Any]) -> bool:
-    """Tell labels, which form areas, from whole numbers of an image, in pixels of any kind, NaN outside the map."""
+    """Return whether an image shows labels, whole numbers that form areas; pixels outside the map are NaN."""
     if data.ndim == 3 or not all_whole(data):
         return False
-    # more than a voxel (which covers two pixels if nothing else was asked for), less than an area
+    # larger than a voxel (two pixels by default), smaller than an area
     step = max(3, max(data.shape) // 50)
     pairs = [(data[step:], data[:-step]), (data[:, step:], data[:, :-step])]
-    equal = sum(int(np.count_nonzero(a == b)) for a, b in pairs)  # NaN, which is outside, equals nothing
+    equal = sum(int(np.count_nonzero(a == b)) for a, b in pairs)  # NaN, outside the map, equals nothing
     inside = sum(int(np.count_nonzero(np.isfinite(a) & np.isfinite(b))) for a, b in pairs)
     return 2 * equal >= inside
 
@@ -42,18 +42,18 @@ def coloured(
     pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
     try:
         pixels[inside] = colormaps[colour_map or "gray"](level[inside], bytes=True)
-    except (KeyError, TypeError, ValueError):  # the latter of what is no name
-        raise InputError(f"matplotlib has no colour map {shown(colour_map)}") from None
+    except (KeyError, TypeError, ValueError):  # TypeError or ValueError if it is not a name
+        raise InputError(f"colour_map is {shown(colour_map)}. Pass the name of a matplotlib colour map") from None
     return pixels
 
 
 def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[np.float64], tuple[float, float]]:
-    """Return values from 0 to 1 between limits, by default percentiles, and the limits."""
+    """Return values scaled from 0 to 1 between limits, and the limits, which are percentiles by default."""
     inside = np.isfinite(data)
     if limits is not None:
         between = numbers_of(limits, "limits")
         if between.shape != (2,):
-            raise InputError(f"the limits are {shown(limits)}; give two numbers")
+            raise InputError(f"limits is {shown(limits)}. Pass two numbers")
         low, high = between.tolist()
     else:
         low, high = np.percentile(data[inside], WINDOW).tolist() if inside.any() else (0.0, 1.0)
@@ -61,7 +61,7 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
 
 
 def passing(data: NDArray[Any], above: float | None = None, below: float | None = None) -> NDArray[np.bool_]:
-    """Tell values greater than one threshold and less than the other; beyond either if `below` is less than `above`."""
+    """Return which values lie above one threshold and below another; or beyond either if `below` < `above`."""
     with np.errstate(invalid="ignore"):
         higher = data > above if above is not None else np.isfinite(data)
         lower = data < below if below is not None else np.isfinite(data)
@@ -70,7 +70,7 @@ def passing(data: NDArray[Any], above: float | None = None, below: float | None 
 
 
 def label_colours(data: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return a colour for every label (H, W, 4): the same in every image, and unlike its neighbours in number."""
+    """Return a colour for every label (H, W, 4), the same in every image; consecutive labels have distinct colours."""
     inside = np.isfinite(data)
     labels, which = np.unique(data[inside], return_inverse=True)
     pixels = np.zeros((*data.shape, 4), dtype=np.uint8)
@@ -80,7 +80,7 @@ def label_colours(data: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def label_colour(label: int) -> tuple[int, int, int]:
-    """Return the colour of a label that has none of its own: red, green, blue from 0 to 255."""
+    """Return the default colour of a label: red, green, blue from 0 to 255."""
     if label == 0:
         return _UNLABELLED
     hue, saturation, value = label * _GOLDEN_RATIO % 1, (0.9, 0.55)[label % 2], (1.0, 0.8, 0.6)[label % 3]
@@ -89,6 +89,6 @@ def label_colour(label: int) -> tuple[int, int, int]:
 
 
 def all_whole(data: NDArray[Any]) -> bool:
-    """Tell whether all values are whole numbers, or NaN."""
-    with np.errstate(invalid="ignore"):  # a NaN that signals
+    """Return whether all values are whole numbers or NaN."""
+    with np.errstate(invalid="ignore"):  # signalling NaN
         return bool(np.all((data == np.round(data)) | np.isnan(data)))

@@ -1,4 +1,4 @@
-"""How deep in the cortex: mm along the normals, or fractions of the way from the white to the pial surface."""
+"""Cortical depth: in mm along the normals, or as a fraction of the way from the white to the pial surface."""
 
 import math
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from voxflat.arguments import checked_choice, is_number, shown
 from voxflat.errors import InputError
 
 LAYERINGS = ("equivolume", "equidistant")
-"""What a fraction of cortical depth is a fraction of: the volume of the cortex there, or its thickness."""
+"""Whether a fraction of cortical depth refers to the local volume of the cortex or to its thickness."""
 
 
 @dataclass(frozen=True)
 class Depths:
-    """Where to sample, one or several."""
+    """One or several depths at which to sample."""
 
-    values: tuple[float, ...]  # mm outside the surface, or fractions from 0, the white surface, to 1, the pial one
-    layering: str | None = None  # of fractions one of `LAYERINGS`
+    values: tuple[float, ...]  # mm outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
+    layering: str | None = None  # for fractions, one of `LAYERINGS`
 
     @classmethod
     def of(
@@ -29,28 +29,28 @@ class Depths:
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
     ) -> "Depths":
-        """Check what was given for `FlatMap.image`."""
+        """Return the depths for the arguments of `FlatMap.image`, after checking them."""
         checked_choice(layering, "layering", LAYERINGS)
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
-            raise InputError("depth is in mm, fraction of the way from white to pial surface: give one of them")
+            raise InputError("depth (mm) and fraction (of the way from white to pial) are both given. Pass only one")
         values = _numbers(fraction, "fraction")
         for value in values:
             if not 0 <= value <= 1:
                 raise InputError(
-                    f"fraction is {value:g}; give numbers from 0, the white surface, to 1, the pial one (beyond: depth "
-                    "in mm)"
+                    f"fraction is {value:g}. Pass numbers from 0 (white surface) to 1 (pial surface), or use depth (in "
+                    "mm) outside the cortex"
                 )
         return cls(values, layering)
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of depths."""
         return len(self.values)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each is called."""
+        """The name of each depth."""
         if self.layering is None:
             return tuple(f"{value:g} mm" for value in self.values)
         return tuple(f"{self.layering} {value:g}" for value in self.values)
@@ -65,28 +65,29 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
     is_several |= isinstance(given, np.ndarray) and given.ndim > 0
     values: list[Any] = list(given) if is_several else [given]  # type: ignore[arg-type]
     if len(values) == 0:
-        raise InputError(f"{name} is empty; give one number or several")
+        raise InputError(f"{name} is empty. Pass one or more numbers")
     for value in values:
         if not is_number(value):
-            raise InputError(f"the {name} is {shown(value)}; give a number")
+            raise InputError(f"{name} is {shown(value)}. Pass a number")
         if not math.isfinite(value):
-            raise InputError(f"the {name} is {value}; give a finite number")
+            raise InputError(f"{name} is {value}. Pass a finite number")
     return tuple(float(value) for value in values)
 
 
 def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return the area around each vertex, mm²: a third of its triangles'."""
+    """Return the area around each vertex, mm², a third of the area of its triangles."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.asarray(np.bincount(faces.ravel(), np.repeat(areas, 3), len(points)), dtype=np.float64)
 
 
 def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[np.float64]:
-    """Return how far from the inner to the outer surface a fraction of the volume between them lies, as a fraction.
+    """Return the equivolume depth: the fraction of the distance below which a fraction of the volume lies.
 
-    After Waehnert et al. 2014, *Anatomically motivated modeling of cortical laminae*, equation 10, with areas that grow
-    linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀), here in the form α (A₁ + A₀)
-    / (√(α A₁² + (1 − α) A₀²) + A₀), which is the same and holds for equal areas, too; α where both are 0.
+    Equation 10 of Waehnert et al. 2014, *Anatomically motivated modeling of cortical laminae*, where areas grow
+    linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀). The equivalent form α (A₁ +
+    A₀) / (√(α A₁² + (1 − α) A₀²) + A₀) is used, which also holds for equal areas. The result is α where both areas are
+    0.
     """
     inner, outer = np.asarray(inner, dtype=np.float64), np.asarray(outer, dtype=np.float64)
     below = np.sqrt(fraction * outer**2 + (1 - fraction) * inner**2) + inner

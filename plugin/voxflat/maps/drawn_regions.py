@@ -1,4 +1,4 @@
-"""What is drawn on a map, as outlines or as pixels, becomes regions."""
+"""Regions drawn on a map, as outlines or as pixels."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -28,12 +28,12 @@ from voxflat.maps.sampling import majority
 from voxflat.maps.textures.pictures import decoded, header
 
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
-_BESIDE = 1.5  # pixels beyond the map in which a label image is continued
+_BESIDE = 1.5  # pixels by which a label image is extended beyond the map
 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Outlines, the last on top."""
+    """Outlines of regions; later ones cover earlier ones."""
 
     outlines: tuple[Outline, ...]
     keys: tuple[int, ...]
@@ -51,12 +51,12 @@ class _Drawn:
 
 
 def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return how often a polygon runs around places that are sorted by v, counterclockwise."""
+    """Return the winding number of a polygon, counterclockwise, around places that are sorted by v."""
     winding = np.zeros(len(places), dtype=np.int64)
     v = places[:, 1]
     starts, ends = loop, np.roll(loop, -1, axis=0)
     for (u0, v0), (u1, v1) in zip(starts.tolist(), ends.tolist(), strict=True):
-        low, high = np.searchsorted(v, sorted((v0, v1)), side="left")  # edges hold their lower end
+        low, high = np.searchsorted(v, sorted((v0, v1)), side="left")  # edges include their lower end
         if low == high:
             continue
         band = places[low:high]
@@ -67,14 +67,14 @@ def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """A label image on the pixels of the map: between their centres the label of the greatest weight."""
+    """A label image on the pixels of the map; between pixel centres the label with the greatest weight counts."""
 
     data: NDArray[np.int64]
     raster: Raster
 
     @cached_property
     def _continued(self) -> NDArray[np.int64]:
-        """The image, continued a little beyond the map, where its border cuts pixels."""
+        """The image, extended slightly beyond the map, whose border cuts pixels."""
         away, (rows, columns) = scipy.ndimage.distance_transform_edt(~self.raster.inside, return_indices=True)
         return np.where(away <= _BESIDE, self.data[rows, columns], 0)
 
@@ -96,7 +96,7 @@ class _Pixels:
 
 
 def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
-    """Take what was drawn as regions: as `FlatMap.regions`."""
+    """Return regions from any supported input, as `FlatMap.regions`."""
     name = Path(rois).name.lower() if isinstance(rois, str | os.PathLike) else ""
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
@@ -108,7 +108,7 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
             with naming(path, REMEDY):
                 data, size = _read_image(path)
                 return _pixels(of, data, pixel_size or size)
-        raise InputError(f"{path}: regions are read from .svg, .json, {', '.join(_IMAGES)}")
+        raise InputError(f"{path}: unsupported file type. Pass regions as .svg, .json, {', '.join(_IMAGES)}")
     if isinstance(rois, FlatImage):
         return _pixels(of, rois.data, rois.pixel_size)
     if hasattr(rois, "shape_type") and hasattr(rois, "data_to_world"):
@@ -126,8 +126,8 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
             return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
         return _drawn(of, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(rois, 1)])
     raise InputError(
-        f"regions are {type(rois).__name__}; give polygons of shape (k, 2) in mm by their names, a label image of the "
-        "map, a Shapes layer of napari, or an .svg, .json or image file"
+        f"cannot read regions from {type(rois).__name__}. Pass polygons of shape (k, 2) in mm by name, a label image "
+        "of the map, a napari Shapes layer, or an .svg, .json or image file"
     )
 
 
@@ -141,17 +141,18 @@ def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
         except InputError:
             loop = np.zeros(0)
         if loop.ndim != 2 or loop.shape[1:] != (2,) or len(loop) < 3:
-            raise InputError(f"{name}: a polygon has (u, v) of at least three corners, shape (k, 2), not {loop.shape}")
+            raise InputError(f"{name}: not a polygon (shape {loop.shape}). Pass at least 3 corners (u, v), in mm")
         if not np.isfinite(loop).all():
-            raise InputError(f"{name}: corner {int(np.flatnonzero(~np.isfinite(loop).all(axis=1))[0])} is not finite")
+            bad = int(np.flatnonzero(~np.isfinite(loop).all(axis=1))[0])
+            raise InputError(f"{name}: corner {bad} is not finite. Pass finite (u, v) in mm")
         found.append(loop)
     return tuple(found)
 
 
 def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
-    """Return outlines as regions; those of one name are one region."""
+    """Return outlines as regions; outlines with the same name form one region."""
     if not outlines:
-        raise InputError("there is no region: draw one")
+        raise InputError("there are no regions. Draw at least one")
     names = tuple(dict.fromkeys(outline.name for outline in outlines))
     keys = {name: key for key, name in enumerate(names, 1)}
     colours = {outline.name: outline.colour for outline in reversed(outlines)}
@@ -164,9 +165,9 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         corners = np.concatenate(outline.loops)
         if (corners.max(axis=0) < low).any() or (corners.min(axis=0) > high).any():
             raise InputError(
-                f"{outline.name} lies beside the map, around u = {corners[:, 0].mean():.4g}, "
-                f"v = {corners[:, 1].mean():.4g} mm; the map reaches from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, "
-                f"{high[1]:.4g}"
+                f"{outline.name} lies outside the map: its centre is at u = {corners[:, 0].mean():.4g}, "
+                f"v = {corners[:, 1].mean():.4g} mm, but the map extends from ({low[0]:.4g}, {low[1]:.4g}) to "
+                f"({high[0]:.4g}, {high[1]:.4g}) mm. Draw it on the map"
             )
     drawn = _Drawn(tuple(outlines), tuple(keys[outline.name] for outline in outlines))
     counts = np.zeros(len(uv), dtype=np.int64)
@@ -174,7 +175,7 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         own = [outline for outline in outlines if outline.name == name]
         counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
     if (counts > 1).any():
-        log.warning("%d points of the map lie in several regions; the last one drawn has them", int((counts > 1).sum()))
+        log.warning("%d points lie in several regions; the region drawn last contains them", int((counts > 1).sum()))
     return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
 
 
@@ -182,33 +183,33 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
     """Return a label image as regions."""
     values = array_of(data, "labels")
     if values.ndim != 2 or values.dtype.kind not in "biuf":
-        raise InputError(f"a label image has whole numbers of shape (H, W), not {values.dtype} of shape {values.shape}")
+        raise InputError(f"the label image is {values.dtype} of shape {values.shape}. Pass whole numbers (H, W)")
     raster = of.raster(pixel_size)
     if raster.shape != values.shape:
         raise InputError(
-            f"the label image has {values.shape[1]} x {values.shape[0]} pixels, the map at {raster.pixel_size:g} mm a "
-            f"pixel {raster.shape[1]} x {raster.shape[0]}: give the pixel size that it was drawn at"
+            f"the label image has {values.shape[1]} x {values.shape[0]} pixels, but the map has {raster.shape[1]} x "
+            f"{raster.shape[0]} at {raster.pixel_size:g} mm per pixel. Pass the pixel size at which it was drawn"
         )
     if not all_whole(values):
-        raise InputError("a label image has whole numbers, and this has others: is it one of intensities?")
-    with np.errstate(invalid="ignore"):  # what no whole number holds becomes a negative one
+        raise InputError("the label image has values that are not whole numbers. Pass labels instead of intensities")
+    with np.errstate(invalid="ignore"):  # values out of range become negative
         labels = np.nan_to_num(values).astype(np.int64)
     keys = tuple(np.unique(labels[raster.inside & (labels != 0)]).tolist())
     if not keys:
-        raise InputError("the label image is 0 everywhere on the map: there is no region")
+        raise InputError("the label image is 0 everywhere on the map. Draw at least one region")
     if keys[0] < 0 or keys[-1] >= 2**31:
-        raise InputError(f"labels are {keys[0]} to {keys[-1]}; give numbers from 1 to {2**31 - 1}")
+        raise InputError(f"labels range from {keys[0]} to {keys[-1]}. Use numbers from 1 to {2**31 - 1}")
     colours = np.array([label_colour(key) for key in keys], dtype=np.uint8)
     return Regions(of, tuple(map(str, keys)), keys, colours, _Pixels(labels, raster))
 
 
 def _of_shapes(layer: Any) -> list[Outline]:
-    """Return the shapes of a layer of napari, whose world has the axes −v and u."""
+    """Return the shapes of a napari layer, whose world coordinates are −v and u."""
     names = layer.features["name"] if "name" in getattr(layer, "features", {}) else None
     outlines = []
     for n, (corners, kind) in enumerate(zip(layer.data, layer.shape_type, strict=True)):
         if kind in ("line", "path"):
-            raise InputError(f"shape {n} of {layer.name} is a {kind}, which encloses nothing: draw polygons")
+            raise InputError(f"shape {n} of {layer.name} is a {kind}, which encloses no area. Draw a polygon")
         world = np.array([layer.data_to_world(corner) for corner in np.asarray(corners, dtype=np.float64)])[:, -2:]
         if kind == "ellipse":
             world = ellipse(world)
@@ -218,30 +219,30 @@ def _of_shapes(layer: Any) -> list[Outline]:
 
 
 def _read_polygons(path: Path) -> list[Outline]:
-    """Read polygons by their names: {"V1": [[u, v], ...]}, or several polygons each."""
-    with naming(path, 'give {"name": [[u, v], ...]} in mm'):
+    """Read polygons by name: {"V1": [[u, v], ...]}, with one or several polygons each."""
+    with naming(path, 'write {"name": [[u, v], ...]} in mm'):
         content = from_json(contents(path))
         if not isinstance(content, dict):
-            raise InputError("holds no regions by their names")
+            raise InputError('does not hold an object. Write {"name": [[u, v], ...]} in mm')
         return [Outline(name, _loops(loops, name)) for name, loops in content.items() if name != "provenance"]
 
 
 def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
-    """Return a label image, and the side of its pixels in mm, if its file says it."""
+    """Return a label image, and its pixel size in mm if the file defines it."""
     name = path.name.lower()
     check_regular(path)
     if name.endswith(".npy"):
         data = read_array(path)
         note(path)
         return data, None
-    if name.endswith(VOLUME_ENDINGS) and not name.endswith((".tif", ".tiff")):  # a picture here
+    if name.endswith(VOLUME_ENDINGS) and not name.endswith((".tif", ".tiff")):  # here TIFFs are pictures
         volume = as_volume(path)
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]
         )
     with header(path) as image:
         if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
-            raise InputError(f"has colours ({image.mode}), which are no labels: save it as .tif or .npy, or as greys")
+            raise InputError(f"is a colour image ({image.mode}). Save labels as .tif or .npy, or in grey levels")
         told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
         data = decoded(path, image)
     size = told.split("Pixel size: ")[-1].split(" mm")[0]

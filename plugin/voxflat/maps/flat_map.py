@@ -1,4 +1,4 @@
-"""Flat maps: what `voxflat.flatten` returns."""
+"""Flat maps: the class `FlatMap`, which `voxflat.flatten` returns, and `load`."""
 
 import importlib
 import math
@@ -41,43 +41,53 @@ MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply",
 class FlatMap(Planar):
     """A flattened surface.
 
+    It holds the place of each point in the plane and on the surface. Methods draw data on the map, carry pictures and
+    regions back to the surface, and save it.
+
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        The points' places in the plane, mm. The surface is seen from outside, superior up.
+        Places of the points in the plane, mm. The surface is seen from outside, with superior up.
     points : ndarray of float64, shape (N, 3)
-        The points on the surface, RAS+ mm in `space`: of a mesh the coordinates of its file.
+        Positions of the points on the surface, RAS+ mm in `space`; for meshes the coordinates of the file.
     normals : ndarray of float64, shape (N, 3)
-        Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
+        Outward unit normals (towards the background, RAS+). NaN for a one-voxel-thick surface, which has background on
+        both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
-        Their voxel indices (i, j, k), or vertex numbers in the mesh; the two sides of a cut share one. Vertices of a
-        mesh that were merged with another at their place have a row each, the last ones, there and in no triangle.
+        Voxel indices (i, j, k) or vertex numbers of the points; the two sides of a cut have the same. Vertices of a
+        mesh that were merged with another have rows of their own, the last ones, at the same place and without
+        triangles.
     faces : ndarray of uint32, shape (F, 3)
-        Triangles of points that cover the map, counterclockwise but for those that are turned over.
+        Triangles that cover the map, counterclockwise except where they are flipped.
     torn : ndarray of bool, shape (F,)
-        Triangles whose corners are neighbours in the plane but not on the surface: there the map is squeezed or folded.
-        Only maps over the 26-neighbour graph can have them, whose triangles are made in the plane.
+        Triangles whose corners are neighbours in the plane but not on the surface: there the map is compressed or
+        folded. Only maps over the 26-neighbour graph, whose triangles are made in the plane, can have them.
     sources : ndarray of int64, shape (m,)
-        The points from which distances were measured, as numbers into the rows above.
+        Points from which distances were measured, as row numbers.
     eigenvalues : ndarray of float64, shape (K,)
-        The scaling's eigenvalues of the largest magnitude, mm²; two that stand out mean a planar surface.
+        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values mean a planar surface.
     distortion : Distortion
-        What flattening did to the distances.
+        Errors of distances and changes of triangles.
     metadata : dict
         Parameters, affine, versions, checksum of the input, topology.
     rows : ndarray of float32, shape (m, N), or Table, or None
-        Geodesic distances from the sources, mm, if they were asked for. Those of a store (``metadata["store"]``) stay
-        there: `save` leaves them out, and merged vertices have no column.
+        Geodesic distances from the sources, mm, if requested. Those in a store (``metadata["store"]``) stay there:
+        `save` does not include them, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
-        Vertices of triangles that the mesh has and the map has not, though all their corners are in the map: a patch
-        file must not bring them back.
+        Triangles of the mesh that the map does not have although it has all their corners. A patch file must exclude
+        them.
     curvature : ndarray of float64, shape (N,), or None
-        Mean curvature at the points, 1/mm, positive on gyri: `Surface.mean_curvature` of the whole surface, before it
+        Mean curvature at the points, 1/mm, positive on gyri: `Surface.mean_curvature` of the whole surface before it
         was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
-        How deep in a fold they lie, mm, positive in sulci: `Surface.sulcal_depth`, likewise.
+        Depth of the points in folds, mm, positive in sulci, from `Surface.sulcal_depth` in the same way.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
-        The points on the white and on the pial surface, in `space`, where both are known: between them lies the cortex.
+        Positions of the points on the white and pial surfaces, in `space`, if both are known.
+
+    See Also
+    --------
+    Surface.flatten : Make a flat map.
+    load : Load a saved map.
 
     Examples
     --------
@@ -121,7 +131,19 @@ class FlatMap(Planar):
 
     @property
     def is_voxels(self) -> bool:
-        """Whether a volume was flattened."""
+        """Whether a volume was flattened, and not a mesh.
+
+        The points of a map of a volume are surface voxels.
+
+        See Also
+        --------
+        FlatMap.volume_shape : Shape of the volume.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().is_voxels
+        False
+        """
         return bool(self.metadata["kind"] == "voxels")
 
     @cached_property
@@ -132,42 +154,111 @@ class FlatMap(Planar):
 
     @property
     def space(self) -> Space:
-        """The space of its points, as `Surface.space`; `Space.to_scanner` carries them to where volumes lie."""
+        """The coordinate space of the points, as in `Surface.space`.
+
+        `Space.to_scanner` converts points to the scanner space in which volumes lie.
+
+        See Also
+        --------
+        FlatMap.points_to_map : Find points in space on the map.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().space.name
+        'unknown'
+        """
         return Space._of(self.metadata)
 
     @property
     def affine(self) -> NDArray[np.float64]:
-        """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
+        """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4).
+
+        Maps of meshes have none.
+
+        See Also
+        --------
+        FlatMap.volume_shape : Shape of the volume.
+
+        Examples
+        --------
+        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
+        >>> disk.flatten().affine.shape
+        (4, 4)
+        """
         return self._triangles.on_surface.affine
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
-        """Shape of the volume that was flattened."""
+        """The shape of the flattened volume.
+
+        Maps of meshes have none.
+
+        See Also
+        --------
+        FlatMap.paint : Write values into a volume of this shape.
+
+        Examples
+        --------
+        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
+        >>> disk.flatten().volume_shape
+        (24, 24, 24)
+        """
         return self._triangles.on_surface.volume_shape
 
     @cached_property
     def spacing(self) -> float:
-        """Typical distance of neighbouring points, mm: of voxels the geometric mean of the three spacings."""
+        """The typical distance between neighbouring points, mm.
+
+        For voxels it is the geometric mean of the three spacings.
+
+        See Also
+        --------
+        FlatMap.pixel_size : Default size of a pixel.
+
+        Examples
+        --------
+        >>> round(voxflat.samples.hill().flatten().spacing, 1)
+        2.1
+        """
         return usual_spacing(self.metadata, self.uv, self.faces)
 
     @property
     def pixel_size(self) -> float:
-        """Side of a pixel unless another is given, mm: half of `spacing`."""
+        """The default side length of a pixel, mm.
+
+        It is half of `spacing`.
+
+        See Also
+        --------
+        FlatMap.raster : Return the pixels of the map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.pixel_size == flat_map.spacing / 2
+        True
+        """
         return self.spacing / 2
 
     @telling()
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
-        """Return the distortion of each point as an image on the same pixels as `image`.
+        """Return the distance error at each point as an image.
+
+        The image has the same pixels as those from `image`.
 
         Parameters
         ----------
         pixel_size : float, optional
-            Side of a pixel, mm; by default half of `spacing`.
+            Side length of a pixel, mm; by default half of `spacing`.
 
         Returns
         -------
         FlatImage
             Mean relative error of the distances from each place, as a fraction; NaN outside the map.
+
+        See Also
+        --------
+        FlatMap.image : Show data on the map.
 
         Examples
         --------
@@ -182,17 +273,24 @@ class FlatMap(Planar):
         )
 
     def texture(self, picture: ArrayLike) -> NDArray[Any]:
-        """Carry a picture back to the surface (Grossmann et al. 2002, figures 11 to 13).
+        """Transfer a picture from the map to the surface.
+
+        See also Grossmann et al. 2002, figures 11 to 13.
 
         Parameters
         ----------
         picture : array_like, shape (H, W) or (H, W, C)
-            MapLike over the map: centred, in its proportions, just covering the map's bounding box.
+            The picture, which is centred on the map and scaled, with its proportions kept, to just cover the map's
+            bounding box.
 
         Returns
         -------
         ndarray, shape (N,) or (N, C)
-            The picture's value at each surface voxel, of the picture's type.
+            Value of the picture at each point, with the type of the picture.
+
+        See Also
+        --------
+        FlatMap.textured : Return the surface with a picture on it.
 
         Examples
         --------
@@ -206,32 +304,36 @@ class FlatMap(Planar):
 
     @telling()
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
-        """Map a picture onto the surface (Zigelman et al. 2002, section V).
+        """Return the surface with a picture on it (Zigelman et al. 2002, section V).
 
-        It is laid over the map as in `texture`, and by the map onto the surface, which keeps its triangles; those that
-        are torn are left out.
+        The picture is placed on the map as in `texture`, and the map gives the texture coordinates of the surface. The
+        surface keeps its triangles, except for torn ones.
 
         Parameters
         ----------
         picture : path, ndarray or PIL.Image.Image
-            Grey or colours, with opacity or not. An array: (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of
-            floats from 0 to 1.
+            A grey or colour picture, optionally with opacity. Arrays have shape (H, W), (H, W, 3) or (H, W, 4), and
+            type uint8, bool, or float from 0 to 1.
         texel_size : float, optional
-            Side of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+            Side length of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
         repeat : bool
-            Whether the picture goes on beyond its borders.
+            Whether the picture is repeated beyond its borders.
 
         Returns
         -------
         TexturedSurface
-            To be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
+            The surface, to be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
 
         Raises
         ------
         InputError
-            If it is no picture, or does not cover the map and is not to be repeated.
+            If it is not a picture, or does not cover the map and `repeat` is False.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
+
+        See Also
+        --------
+        FlatMap.texture : Return the picture's value at each point.
 
         Examples
         --------
@@ -247,23 +349,30 @@ class FlatMap(Planar):
         return TexturedSurface(self.space.to_scanner(self.points), faces, coordinates, colours, repeat, source)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
-        """Put values of the points into a volume of the flattened volume's shape.
+        """Write values at the points into a volume of the flattened volume's shape.
+
+        Only maps of volumes have voxels.
 
         Parameters
         ----------
         values : array_like, shape (N,) or (N, C)
-            One value, or one row, a point.
+            One value, or one row, per point.
         background : float, optional
             Value of all other voxels.
 
         Returns
         -------
         ndarray, shape (I, J, K) or (I, J, K, C)
+            The volume, with the type of the values.
 
         Raises
         ------
         InputError
-            If there is not one value a point, or the type of the values cannot hold the background.
+            If there is not one value per point, or the type of the values cannot hold the background.
+
+        See Also
+        --------
+        FlatMap.regions : Transfer regions to voxels.
 
         Examples
         --------
@@ -274,11 +383,11 @@ class FlatMap(Planar):
         """
         values = array_of(values, "values")
         if not is_number(background):
-            raise InputError(f"the background is {shown(background)}; give a number")
+            raise InputError(f"background is {shown(background)}. Pass a number")
         if not _holds(values.dtype, background):
-            raise InputError(f"the background is {shown(background)}, which is no {values.dtype}; convert the values")
+            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert values")
         if values.ndim not in (1, 2) or len(values) != len(self):
-            raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
+            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one each")
         self._triangles.on_surface.need_volume("has no voxels to paint")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
@@ -286,31 +395,38 @@ class FlatMap(Planar):
 
     @telling()
     def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
-        """Take regions of interest that were drawn on the map, to carry them to vertices and voxels.
+        """Read regions of interest that were drawn on the map.
+
+        The result transfers them to vertices and voxels.
 
         Parameters
         ----------
         rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
-            Polygons in mm: (k, 2), several in a list, or by their names, {"V1": polygon}; a name may have several,
-            which enclose a region together. A label image on the map's pixels, shape (H, W), 0 for none. A Shapes layer
-            over the map in napari, with the column "name" of its features. A file: ``.svg``, a figure of voxflat with
-            paths in a layer; ``.json``, polygons by their names; ``.npy``, ``.png``, ``.tif``, ``.nii``, ``.nii.gz``, a
-            label image.
+            Polygons (k, 2) in mm: one, a list, or a dict by name, such as {"V1": polygon}; several polygons under one
+            name enclose a region together. Or a label image on the map's pixels, shape (H, W), with 0 for none. Or a
+            napari Shapes layer over the map, with the names in the column "name" of its features. Or a file: ``.svg``,
+            a figure of voxflat with paths in a layer; ``.json``, polygons by name; ``.npy``, ``.png``, ``.tif``,
+            ``.nii`` or ``.nii.gz``, a label image.
         layer : str
-            The layer of an SVG file in which the regions were drawn.
+            Layer of an SVG file in which the regions were drawn.
         pixel_size : float, optional
-            At which a label image was drawn, mm; by default what its file says, else `pixel_size`.
+            Pixel size at which a label image was drawn, mm; by default the one in its file, or `pixel_size`.
 
         Returns
         -------
         Regions
+            The regions, on the map.
 
         Raises
         ------
         InputError
-            If they cannot be understood, are empty, or lie beside the map.
+            If the regions cannot be read, are empty, or lie outside the map.
         FileNotFoundError, PermissionError
             If a file cannot be opened.
+
+        See Also
+        --------
+        FlatMap.paint : Write values into a volume.
 
         Examples
         --------
@@ -324,10 +440,16 @@ class FlatMap(Planar):
     def description(self) -> dict[str, Any]:
         """Return the metadata with the distortion figures, ready for JSON.
 
+        Undefined figures are None.
+
         Returns
         -------
         dict
-            ``metadata``, and ``distortion`` as from `Distortion.figures`.
+            The metadata, and under ``distortion`` the result of `Distortion.figures`.
+
+        See Also
+        --------
+        FlatMap.provenance : Record of how the map was made.
 
         Examples
         --------
@@ -339,41 +461,59 @@ class FlatMap(Planar):
 
     @property
     def provenance(self) -> Record:
-        """What made it: version, function, parameters, the files that were read, warnings, and figures."""
+        """The record of how the map was made.
+
+        It lists version, function, parameters, input files, warnings and distortion figures.
+
+        See Also
+        --------
+        FlatMap.save : Save the map with this record.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().provenance["function"]
+        'flatten'
+        """
         told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
-        """Return the same map with a record of what made it; its store of rows gets the record, too."""
+        """Return the map with a record of how it was made; its store of rows gets the record, too."""
         full = resolved(record, self.metadata)
         if "store" in self.metadata:
             write_provenance(self.metadata["store"], full)
         return replace(self, metadata={**self.metadata, "provenance": full})
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the map to a file, all of it or nothing.
+        """Save the map to a file.
+
+        The ending of the name selects the format. The file is either complete or not written at all.
 
         Parameters
         ----------
         path : path
-            Its ending says what is saved: .npz or .voxflat everything, to be loaded again; .vtp, .ply and .obj the
-            triangles in the plane; .surf.gii a flat surface for Connectome Workbench; .patch.flat and .flat.patch.3d a
-            FreeSurfer patch, for pycortex, too. A surface and a patch have the mesh's own vertex numbers and one place
-            for each: where a cut doubles a vertex only one side of it is kept, and in a patch vertices on the lips are
-            left out, so that its readers find no triangle across the cut. How many triangles that costs is said, and so
-            is how many are left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``).
-            .npz, .voxflat and GIFTI hold `provenance`.
+            ``.npz`` and ``.voxflat`` hold everything, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the triangles in
+            the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and ``.flat.patch.3d``
+            are FreeSurfer patches, which pycortex reads, too. Surfaces and patches have the mesh's own vertex numbers
+            and one place per vertex. Where a cut duplicates vertices, only one side is kept; patches exclude vertices
+            on both sides of cuts, so that readers find no triangle across. A warning reports how many triangles are
+            lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data
+            ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
         sidecar : bool
-            Write `provenance` to ``<path>.json``, too.
+            Also write `provenance` to ``<path>.json``.
         overwrite : bool
-            Replace a file of that name that voxflat did not write.
+            Replace an existing file that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending, or is a file that the map was made of.
+            If the ending is not supported, or the path is an input file of the map.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        load : Load a saved map.
 
         Examples
         --------
@@ -387,7 +527,7 @@ class FlatMap(Planar):
             self._write(path, name)
 
     def _write(self, path: Path, name: str) -> None:
-        """Write the file that a name's ending says."""
+        """Write the file in the format that the ending selects."""
         if name.endswith(SAVED_ENDINGS):
             self._save_all(path)
         elif name.endswith(FLAT_PATCH_ENDINGS):
@@ -402,8 +542,8 @@ class FlatMap(Planar):
             write_mesh(path, self._mesh())
         else:
             endings = " or ".join(MAP_ENDINGS)
-            why = f": {PATCH_ENDING} alone is a patch in space" if name.endswith(PATCH_ENDING) else ""
-            raise InputError(f"cannot save a map as {path.name}{why}; give a name that ends in {endings}")
+            why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
+            raise InputError(f"cannot save a map as {path.name}{why}. Use a name that ends in {endings}")
 
     def _save_all(self, path: Path) -> None:
         arrays: dict[str, Any] = {
@@ -431,19 +571,19 @@ class FlatMap(Planar):
 
     @property
     def _places(self) -> NDArray[np.float64]:
-        """The points' places as points in space, z = 0."""
+        """Places of the points as 3-D points with z = 0."""
         return np.column_stack([self.uv, np.zeros(len(self))])
 
     def _mesh(self, *, with_torn: bool = False) -> Mesh:
-        """Return the map as a mesh in the plane; torn triangles are marked, or left out."""
+        """Return the map as a mesh in the plane; torn triangles are marked or removed."""
         faces, face_data = self.faces.astype(np.int64), {}
         if with_torn and self.torn.any():
             face_data["torn"] = self.torn.astype(np.uint8)
         elif self.torn.any():
             faces = faces[~self.torn]
             log.warning(
-                "%d of %d triangles are torn: between their corners there is no surface; they are left out of the file "
-                "(a .vtp holds them, marked)",
+                "%d of %d triangles are torn (there is no surface between their corners). They are not written to the "
+                "file; save as .vtp to keep them, marked as torn",
                 len(self.torn) - len(faces),
                 len(self.torn),
             )
@@ -451,7 +591,7 @@ class FlatMap(Planar):
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 
     def _flat_mesh(self) -> Mesh:
-        """Return the map as a mesh in the plane, with the vertex numbers of the flattened mesh if it was one."""
+        """Return the map as a mesh in the plane; maps of meshes keep the vertex numbers of the mesh."""
         if self.is_voxels:
             return self._mesh()
         count, structure = self.metadata["vertices"], self.metadata.get("structure")
@@ -460,7 +600,7 @@ class FlatMap(Planar):
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
-            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+            raise InputError("a patch file needs vertex numbers of a mesh, but this map has voxels. Use .surf.gii")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
 
@@ -469,13 +609,17 @@ class FlatMap(Planar):
     def to_nilearn(self) -> Any:
         """Convert the map of a mesh to nilearn's ``InMemoryMesh``, for ``plot_surf`` and ``view_surf``.
 
-        It has the vertices of the mesh that was flattened, in their order, so that data on that mesh can be plotted on
-        it. Vertices that the map leaves out lie at the origin and belong to no triangle.
+        The result has the vertices of the flattened mesh, in the same order, so data on that mesh can be plotted on it.
+        Vertices that the map excludes lie at the origin and belong to no triangle.
 
         Returns
         -------
         nilearn.surface.InMemoryMesh
             Coordinates (u, v, 0), mm.
+
+        See Also
+        --------
+        FlatMap.to_gifti : Convert the map to nibabel's GiftiImage.
 
         Examples
         --------
@@ -487,12 +631,18 @@ class FlatMap(Planar):
         return require("nilearn.surface", "demo").InMemoryMesh(mesh.points, mesh.faces)
 
     def to_gifti(self) -> Any:
-        """Convert the map to nibabel's ``GiftiImage``, a flat surface as ``save("map.surf.gii")`` writes it.
+        """Convert the map to nibabel's ``GiftiImage``.
+
+        The result is the flat surface that ``save("map.surf.gii")`` writes.
 
         Returns
         -------
         nibabel.gifti.GiftiImage
-            With the vertices of the mesh that was flattened.
+            The flat surface, with the vertices of the flattened mesh.
+
+        See Also
+        --------
+        FlatMap.to_nilearn : Convert the map to nilearn's InMemoryMesh.
 
         Examples
         --------
@@ -506,10 +656,16 @@ class FlatMap(Planar):
     def to_trimesh(self) -> Any:
         """Convert the map to ``trimesh.Trimesh``, in the plane.
 
+        The result has the vertices of the flattened mesh.
+
         Returns
         -------
         trimesh.Trimesh
-            With the vertices of the mesh that was flattened, (u, v, 0) in mm.
+            Coordinates (u, v, 0), mm.
+
+        See Also
+        --------
+        FlatMap.to_pyvista : Convert the map to pyvista.PolyData.
 
         Examples
         --------
@@ -521,12 +677,18 @@ class FlatMap(Planar):
         return require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
 
     def to_pyvista(self) -> Any:
-        """Convert the map to ``pyvista.PolyData``, in the plane, with its distortion as point data.
+        """Convert the map to ``pyvista.PolyData``, in the plane.
+
+        Distortion figures are included as point data, as in the result of ``mesh.voxflat()``.
 
         Returns
         -------
         pyvista.PolyData
-            With a point for each row of the map, as ``mesh.voxflat()`` returns it.
+            One point for each row of the map.
+
+        See Also
+        --------
+        FlatMap.to_trimesh : Convert the map to trimesh.Trimesh.
 
         Examples
         --------
@@ -538,14 +700,16 @@ class FlatMap(Planar):
         return _drawing("_pyvista.flat").to_polydata(self)
 
     def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
-        """Draw the map, as `voxflat.figures.flat_map` and the command ``voxflat figure`` do.
+        """Draw the map with matplotlib.
+
+        The options are those of `voxflat.figures.flat_map` and of the command ``voxflat figure``.
 
         Parameters
         ----------
         overlay : Overlay, path, ndarray, image object or Volume, optional
-            Data over the folds.
+            Data shown over the folds.
         ax : matplotlib.axes.Axes, optional
-            Draw into these axes; by default into a new figure.
+            Axes in which to draw; by default a new figure.
         **options
             As in `voxflat.figures.flat_map`.
 
@@ -557,7 +721,11 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            As `voxflat.figures.flat_map`.
+            As in `voxflat.figures.flat_map`.
+
+        See Also
+        --------
+        FlatMap.image : Show data on the map as an array.
 
         Examples
         --------
@@ -571,19 +739,19 @@ class FlatMap(Planar):
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:
-        """Return the picture and the figures of the map, for Jupyter."""
+        """Return a picture of the map and a table of its figures, for Jupyter."""
         figure = _drawing("figures").flat_map(self)
-        return page(self, self.distortion.table(), figure, "The flat map, coloured by its folds")
+        return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
 
 
 def _drawing(module: str) -> Any:
-    """Import a module that draws, which stands above maps and needs packages that not everybody has."""
+    """Import a drawing module, which depends on maps and needs optional packages."""
     return importlib.import_module(f"voxflat.{module}")
 
 
 def _holds(dtype: np.dtype[Any], number: float) -> bool:
-    """Say whether a number is one of a type, but for the digits that rounding takes."""
-    number = number.item() if isinstance(number, np.generic) else number  # or limits would be cast to its type
+    """Return whether a type can hold a number, except for rounding."""
+    number = number.item() if isinstance(number, np.generic) else number  # otherwise limits would be cast to its type
     if dtype.kind in "iu":
         bounds = np.iinfo(dtype)
         return bool(bounds.min <= number <= bounds.max) and int(number) == number
@@ -595,6 +763,8 @@ def _holds(dtype: np.dtype[Any], number: float) -> bool:
 def load(path: str | os.PathLike[str]) -> FlatMap:
     """Load a flat map that was saved with `FlatMap.save`.
 
+    The file must hold everything; flat surfaces and patches do not.
+
     Parameters
     ----------
     path : path
@@ -603,13 +773,18 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     Returns
     -------
     FlatMap
+        The map.
 
     Raises
     ------
     InputError
-        If the file is damaged or is no flat map.
+        If the file is damaged or is not a flat map.
     FileNotFoundError
         If there is no such file.
+
+    See Also
+    --------
+    FlatMap.save : Save a map.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Flat images as files: PNG for people, TIFF and NIfTI for programs that measure, NumPy for the rest."""
+"""Flat images as files: PNG for viewing, TIFF and NIfTI for measurements, NumPy for further use."""
 
 import gzip
 import os
@@ -23,7 +23,7 @@ from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
 _TIFF_DESCRIPTION, _TIFF_PAGE_NAME, _TIFF_CENTIMETRE = 270, 285, 3
 _TIFF_LIMIT = 1 << 32  # bytes
-_GZIP_LEVEL = 1  # as nibabel's: noise becomes hardly smaller by more
+_GZIP_LEVEL = 1  # as in nibabel; higher levels hardly compress noise
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
@@ -37,16 +37,16 @@ def write_image(
     record: Record | None = None,
     unit: str = "mm",
 ) -> None:
-    """Write a flat image to a file, all of it or nothing; see `FlatImage.save`."""
+    """Write a flat image to a file (completely or not at all); see `FlatImage.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
-        raise InputError(f"cannot write an image as {path.name}; give a name that ends in {', '.join(IMAGE_ENDINGS)}")
+        raise InputError(f"cannot save an image as {path.name}. Use a name that ends in {', '.join(IMAGE_ENDINGS)}")
     write(path, data, _in_mm(affine, unit), name, labels, record or {}, unit != "unknown")
 
 
 def _in_mm(affine: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
-    """Return an affine to a unit as one to mm; that to an unknown one as it is."""
+    """Convert an affine to mm, unless its unit is unknown."""
     return affine if unit == "unknown" else np.asarray(np.diag([millimetres(unit)] * 3 + [1.0]) @ affine)
 
 
@@ -59,12 +59,12 @@ def _write_png(
     if data.ndim == 3:
         pixels, values = data, "colours"
     elif labels:
-        pixels, values = label_colours(data), "labels, each in a colour of its own"
+        pixels, values = label_colours(data), "labels, each in its own colour"
     else:
         pixels, values = _grey(data)
     for key, value in {**_description(affine, name, record, has_unit), "Values": values}.items():
         text.add_itxt(key, value)
-    per_inch = 25.4 / affine[2, 2]  # stored as whole pixels per metre, hence the pixel size as text, too
+    per_inch = 25.4 / affine[2, 2]  # PNG stores whole pixels per metre, so the pixel size is also written as text
     resolution = {"dpi": (per_inch, per_inch)} if has_unit else {}
     with atomic_path(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=text, **resolution)
@@ -111,7 +111,7 @@ _Values = Iterator[NDArray[np.float32]]
 
 
 class _Image(Protocol):
-    """As `FlatImage`."""
+    """The part of `FlatImage` that is used here."""
 
     @property
     def data(self) -> NDArray[Any]: ...
@@ -122,7 +122,7 @@ class _Image(Protocol):
 
 
 class _Stack(Protocol):
-    """As `FlatStack`."""
+    """The part of `FlatStack` that is used here."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -139,19 +139,19 @@ class _Stack(Protocol):
 def write_stack(
     path: str | os.PathLike[str], stack: _Stack, record: Record | None = None, progress: Progress | None = None
 ) -> None:
-    """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`."""
+    """Write several images to one file (completely or not at all); see `FlatStack.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         endings = ", ".join(_STACK_WRITERS)
         listed = textwrap.shorten(", ".join(map(str, stack.names if any(stack.names) else range(len(stack)))), 300)
         raise InputError(
-            f"{path.name} would hold one image, and there are {len(stack)} ({listed}): choose one by its name or "
-            f"number (channel), or give a name that ends in {endings}"
+            f"{path.name} can hold only one image, but there are {len(stack)} ({listed}). Select one by name or number "
+            f"(channel), or use a name that ends in {endings}"
         )
     first = stack[0]
     if first.data.ndim != 2:
-        raise InputError("colours are no channels: save them as one image")
+        raise InputError("colours cannot be saved as channels. Save them as one image")
     images = chain([first], (stack[n] for n in range(1, len(stack))))
     values = (_measured(image.data).astype("<f4", copy=False) for image in images)
     with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
@@ -159,7 +159,7 @@ def write_stack(
 
 
 def _shown(images: _Values, count: int, name: str, progress: Progress | None) -> _Values:
-    """Show progress after each image."""
+    """Report progress after each image."""
     for done, image in enumerate(images, 1):
         yield image
         if progress is not None and progress(f"writing {name}", done, count) is False:
@@ -167,7 +167,7 @@ def _shown(images: _Values, count: int, name: str, progress: Progress | None) ->
 
 
 def _frames_and_channels(stack: _Stack) -> tuple[int, int]:
-    """Return how many frames a stack has, 1 where it is no series, and how many images each."""
+    """Return the number of frames of a stack (1 if it is not a series), and of images per frame."""
     channels = max(1, len(stack.layers)) if stack.timing is not None else len(stack)
     return len(stack) // channels, channels
 
@@ -182,7 +182,7 @@ def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values,
     from PIL import TiffImagePlugin
 
     if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
-        raise InputError(f"{len(stack)} images are more than the 4 GiB that a TIFF holds: use .nii, .zarr or .npy")
+        raise InputError(f"{len(stack)} images exceed the 4 GiB limit of TIFF. Save as .nii, .zarr or .npy")
     resolution = _resolution(_in_mm(first.affine, first.unit), first.unit != "unknown")
     with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
         for n, pixels in enumerate(values):
@@ -195,7 +195,7 @@ def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values,
 
 
 def _ome(stack: _Stack, first: _Image, record: Record) -> str:
-    """Return the description of an OME-TIFF: what Bio-Formats, Fiji and tifffile know the axes and their units by."""
+    """Return the description of an OME-TIFF, from which Bio-Formats, Fiji and tifffile read the axes and units."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
     affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
@@ -213,7 +213,7 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
         named = {"Name": name} if name else {}
         ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": "1"})
     ElementTree.SubElement(body, "TiffData")
-    text: bytes = ElementTree.tostring(root, encoding="us-ascii")  # TIFF's own limit
+    text: bytes = ElementTree.tostring(root, encoding="us-ascii")  # TIFF text is ASCII
     return text.decode("ascii")
 
 
@@ -221,7 +221,7 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
-        raise InputError(f"{len(stack)} images of {width} x {height} pixels are too many for NIfTI-1: use .npy")
+        raise InputError(f"{len(stack)} images of {width} x {height} pixels exceed NIfTI-1's limit. Save as .npy")
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
     depths, timing = max(1, len(stack.layers)), stack.timing
@@ -258,9 +258,9 @@ def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values,
 
 
 def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
-    """Write OME-Zarr 0.4, which readers of any age know: axes t or c (t and c), y = −v, x = u."""
+    """Write OME-Zarr 0.4, which all readers support, with the axes t or c (t and c), y = −v, x = u."""
     zarr = require("zarr")
-    form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only one before
+    form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only format before
     frames, channels = _frames_and_channels(stack)
     affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
     timing, size = stack.timing, float(affine[2, 2])
@@ -312,7 +312,7 @@ _STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None
     ".zarr": _write_zarr,
     ".npy": _write_npy_series,
 }
-STACK_ENDINGS = tuple(_STACK_WRITERS)  # endings of what `FlatStack.save` writes
+STACK_ENDINGS = tuple(_STACK_WRITERS)  # endings of the files that `FlatStack.save` writes
 
 
 def _described(affine: NDArray[np.float64], name: str, record: Record, has_unit: bool) -> str:
@@ -320,7 +320,7 @@ def _described(affine: NDArray[np.float64], name: str, record: Record, has_unit:
 
 
 def _resolution(affine: NDArray[np.float64], has_unit: bool) -> dict[str, float]:
-    """Return TIFF's resolution."""
+    """Return the resolution tags of TIFF."""
     per_cm = 10 / float(affine[2, 2])
     if not has_unit:
         return {}
@@ -339,21 +339,21 @@ def _description(affine: NDArray[np.float64], name: str, record: Record, has_uni
 
 
 def _grey(data: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
-    """Return grey levels and opacity (H, W, 2), and what black and white mean."""
+    """Return grey levels and opacity (H, W, 2), and a description of black and white."""
     inside = np.isfinite(data)
     level, (low, high) = levels(data, None)
     pixels = np.zeros((*data.shape, 2), dtype=np.uint8)
     pixels[inside, 0] = np.round(255 * level[inside])
     pixels[inside, 1] = 255
-    return pixels, f"black {low:g}, white {high:g} ({WINDOW[0]}st and {WINDOW[1]}th percentile)"
+    return pixels, f"black {low:g}, white {high:g} ({WINDOW[0]}st and {WINDOW[1]}th percentiles)"
 
 
 def _measured(data: NDArray[Any]) -> NDArray[Any]:
-    """Return colours as they are, and values as float32; labels must not change."""
+    """Return colours unchanged and values as float32; labels that float32 cannot represent are an error."""
     if data.ndim == 3:
         return data
     single = data.astype(np.float32)
     if all_whole(data) and not np.array_equal(single, data, equal_nan=True):
         largest = np.nanmax(np.abs(data))
-        raise InputError(f"labels up to {largest:.0f} are too large for float32, which this format holds: use .npy")
+        raise InputError(f"labels up to {largest:.0f} are too large for float32, as this format has. Save as .npy")
     return single

@@ -1,13 +1,13 @@
-"""Lines on a map: its outline, and the smooth borders between regions of labels."""
+"""Lines on a map: its outline, and smooth borders between labelled regions."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-_STEPS = 60  # of smoothing
-_NEAREST = 0.1  # to a vertex, as a part of the edge that the line crosses
-_AROUND = 256  # corners of the polygon that stands for an ellipse
+_STEPS = 60  # smoothing steps
+_NEAREST = 0.1  # smallest distance to a vertex, as a share of the edge
+_AROUND = 256  # corners of the polygon that approximates an ellipse
 
 
 def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.float64]]:
@@ -16,25 +16,25 @@ def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.flo
 
 
 def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
-    """Return the edges that only one triangle has, as lines of points; a closed line's first is its last, too."""
+    """Return the boundary edges as lines of points; a closed line ends at its first point."""
     edges, _, counts = _edges(faces, count)
     return chains(edges[counts == 1])
 
 
 def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the ellipse that a parallelogram (4, D) encloses, as a polygon."""
+    """Return the ellipse inscribed in a parallelogram (4, D), as a polygon."""
     a, b, middle = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2, corners.mean(axis=0)
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)[:, None]
     return np.asarray(middle + np.cos(turn) * a + np.sin(turn) * b)
 
 
 def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]) -> list[NDArray[np.float64]]:
-    """Return the borders between labels of points as lines, mm, by marching triangles, smoothed.
+    """Return smooth borders between the labels of points as lines, mm, by marching triangles.
 
-    A border crosses the edges whose ends have different labels, at first midway. It is smoothed by moving each crossing
-    along its own edge towards the middle of its neighbours, and never to an end: so each vertex stays on its side, and
-    a border lies within half an edge of where the labels change. Where three labels meet it goes through the triangle's
-    centre, straight from its edges' middles.
+    A border crosses the edges whose ends have different labels, initially midway. Smoothing moves each crossing along
+    its edge towards the middle of its neighbours, but never to an end. So each vertex stays on its side, and a border
+    lies within half an edge of the place where labels change. Where three labels meet, borders lead straight from the
+    middles of the edges to the triangle's centre.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
     places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
@@ -49,7 +49,7 @@ def region_corners(
     corners: NDArray[Any],
     weights: NDArray[np.floating[Any]],
 ) -> NDArray[np.int64]:
-    """Tell for places, by their triangle's points (M, 3) and weights, the point on the same side of the `borders`."""
+    """Return the point on the same side of the `borders` for places given by triangle points (M, 3) and weights."""
     corners = corners.astype(np.int64)
     own = labels[corners]
     best = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -60,7 +60,7 @@ def region_corners(
     edges, share, _, _ = _crossings(uv, faces, labels)
     keys = edges[:, 0] * len(uv) + edges[:, 1]
     order = np.argsort(keys)
-    lone = (same[two].argmax(axis=1) + 2) % 3  # the corner that is unlike the two others
+    lone = (same[two].argmax(axis=1) + 2) % 3  # the corner whose label differs from the other two
     rows = np.arange(len(lone))
     inside = corners[two]
     away = np.zeros(len(lone))
@@ -76,11 +76,11 @@ def region_corners(
 
 
 def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Join links, pairs of numbers, to lines that end where not two meet; a closed line's first is its last, too."""
+    """Join links, pairs of numbers, to lines that end at junctions; a closed line ends at its first point."""
     points, first, ends = np.unique(links, return_index=True, return_inverse=True)
     order = np.argsort(ends, axis=None, kind="stable")
-    begin = np.searchsorted(ends.ravel()[order], np.arange(len(points) + 1)).tolist()  # of each point among the ways
-    ways = (order // 2).tolist()  # flat: a list for each point has Python look for garbage
+    begin = np.searchsorted(ends.ravel()[order], np.arange(len(points) + 1)).tolist()  # each point's start in `ways`
+    ways = (order // 2).tolist()  # one flat list: a list per point is slow in garbage collection
     sides = [side.tolist() for side in ends.reshape(-1, 2).T]
     is_used = [False] * len(links)
 
@@ -99,7 +99,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
         return points[line].astype(np.int64)
 
     lines = []
-    for at in np.argsort(first).tolist():  # from ends and junctions, then what is closed
+    for at in np.argsort(first).tolist():  # first from ends and junctions, then closed lines
         around = ways[begin[at] : begin[at + 1]]
         if len(around) != 2:
             lines += [follow(at, number) for number in around if not is_used[number]]
@@ -110,7 +110,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
 
 
 def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return edges (E, 2), smaller number first; each face's (F, 3), corner k to k + 1; how many faces have one."""
+    """Return edges (E, 2), smaller number first; the edges of each face (F, 3); and the face count of each edge."""
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = ends.min(axis=2) * count + ends.max(axis=2)
@@ -121,7 +121,7 @@ def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[
 def _crossings(
     uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return edges that borders cross, where (a share), links of crossings, and centres, numbered after the edges."""
+    """Return the edges that borders cross, where (a share), links of crossings, and centres, numbered after edges."""
     edges, of_face, _ = _edges(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)

@@ -1,4 +1,4 @@
-"""The archive that holds all of a flat map, and a map as a mesh with the numbers of the surface's vertices."""
+"""Files of flat maps, and maps as meshes with the vertex numbers of the surface."""
 
 import os
 from pathlib import Path
@@ -35,23 +35,23 @@ _FORMAT = 5
 
 
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
-    """Write a map's arrays and what describes it to an archive, all of it or nothing."""
+    """Write a map's arrays and description to an archive (completely or not at all)."""
     text = as_text({"format": _FORMAT, **description})
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, metadata=np.array(text), **arrays)
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the fields of a `FlatMap`, checked against each other; a damaged file is an `InputError`."""
+    """Read the fields of a `FlatMap`, checked against each other; a damaged file raises an `InputError`."""
     with naming(path, AGAIN):
         check_regular(checked_path(path))
     with holding(path, "a flat map"):
         arrays = read_arrays(path)
         metadata = from_json(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
-            raise InputError(f"{path} was written by another version of voxflat; flatten again")
+            raise InputError(f"{path} was written by another version of voxflat. Flatten the surface again")
         note(path)
-        uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without them ends here
+        uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without them fails here
         with naming(path, AGAIN):
             arrays = _checked(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
@@ -62,19 +62,19 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
-        Space._of(metadata)  # a damaged one ends here
+        Space._of(metadata)  # a damaged one fails here
         return {"distortion": Distortion._of(distances, triangles, **more), "metadata": metadata, **arrays}
 
 
 def mesh_of_vertices(
     places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
 ) -> Mesh:
-    """Return a flat map as a mesh with the vertices of the flattened one; at cuts, the side with more triangles."""
+    """Return a flat map as a mesh with the vertices of the flattened mesh; cuts keep the side with more triangles."""
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)
     if not is_kept.all():
         log.warning(
-            "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+            "%d of %d triangles lie at a cut that duplicates vertices. They are not written to the file",
             len(faces) - int(is_kept.sum()),
             len(faces),
         )
@@ -110,7 +110,7 @@ _LAYOUT = {
 def _checked(
     arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file, checked against each other, and against what it was made of."""
+    """Return the arrays of a file, checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
     check_shapes(arrays, layout)
     check_range(arrays, {"faces": len(uv), "sources": len(uv)})

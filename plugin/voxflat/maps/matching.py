@@ -1,4 +1,4 @@
-"""Which vertices of a surface a flat map, ours or another tool's, puts where."""
+"""Match flat maps of any tool with a surface: the place of each vertex."""
 
 import os
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from voxflat.unique_rows import distinct
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A surface as a map cuts it, and the map."""
+    """A map, and the surface as cut by the map."""
 
     core: _core.Surface  # the triangles over which the map is defined
-    vertices: NDArray[np.int64]  # (N,), of the whole surface, that each vertex is; the sides of a cut share one
+    vertices: NDArray[np.int64]  # (N,), vertex of the whole surface; both sides of a cut have the same
     uv: NDArray[np.float64]  # (N, 2)
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
-        """Find for each vertex the other map's, if both have the same triangles and the same cuts."""
+        """Return the other map's vertex for each vertex, if both have the same triangles and cuts."""
         corners, ids = _sorted_corners(self)
         others, other_ids = _sorted_corners(other)
         if not np.array_equal(ids, other_ids):
@@ -42,7 +42,7 @@ class Matched:
 
 
 def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the corners of all triangles, and their vertices, in an order of the vertices alone."""
+    """Return the corners of all triangles and their vertices, in an order that depends only on the vertices."""
     faces = of.core.faces.astype(np.int64)
     faces = np.take_along_axis(faces, np.argsort(of.vertices[faces], axis=1), axis=1)
     ids = of.vertices[faces]
@@ -51,20 +51,20 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def loaded(flat: object) -> object:
-    """Load a map of voxflat, if that is what a path names; everything else is returned as it is."""
+    """Load a map of voxflat if a path names one; return everything else unchanged."""
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
 
 def match(whole: Manifold, flat: object) -> Matched:
-    """Match a map, as in `voxflat.measure`, to its surface."""
+    """Match a map, as accepted by `voxflat.measure`, with its surface."""
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         return _of_patch(whole, flat)
     if isinstance(flat, FlatMap):
         return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
-        flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # in the plane
+        flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # add z = 0
     if isinstance(flat, tuple) and len(flat) == 3:
         return _of_rows(whole, *flat)
     mesh = as_mesh(flat)
@@ -72,7 +72,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(
-                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2) or a file"
+                f"the map is {places.dtype} of shape {places.shape}. Pass places of shape (V, 2), or a file"
             )
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
@@ -85,7 +85,7 @@ def match(whole: Manifold, flat: object) -> Matched:
 def _check_count(whole: Manifold, count: int) -> None:
     if count != whole.count:
         raise InputError(
-            f"the map has {count} points, the surface {whole.count} vertices; they must correspond one by one"
+            f"the map has {count} points, but the surface has {whole.count} vertices. Pass one point per vertex"
         )
 
 
@@ -105,7 +105,7 @@ def _of_patch(whole: Manifold, path: Any) -> Matched:
 
 
 def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
-    """Take an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
+    """Use an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
     _check_count(whole, len(mesh.points))
     with naming(path, REMEDY):
         faces, coordinates, _ = read_obj_texture(contents(path))
@@ -121,38 +121,38 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
 
 
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
-    """Take places whose vertices are told, so that a cut may have doubled some."""
+    """Use places with given vertices, some of which a cut may have duplicated."""
     places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-        raise InputError(f"the map's places are {places.dtype} of shape {places.shape}; give (N, 2)")
+        raise InputError(f"the map's places are {places.dtype} of shape {places.shape}. Pass numbers (N, 2)")
     if not _is_flat(places) or not np.isfinite(places).all():
-        raise InputError("the map's places are not flat and finite; give a flat surface")
+        raise InputError("the map's places are not flat, or not finite. Pass a flat surface")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
-        raise InputError(f"the map's triangles are {faces.dtype} of shape {faces.shape}; give whole numbers (F, 3)")
+        raise InputError(f"the map's triangles are {faces.dtype} of shape {faces.shape}. Pass whole numbers (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
-        raise InputError(f"the map has a triangle with point {int(faces.max())}, of {len(places)} points")
+        raise InputError(f"the map has a triangle with point {int(faces.max())}. Pass numbers below {len(places)}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
-        raise InputError(f"the map's vertices are {vertices.dtype} of shape {vertices.shape}; give one a place")
+        raise InputError(f"the map's vertices are {vertices.dtype} of shape {vertices.shape}. Pass one per place")
     numbers = np.full(whole.count, -1, dtype=np.int64)
-    numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # of several the first
+    numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # the first of several
     numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]
     is_there = (vertices >= 0) & (vertices < whole.count)
     found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
     if (found < 0).any():
-        raise InputError(f"the map has vertex {vertices[found < 0][0]}, which the surface has not: is it of this one?")
+        raise InputError(f"the surface has no vertex {vertices[found < 0][0]}, but the map does. Pass matching files")
     return _cut_as_it_is(whole, found, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
 
 
 def _cut_as_it_is(
     whole: Manifold, vertices: NDArray[np.int64], faces: NDArray[np.int64], uv: NDArray[np.float64]
 ) -> Matched:
-    """Return the map's own triangles, cut as they are, on the surface."""
+    """Return the map's own triangles, with its cuts, on the surface."""
     core, _ = _core.Surface.from_triangles(whole.points[vertices], faces)
     return Matched(core, whole.vertices[vertices][core.ids], uv[core.ids])
 
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
-    """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest."""
+    """Find a map's points; if a voxel has two vertices, one for each side of the surface, use the nearest."""
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
@@ -169,32 +169,33 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
     is_mapped = whole._has_triangles(faces)
     if is_mapped is not None:
         core = whole.core.part_of_faces(is_mapped)
-    else:  # the map's triangles are others than the surface's
+    else:  # the map's triangles differ from the surface's
         core, _ = _core.Surface.from_triangles(_places_of(whole), faces, mend=True)
     used = places[core.ids]
     if not _is_flat(used):
         depth = float(np.ptp(used[:, 2]))
-        raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm; give a flat surface")
+        raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface")
     return Matched(core, core.ids.astype(np.int64), np.ascontiguousarray(used[:, :2]))
 
 
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
-    """Refuse triangles of vertices that the surface does not have, and tell of those that it joins otherwise."""
+    """Raise an error for vertices that the surface does not have; warn about triangles that it does not have."""
     if len(faces) == 0:
-        raise InputError("no triangle of the surface has a place for all corners in the map: is it of this surface?")
+        raise InputError("the map has no place for all corners of any triangle. Pass a map of this surface")
     is_there = np.zeros(whole.count, dtype=np.bool_)
     is_there[whole.vertices] = True
     strange = faces[~is_there[faces]]
     if len(strange):
         raise InputError(
-            f"the map has a triangle with vertex {strange[0]}, which no triangle of the surface has: is it of this one?"
+            f"the map has a triangle with vertex {strange[0]}, which no triangle of the surface has. Pass a map of "
+            "this surface"
         )
     if whole._has_triangles(faces) is None:
-        log.warning("the map has triangles that the surface does not have; the map's own are judged")
+        log.warning("the map has triangles that the surface does not have. The map's own triangles are measured")
 
 
 def _places_of(whole: Manifold) -> NDArray[np.float64]:
-    """Return the places of all vertices of the whole surface; 0 for those that no triangle has."""
+    """Return the positions of all vertices of the whole surface; 0 for vertices without triangles."""
     points = np.zeros((whole.count, 3))
     points[whole.vertices] = whole.points
     return points

@@ -1,4 +1,4 @@
-"""Parcels on a map: labels of its points, with names and colours as their file has them."""
+"""Parcels on a map: labels of its points, with names and colours from their file."""
 
 import os
 from dataclasses import dataclass
@@ -21,26 +21,26 @@ _NONE = -1
 
 @dataclass(frozen=True, eq=False)
 class Parcels:
-    """Labels of a map's points."""
+    """Parcels of a map: a label for each point, with names and colours."""
 
     flat_map: FlatMap
     labels: NDArray[np.int64]  # (N,); −1 where there is no parcel
-    table: LabelTable  # what it lacks is the label's number, and a colour as in PNGs of labels
+    table: LabelTable  # defaults are the label's number, and a colour as in PNGs of labels
 
     @cached_property
     def names(self) -> dict[int, str]:
-        """The name of each parcel on the map, by its label."""
+        """The name of each parcel on the map, by label."""
         shown = (int(label) for label in np.unique(self.labels) if label != _NONE)
         return {label: self.table.names.get(label, str(label)) for label in shown}
 
     @cached_property
     def colours(self) -> dict[int, tuple[int, int, int]]:
-        """The colour of each parcel on the map, by its label: red, green, blue from 0 to 255."""
+        """The colour of each parcel on the map, by label: red, green, blue from 0 to 255."""
         return {label: self.table.colours.get(label) or label_colour(label) for label in self.names}
 
     @cached_property
     def borders(self) -> list[NDArray[np.float64]]:
-        """The borders between them, smooth lines of shape (k, 2), mm: `lines.borders`."""
+        """The borders between parcels, smooth lines of shape (k, 2), mm, from `lines.borders`."""
         return borders(self.flat_map.uv, self._faces, self.labels)
 
     @property
@@ -48,7 +48,7 @@ class Parcels:
         return self.flat_map.faces[~self.flat_map.torn]
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
-        """Return the label of each pixel, parted by the same lines as `borders`; −1 for none, and outside the map."""
+        """Return the label of each pixel, divided by the same lines as `borders`; −1 for none, and outside the map."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
@@ -57,7 +57,7 @@ class Parcels:
         return found
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return the colours of labels: RGBA, opacity 0 where there is no parcel."""
+        """Return the colours of labels, RGBA, with opacity 0 where there is no parcel."""
         known, which = np.unique(labels, return_inverse=True)
         rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]
@@ -71,13 +71,13 @@ def parcels_of(
     channel: int | str | None = None,
     depths: Depths = ON_SURFACE,
 ) -> Parcels:
-    """Carry labels to a map.
+    """Return labels on a map.
 
     `flat_map`: a flat map. `labels`: labels at the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``,
-    whole numbers of shape (V,)), or a volume of labels, of which each point has the nearest voxel's. `table`: names and
-    colours, where the file has none: a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS. `channel`: which
-    map of the file, as in `FlatMap.image`. `depths`: where to sample a volume; of several depths each point has the
-    label that most of the voxels around have. Raises InputError if they are no labels, or lie elsewhere.
+    whole numbers of shape (V,)), or a volume of labels, of which each point takes the nearest voxel's. `table`: names
+    and colours, if the file has none: a table such as FreeSurferColorLUT.txt, or a BIDS dseg.tsv. `channel`: the map in
+    the file, as in `FlatMap.image`. `depths`: where to sample a volume; with several depths each point takes the most
+    frequent label of the surrounding voxels. Raises InputError if there are no labels, or none on the map.
     """
     points = np.repeat(np.arange(len(flat_map), dtype=np.uint32), 3).reshape(-1, 1, 3)
     weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)
@@ -89,16 +89,16 @@ def parcels_of(
     values: NDArray[Any] = stack[number].data
     name = labels if isinstance(labels, str | os.PathLike) else "the labels"
     if values.ndim != 2 or not all_whole(values):
-        raise InputError(f"{name}: has no labels, which are whole numbers; show values as an overlay")
+        raise InputError(f"{name}: labels must be whole numbers. Show other values as an overlay")
     if not np.isfinite(values).any():
-        raise InputError(f"{name}: shows nothing on the map; do the affines agree?")
+        raise InputError(f"{name}: has no labels on the map. Check that the affines agree")
     known = table if isinstance(table, LabelTable) else None
     if known is None and isinstance(table, str | os.PathLike):
         known = read_table(table)
     if known is None:
         known = own_table(labels, number)
     known = known or LabelTable()
-    with np.errstate(invalid="ignore"):  # what no whole number holds is no label
+    with np.errstate(invalid="ignore"):  # values out of range are not labels
         found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
     for label in np.unique(found):
         if not known.is_region(int(label)):

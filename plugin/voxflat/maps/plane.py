@@ -1,4 +1,4 @@
-"""What a map and the page of an atlas share: pixels, what they show, and the way back to the surface."""
+"""What a map and the page of an atlas share: pixels, the data that they show, and lookups on the surface."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -17,23 +17,29 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-LIMIT = 5.0  # how far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick
+LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up to 4.5 mm thick
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places in the plane, looked up on the surface.
+    """Places in the plane, with their positions on the surface.
+
+    `FlatMap.look_up` returns them.
 
     Parameters
     ----------
     face_ids : ndarray of int64, shape (...)
-        The triangle that lies there, a row of `faces`; −1 for none.
+        The triangle at each place, as a row of `faces`; −1 for none.
     weights : ndarray of float64, shape (..., 3)
-        Barycentric coordinates there, by the triangle's corners; NaN for none.
+        Barycentric coordinates for the corners of the triangle; NaN for none.
     points : ndarray of float64, shape (..., 3)
-        The place on the surface, RAS+ mm in its `space`; NaN for none.
+        Positions on the surface, RAS+ mm in its `space`; NaN for none.
     piece_ids : ndarray of int64, shape (...)
-        The piece of an atlas; 0 on a map, which has one; −1 for none.
+        The piece of an atlas; 0 on a map, which has only one; −1 for none.
+
+    See Also
+    --------
+    FlatMap.look_up : Look up places.
 
     Examples
     --------
@@ -54,20 +60,26 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class FlatTriangles:
-    """Triangles in the plane, and what they are on the surface.
+    """Triangles in the plane, with the corresponding points on the surface.
+
+    Maps and pages draw them and look them up.
 
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
         Places in the plane, mm.
     faces : ndarray of uint32, shape (F, 3)
-        Triangles of them.
+        The triangles.
     torn : ndarray of bool, shape (F,)
-        Triangles between whose corners there is no surface: they show the nearest corner.
+        Triangles with no surface between their corners; they show the nearest corner.
     on_surface : Sampler
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
-        The piece of each triangle, where there are several.
+        The piece of each triangle, if there are several.
+
+    See Also
+    --------
+    FlatMap : A flattened surface.
 
     Examples
     --------
@@ -84,17 +96,17 @@ class FlatTriangles:
 
 
 class Planar(ABC):
-    """What lies flat: triangles in the plane, each of which is known on the surface."""
+    """Base class of maps and pages: triangles in the plane with known positions on the surface."""
 
     @property
     @abstractmethod
     def _triangles(self) -> FlatTriangles:
-        """All that is drawn and looked up."""
+        """The triangles that are drawn and looked up."""
 
     @property
     @abstractmethod
     def pixel_size(self) -> float:
-        """Side of a pixel unless another is given, mm."""
+        """The default side length of a pixel, mm."""
 
     @cached_property
     def _rasters(self) -> dict[float, Raster]:
@@ -106,22 +118,28 @@ class Planar(ABC):
         return _core.TriangleFinder(np.ascontiguousarray(of.uv[of.faces], dtype=np.float64))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
-        """Return the pixels, with the inverse look-up to the surface.
+        """Return the pixels, with their positions on the surface.
+
+        Rasters are kept, so that repeated calls are fast.
 
         Parameters
         ----------
         pixel_size : float, optional
-            Side of a pixel, mm; by default `pixel_size`.
+            Side length of a pixel, mm; by default `pixel_size`.
 
         Returns
         -------
         Raster
-            Its corners are points of a map; on a page corner 3 t + k is corner k of triangle t.
+            Its corners are points of a map. On a page, corner 3 t + k is corner k of triangle t.
 
         Raises
         ------
         InputError
             If the pixel size is not positive, or so small that the image would be too large.
+
+        See Also
+        --------
+        FlatMap.locate : Find the position of each pixel on the surface.
 
         Examples
         --------
@@ -137,7 +155,9 @@ class Planar(ABC):
         return self._rasters[size]
 
     def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Look up which place on the surface each pixel shows.
+        """Find the position of each pixel on the surface.
+
+        This is the inverse of the map, for all pixels at once.
 
         Parameters
         ----------
@@ -147,9 +167,13 @@ class Planar(ABC):
         Returns
         -------
         ids : ndarray of int64, shape (H, W, 3) or (H, W)
-            The nearest surface voxel or vertex; −1 where nothing is shown.
+            The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
-            RAS+ mm in the surface's `space`, linear between its vertices; NaN where nothing is shown.
+            Positions, RAS+ mm in the surface's `space`, linear between vertices; NaN outside the map.
+
+        See Also
+        --------
+        FlatMap.look_up : Look up single places.
 
         Examples
         --------
@@ -161,23 +185,29 @@ class Planar(ABC):
         return self._triangles.on_surface.locate(self.raster(pixel_size))
 
     def look_up(self, places: ArrayLike) -> Places:
-        """Look up places: which triangle and piece lies there, where in it, and where that is in space.
+        """Look up places: the triangle and piece there, and the position on the surface.
+
+        In a torn triangle, which has no surface between its corners, the nearest corner is used. Where triangles
+        overlap, the first one is used.
 
         Parameters
         ----------
         places : array_like, shape (..., 2)
-            (u, v), mm.
+            Places (u, v), mm.
 
         Returns
         -------
         Places
-            −1 and NaN for what lies beside all triangles. In a torn triangle, between whose corners there is no
-            surface, the nearest corner is taken; where triangles overlap, the first.
+            The results, with −1 and NaN outside all triangles.
 
         Raises
         ------
         InputError
             If the places have another shape.
+
+        See Also
+        --------
+        FlatMap.points_to_map : Find points in space on the map.
 
         Examples
         --------
@@ -188,13 +218,13 @@ class Planar(ABC):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2)")
         of, rows, shape = self._triangles, wanted.reshape(-1, 2), wanted.shape[:-1]
         triangles, weights = self._finder.find(np.ascontiguousarray(rows))
         if (at := (triangles >= 0) & of.torn[triangles]).any():
             apart = np.linalg.norm(of.uv[of.faces[triangles[at]]] - rows[at, None], axis=2)
             weights[at] = np.eye(3)[apart.argmin(axis=1)]
-        found = np.einsum("pc,pcx->px", weights, of.on_surface.points[of.faces[triangles]])  # NaN where there is none
+        found = np.einsum("pc,pcx->px", weights, of.on_surface.points[of.faces[triangles]])  # NaN outside triangles
         pieces = np.where(triangles < 0, -1, 0 if of.piece_ids is None else of.piece_ids[triangles])
         return Places(
             triangles.reshape(shape), weights.reshape(*shape, 3), found.reshape(*shape, 3), pieces.reshape(shape)
@@ -214,29 +244,36 @@ class Planar(ABC):
     def points_to_map(
         self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Find where points in space lie on the map: each at the place of the surface that is nearest to it.
+        """Find points in space on the map, each at the nearest position of the surface.
+
+        Points on a cut are assigned to either of its sides.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            RAS+ mm.
+            Points, RAS+ mm.
         limit : float
-            How far from the surface a point may lie, mm; 5 by default, more than the cortex is thick. The surface is
-            that of the map's `points`: with ``pial=`` the one midway.
+            Greatest distance between a point and the surface, mm; by default 5, more than the thickness of the cortex.
+            The surface is the one of the map's `points`, which lies midway if ``pial=`` was passed.
         space : {"surface", "scanner"}
-            Where the points lie: in the surface's own `space`, as `locate` gives them, or in scanner RAS, as volumes.
+            Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
+            volumes.
 
         Returns
         -------
         uv : ndarray of float64, shape (..., 2)
-            Places on the map, mm; NaN beyond the limit. On a cut, either of its sides.
+            Places on the map, mm; NaN for points beyond the limit.
         distance : ndarray of float64, shape (...)
-            From each point to the surface, exact over its triangles, mm; NaN beyond the limit.
+            Exact distance from each point to the triangles of the surface, mm; NaN beyond the limit.
 
         Raises
         ------
         InputError
-            If the points have another shape, or the limit or the space is none.
+            If the points have another shape, or the limit or the space is not valid.
+
+        See Also
+        --------
+        FlatMap.look_up : Find places of the map on the surface.
 
         Examples
         --------
@@ -247,25 +284,25 @@ class Planar(ABC):
         """
         wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
-            raise InputError(f"points have shape {wanted.shape}; give RAS+ mm, shape (..., 3)")
+            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ mm, shape (..., 3)")
         limit = checked_number(limit, "limit")
         if not limit >= 0:
-            raise InputError(f"the limit is {limit} mm; give a number that is not negative")
+            raise InputError(f"limit is {limit} mm. Pass 0 or a positive number")
         if not isinstance(space, str) or space not in ("surface", "scanner"):
-            raise InputError(f"space is {shown(space)}; give 'surface' or 'scanner'")
+            raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
         of = self._triangles
         if space == "scanner":
             if of.on_surface.space.doubt:
                 log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
             wanted = of.on_surface.space.from_scanner(wanted)
         triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
-        uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN where there is none
+        uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN outside triangles
         return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
 
     @property
     @abstractmethod
     def provenance(self) -> Record:
-        """What made it."""
+        """The record of how it was made."""
 
     @telling()
     def image(
@@ -281,58 +318,64 @@ class Planar(ABC):
         period: float | None = None,
         name: str = "",
     ) -> FlatImage:
-        """Sample a volume onto the plane.
+        """Show a volume, or values at the vertices, on the map.
+
+        Of several depths, the mean is shown. `images` returns each depth, frame or channel separately.
 
         Parameters
         ----------
         volume : path, ndarray, image object or Volume
-            Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
-            volume: its affine says where it lies, in scanner RAS. A bare array must have the flattened volume's shape,
-            and lies where that lies. A dask or zarr array, or a path of OME-Zarr, may be larger than memory: each chunk
-            that the surface meets is read once. For meshes also an overlay: values at the mesh's vertices, an array of
-            shape (V,) or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8
-            colours there, shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply
-            (Zigelman et al. 2002, figure 3). One of several: maps of such a file, an array of shape (V, K), a series of
-            volumes.
+            Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). The grid may differ from that of the
+            flattened volume: the affine defines the position, in scanner RAS. An array without an affine must have the
+            shape of the flattened volume, and has its position. A dask or zarr array, or an OME-Zarr path, may be
+            larger than memory; each chunk that the surface meets is read once. For meshes, values at the vertices are
+            also accepted: an array of shape (V,), or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, NIfTI of
+            shape (V, 1, 1)); uint8 colours of shape (V, 3) or (V, 4); or the texture of the surface as .obj, .vtp or
+            .ply (Zigelman et al. 2002, figure 3). Files with several maps, arrays of shape (V, K) and series of volumes
+            need `channel`.
         pixel_size : float, optional
             As in `raster`.
         channel : int or str, optional
-            Which one, where there are several: its number, from 0, or its name. `images` gives all of them.
+            Number (from 0) or name of the channel to show, if there are several.
         depth : float or sequence of float
-            How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
-            Of several depths the mean is shown (`images` gives each).
+            Distance outside the surface at which to sample, mm; negative values are inside. Grey matter lies about 2 mm
+            outside white matter. The mean of several depths is shown.
         fraction : float or sequence of float, optional
-            Instead, where the map was made of a white surface with ``pial=``: how much of the cortex lies below, from
-            0, the white surface, to 1, the pial one. Of several the mean.
+            Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. The map
+            must be made of a white surface with ``pial=``. The mean of several fractions is shown.
         layering : {"equivolume", "equidistant"}
-            What a fraction is of: the volume of the cortex there (Waehnert et al. 2014), which layers follow through
-            gyri and sulci, or the way from white to pial.
+            Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
+            through gyri and sulci, or to its thickness.
         interpolation : {"linear", "nearest", "majority"}, optional
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-            volumes and colours. "majority" is of labels: that which has the greatest weight among the voxels around (of
-            an overlay the triangle's corners), over all depths; its borders are smoother than voxels.
+            volumes and colours. "majority", for labels, takes the label with the greatest weight among the surrounding
+            voxels (of an overlay, the triangle's corners) over all depths; its borders are smoother than voxels.
         period : float, optional
-            Values are phases with this period, such as 360: means between them go the short way round, and lie from 0
-            to the period. They are "linear" by default.
+            The values are phases with this period, such as 360. Means of phases are then circular, from 0 to the
+            period, and interpolation is "linear" by default.
         name : str, optional
-            What the image shows.
+            Title of the image.
 
         Returns
         -------
         FlatImage
-            NaN (colours: alpha 0) where there is no triangle, and where the volume has no value; of a mean, where it
-            has none at one of the depths.
+            The image, with NaN (for colours, alpha 0) outside triangles and where the volume has no value. A mean needs
+            values at all depths.
 
         Raises
         ------
         InputError
-            If the volume does not fit or cannot be read, or there are several and none is chosen; if a mean of labels
-            is asked for, or fractions where no pial surface is known.
+            If the volume does not fit, cannot be read, or has several channels and none is selected; for a mean of
+            labels; or for fractions without a pial surface.
+
+        See Also
+        --------
+        FlatMap.images : Show several depths, maps or frames.
 
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0)  # heights, a value a vertex
+        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0)  # heights, one value per vertex
         <FlatImage: overlay, 43 x 43 pixels of 1>
         """
         depths = Depths.of(depth, fraction, layering)
@@ -355,31 +398,50 @@ class Planar(ABC):
         time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Sample a volume at several depths, all maps of a file, or a series of volumes: each when it is asked for.
+        """Show several depths, all maps of a file, or a series of volumes on the map.
+
+        Images are sampled on demand. Except for rounding, each equals the result of `image`.
 
         Parameters
         ----------
-        volume, pixel_size, depth, fraction, layering, interpolation, period, name
+        volume : path, ndarray, image object or Volume
             As in `image`.
+        pixel_size : float, optional
+            As in `raster`.
         channel : int or str, optional
-            Only this one, where there are several.
+            Number or name of the only channel to show, if there are several.
+        depth : float or sequence of float
+            As in `image`.
+        fraction : float or sequence of float, optional
+            As in `image`.
+        layering : {"equivolume", "equidistant"}
+            As in `image`.
         average : bool
-            Show of several depths the mean, channel by channel.
+            Show the mean of several depths for each channel.
+        interpolation : {"linear", "nearest", "majority"}, optional
+            As in `image`.
+        period : float, optional
+            As in `image`.
         time_step : float, optional
-            From each frame of a series to the next, s; by default what the file says: NIfTI where its header has a unit
-            of time, ``.mgh`` and CIFTI series always, GIFTI and arrays never.
+            Time between frames of a series, s. By default the file's: NIfTI if its header has a unit of time, always
+            for ``.mgh`` and CIFTI series, never for GIFTI and arrays.
+        name : str, optional
+            As in `image`.
 
         Returns
         -------
         FlatStack
-            A sequence of `FlatImage`, by number or name: of each channel all depths. `FlatStack.data` is the array
-            (depth, row, column), `FlatStack.times` when the frames of a series were; `FlatStack.save` writes them.
-            Where there are several volumes or maps an image is, to the rounding of sums, what `image` makes of one.
+            A sequence of `FlatImage`, by number or name: for each channel all depths. `FlatStack.data` is the array
+            (depth, row, column), `FlatStack.times` holds the times of frames, and `FlatStack.save` writes all images.
 
         Raises
         ------
         InputError
-            As `image`.
+            As in `image`.
+
+        See Also
+        --------
+        FlatMap.image : Show a single image.
 
         Examples
         --------

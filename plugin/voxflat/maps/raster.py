@@ -1,4 +1,4 @@
-"""The flat map as an image: pixels in mm, what they show, and where they come from."""
+"""Flat maps as images: pixels in mm, their values, and their positions on the surface."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -22,9 +22,26 @@ _OUTSIDE = np.uint32(2**32 - 1)
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """The pixels of a flat map and the inverse look-up: pixel → surface voxel → RAS+ mm.
+    """The pixels of a flat map, with their positions on the surface.
 
     Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
+
+    Parameters
+    ----------
+    corners : ndarray of uint32, shape (H, W, 3)
+        Points of the map at the corners of the triangle that covers each pixel's centre; 2³² − 1 outside the map.
+    weights : ndarray of float32, shape (H, W, 3)
+        Barycentric coordinates in that triangle; NaN outside the map.
+    origin : tuple of 2 floats
+        Place (u, v) of the centre of pixel (0, 0), mm.
+    pixel_size : float
+        Side length of a pixel, mm.
+    unit : str
+        Unit of lengths, as in `Surface.metadata`.
+
+    See Also
+    --------
+    FlatMap.raster : Return the pixels of a map.
 
     Examples
     --------
@@ -33,11 +50,11 @@ class Raster:
     <Raster: 43 x 43 pixels of 1>
     """
 
-    corners: NDArray[np.uint32]  # (H, W, 3), the map's points whose triangle covers the pixel's centre; 2³² − 1 outside
-    weights: NDArray[np.float32]  # (H, W, 3), barycentric coordinates in it; NaN outside the map
-    origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
-    pixel_size: float  # mm
-    unit: str = "mm"  # of lengths, as `Surface.metadata` has it
+    corners: NDArray[np.uint32]
+    weights: NDArray[np.float32]
+    origin: tuple[float, float]
+    pixel_size: float
+    unit: str = "mm"
 
     def __repr__(self) -> str:
         height, width = self.shape
@@ -45,23 +62,77 @@ class Raster:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of rows and columns."""
+        """The numbers of rows and columns.
+
+        All images of the map with this pixel size have this shape.
+
+        See Also
+        --------
+        Raster.inside : Which pixels lie on the map.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).shape
+        (43, 43)
+        """
         return (self.corners.shape[0], self.corners.shape[1])
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Pixels that lie on the map, shape (H, W)."""
+        """Which pixels lie on the map, shape (H, W).
+
+        A pixel lies on the map if a triangle covers its centre.
+
+        See Also
+        --------
+        Raster.nearest : The nearest point of each pixel.
+
+        Examples
+        --------
+        >>> raster = voxflat.samples.hill().flatten().raster(pixel_size=1.0)
+        >>> raster.inside.shape
+        (43, 43)
+        """
         return np.asarray(self.corners[..., 0] != _OUTSIDE)
 
     @property
     def nearest(self) -> NDArray[np.int64]:
-        """For each pixel the number of the map's point nearest to it, shape (H, W); −1 outside the map."""
+        """The nearest of the map's points for each pixel, shape (H, W).
+
+        Pixels outside the map have −1.
+
+        See Also
+        --------
+        Raster.interpolate : Interpolate values at the pixels.
+
+        Examples
+        --------
+        >>> raster = voxflat.samples.hill().flatten().raster(pixel_size=1.0)
+        >>> raster.nearest.shape
+        (43, 43)
+        """
         best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
         nearest = np.take_along_axis(self.corners, best[..., None], axis=2)[..., 0].astype(np.int64)
         return np.where(self.inside, nearest, -1)
 
     def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Carry values of the points, (N,) or (N, C), to the pixels, linearly within triangles; NaN outside the map.
+        """Interpolate values of the points at the pixels.
+
+        Interpolation is linear within triangles.
+
+        Parameters
+        ----------
+        values : ndarray, shape (N,) or (N, C)
+            Values at the points.
+
+        Returns
+        -------
+        ndarray of float64, shape (H, W) or (H, W, C)
+            Values at the pixels; NaN outside the map.
+
+        See Also
+        --------
+        FlatMap.image : Show data on the map.
 
         Examples
         --------
@@ -72,9 +143,9 @@ class Raster:
         values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
-        for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # np.einsum's order, and so its bits
+        for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # the order (and bits) of np.einsum
             weights = self.weights[..., corner].astype(np.float64)[each]
-            image += weights * values.take(self.corners[..., corner], axis=0, mode="clip")  # outside weights are NaN
+            image += weights * values.take(self.corners[..., corner], axis=0, mode="clip")  # NaN outside the map
         return image
 
 
@@ -82,23 +153,28 @@ class Raster:
 class FlatImage(Recorded):
     """An image on the flat map.
 
+    `affine` and `extent` give its position on the map.
+
     Parameters
     ----------
     data : ndarray, shape (H, W), or (H, W, 4) uint8 for colours
         Values, NaN outside the map; colours have alpha 0 there. Row 0 is at the top.
     pixel_size : float
-        Side of a pixel, mm.
+        Side length of a pixel, mm.
     origin : tuple of 2 floats
-        (u, v) of the centre of pixel (0, 0), mm.
+        Place (u, v) of the centre of pixel (0, 0), mm.
     name : str
-        What it shows, with its unit.
+        Title, with the unit of the values.
     labels : bool or None
-        Whether the values are labels, each with a colour of its own; None: where they look so, as whole numbers that
-        form areas.
+        Whether the values are labels, each with its own colour. None: yes if they are whole numbers that form areas.
     provenance : dict
-        What made it: the volume and how it was sampled, and the record of the map or atlas.
+        Record of how it was made: the volume, the sampling, and the record of the map or atlas.
     unit : str
-        Of lengths on the map: that of the surface, "unknown" if nothing tells. Files have mm, or no unit.
+        Unit of lengths on the map; "unknown" if it is not defined. Files are in mm, or without a unit.
+
+    See Also
+    --------
+    FlatMap.image : Show data on the map.
 
     Examples
     --------
@@ -126,33 +202,65 @@ class FlatImage(Recorded):
 
     @property
     def is_colour(self) -> bool:
-        """Whether the data are colours."""
+        """Whether the data are colours.
+
+        Colours are red, green, blue and opacity.
+
+        See Also
+        --------
+        FlatImage.is_labels : Whether the values are labels.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.image(flat_map.points[:, 2]).is_colour
+        False
+        """
         return self.data.ndim == 3
 
     @property
     def is_labels(self) -> bool:
-        """Whether the values are labels, or look so."""
+        """Whether the values are labels.
+
+        If `labels` is None, whole numbers that form areas count as labels.
+
+        See Also
+        --------
+        FlatImage.is_colour : Whether the data are colours.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.image(flat_map.points[:, 2]).is_labels
+        False
+        """
         return are_labels(self.data) if self.labels is None else self.labels
 
     def colours(self, colour_map: str | None = None, limits: Sequence[float] | None = None) -> NDArray[np.uint8]:
         """Return the pixels as colours, as in a PNG.
 
+        Pixels outside the map are transparent.
+
         Parameters
         ----------
         colour_map : str, optional
-            A colour map of matplotlib for values; by default grey, and for labels a colour each.
+            A matplotlib colour map for values; by default grey levels, and for labels a colour each.
         limits : sequence of 2 floats, optional
-            The values at the ends of the colour map; by default the 1st and 99th percentile.
+            The values at the ends of the colour map; by default the 1st and 99th percentiles.
 
         Returns
         -------
         ndarray of uint8, shape (H, W, 4)
-            Opacity 0 outside the map.
+            Red, green, blue and opacity.
 
         Raises
         ------
         InputError
             If there is no such colour map.
+
+        See Also
+        --------
+        FlatImage.save : Save the image.
 
         Examples
         --------
@@ -165,39 +273,72 @@ class FlatImage(Recorded):
 
     @property
     def affine(self) -> NDArray[np.float64]:
-        """From (row, column, 0, 1) to (u, v, 0, 1) in mm, shape (4, 4)."""
+        """The affine from (row, column, 0, 1) to (u, v, 0, 1) in mm, shape (4, 4).
+
+        NIfTI files of the image have it.
+
+        See Also
+        --------
+        FlatImage.extent : Edges of the image.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.heat_map().affine.shape
+        (4, 4)
+        """
         step = self.pixel_size
         u, v = self.origin
         return np.array([[0, step, 0, u], [-step, 0, 0, v], [0, 0, step, 0], [0, 0, 0, 1]], dtype=np.float64)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top edge in mm, as matplotlib's imshow takes them."""
+        """The left, right, bottom and top edges in mm.
+
+        They have the order that matplotlib's imshow expects.
+
+        See Also
+        --------
+        FlatImage.affine : From pixels to places on the map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> left, right, bottom, top = flat_map.heat_map().extent
+        >>> left < right and bottom < top
+        True
+        """
         height, width = self.data.shape[:2]
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the image, all of it or nothing.
+        """Save the image to a file.
+
+        The ending of the name selects the format. The file is either complete or not written at all.
 
         Parameters
         ----------
         path : path
-            ``.png`` to look at: scalars in grey from the 1st to the 99th percentile, labels each in its own colour,
-            colours as they are, transparent outside the map. ``.tif``, ``.tiff``, ``.nii`` or ``.nii.gz`` to measure:
-            the values as float32, NaN outside the map, with the pixel size in mm. ``.npy``: the array as it is.
-            All but ``.npy`` hold `provenance`.
+            ``.png`` is for viewing: scalars in grey levels from the 1st to the 99th percentile, labels in their own
+            colours, colours unchanged, transparent outside the map. ``.tif``, ``.tiff``, ``.nii`` and ``.nii.gz`` are
+            for measurements: values as float32, NaN outside the map, with the pixel size in mm. ``.npy`` holds the
+            array. All formats except ``.npy`` include `provenance`.
         sidecar : bool
-            Write `provenance` to ``<path>.json``, too.
+            Also write `provenance` to ``<path>.json``.
         overwrite : bool
-            Replace a file of that name that voxflat did not write.
+            Replace an existing file that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the ending is another, the values do not fit, or it is a file that was read.
+            If the ending is not supported, the format cannot hold the values, or the path is an input file.
         OSError
             If the file cannot be written.
+
+        See Also
+        --------
+        FlatStack.save : Save several images to one file.
 
         Examples
         --------
@@ -213,24 +354,30 @@ class FlatImage(Recorded):
 
 @dataclass(frozen=True, eq=False)
 class FlatStack(Sequence[FlatImage], Recorded):
-    """Images on the same pixels of a flat map, one a channel or frame: each is sampled when it is asked for.
+    """Images with the same pixels on a flat map, one for each channel or frame.
+
+    Each image is sampled on demand.
 
     Parameters
     ----------
     channels : Channels
         Arrays as in `FlatImage.data`.
     pixel_size : float
-        Side of a pixel, mm.
+        Side length of a pixel, mm.
     origin : tuple of 2 floats
-        (u, v) of the centre of pixel (0, 0), mm.
+        Place (u, v) of the centre of pixel (0, 0), mm.
     name : str
-        What they show.
+        Title.
     provenance : dict
-        As of `FlatImage`.
+        As in `FlatImage`.
     layers : tuple of str
-        The names of the depths, where each channel is shown at several: all those of the first channel come first.
+        Names of the depths, if each channel is shown at several. All depths of the first channel come first.
     unit : str
-        As of `FlatImage`.
+        As in `FlatImage`.
+
+    See Also
+    --------
+    FlatMap.images : Show several depths, maps or frames.
 
     Examples
     --------
@@ -259,17 +406,56 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The name of each channel, empty where it has none."""
+        """The name of each channel, empty if it has none.
+
+        Images can be selected by name.
+
+        See Also
+        --------
+        FlatStack.of_channel : Return the images of one channel.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.images(np.ones((441, 2)), pixel_size=1.0).names
+        ('', '')
+        """
         return self.channels.names
 
     @property
     def timing(self) -> Timing | None:
-        """When the frames of a series were; None where that is not known, or they are no series."""
+        """The timing of the frames of a series.
+
+        None if it is unknown, or if the images are not a series.
+
+        See Also
+        --------
+        FlatStack.times : Times of the frames.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.images(np.ones((441, 2)), time_step=2.0).timing.step
+        2.0
+        """
         return self.channels.timing
 
     @property
     def times(self) -> NDArray[np.float64] | None:
-        """When each frame of a series was, s; None where that is not known, or they are no series."""
+        """The time of each frame of a series, s.
+
+        None if it is unknown, or if the images are not a series.
+
+        See Also
+        --------
+        FlatStack.timing : Start and step of the frames.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.images(np.ones((441, 3)), time_step=2.0).times
+        array([0., 2., 4.])
+        """
         timing = self.timing
         if timing is None:
             return None
@@ -278,25 +464,43 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
     @property
     def data(self) -> NDArray[Any]:
-        """All images as one array: (depth, row, column), (channel, row, column), or (channel, depth, row, column).
+        """All images as one array.
 
-        Colours have one more axis, the last.
+        The axes are (depth, row, column), (channel, row, column) or (channel, depth, row, column). Colours have one
+        more axis, the last.
+
+        See Also
+        --------
+        FlatImage.data : The array of one image.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.images(np.ones((441, 3)), pixel_size=1.0).data.shape
+        (3, 43, 43)
         """
         images = np.stack([self.channels.read(n) for n in range(len(self))])
         several = 0 < len(self.layers) < len(self)
         return images.reshape(-1, len(self.layers), *images.shape[1:]) if several else images
 
     def of_channel(self, channel: int) -> "FlatStack":
-        """Return the images of one channel: one, or one a depth.
+        """Return the images of one channel.
+
+        There is one for each depth.
 
         Parameters
         ----------
         channel : int
-            Its number, from 0.
+            Number of the channel, from 0.
 
         Returns
         -------
         FlatStack
+            The images of the channel.
+
+        See Also
+        --------
+        FlatStack.names : Names of the channels.
 
         Examples
         --------
@@ -306,32 +510,37 @@ class FlatStack(Sequence[FlatImage], Recorded):
         <FlatStack: overlay, 1 images (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
-            raise InputError(f"the channel is {shown(channel)}; give the number of one, from 0")
+            raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0")
         each, all_names = max(1, len(self.layers)), self.channels
         first = channel * each
         names = all_names.names[first : first + each]
         return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
 
     def percent_change(self, progress: Progress | None = None) -> "FlatStack":
-        """Return how far each pixel is from its mean over the frames, in % of that mean: of raw signals what changes.
+        """Return the percent change of each pixel from its mean over the frames.
+
+        All images are sampled once to compute the means.
 
         Parameters
         ----------
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` after each image, for all are sampled once to find the means; if
-            it returns False the work is cancelled.
+            Called as ``progress(stage, done, total)`` after each image. Return False to cancel the work.
 
         Returns
         -------
         FlatStack
-            NaN where the mean is not positive, or a frame has no value.
+            The changes in %; NaN where the mean is not positive, or a frame has no value.
 
         Raises
         ------
         InputError
-            If these are colours.
+            If the images are colours.
         Cancelled
             If `progress` returned False.
+
+        See Also
+        --------
+        FlatStack.times : Times of the frames.
 
         Examples
         --------
@@ -345,7 +554,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         for n in range(len(self)):
             data = self.channels.read(n)
             if data.ndim != 2:
-                raise InputError("colours do not change by percents: give values")
+                raise InputError("cannot compute the percent change of colours. Pass images of values")
             total[n % each] = total[n % each] + data
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
                 raise Cancelled("cancelled while averaging")
@@ -361,7 +570,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     def __getitem__(self, channel: slice) -> list[FlatImage]: ...
 
     def __getitem__(self, channel: int | str | slice) -> FlatImage | list[FlatImage]:
-        """Sample a channel, by its number or its name; `InputError`, which ends a loop, if there is none such."""
+        """Sample a channel, selected by number or name; raise an error if there is none."""
         if isinstance(channel, slice):
             return [self[n] for n in range(*channel.indices(len(self)))]
         if isinstance(channel, int) and channel >= len(self):
@@ -383,30 +592,36 @@ class FlatStack(Sequence[FlatImage], Recorded):
         overwrite: bool = False,
         progress: Progress | None = None,
     ) -> None:
-        """Save all images to one file, one after the other, all of it or nothing.
+        """Save all images to one file.
+
+        Images are sampled and written one by one. The file is either complete or not written at all.
 
         Parameters
         ----------
         path : path
-            ``.tif``, ``.tiff``: a page each, described as OME-TIFF. ``.nii``, ``.nii.gz``: (H, W, D, K) of K channels
-            at D depths, the names in a header extension (JSON). ``.zarr``: OME-Zarr 0.4, a new directory with a chunk
-            for each image, y = −v and x = u. All of these have the pixel size in mm and, of a series, the time from
-            frame to frame in s. ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without names. The values are float32,
-            NaN outside the map. All but ``.npy`` hold `provenance`. Images are sampled and written one by one.
-        sidecar, overwrite
-            As of `FlatImage.save`; a directory is never replaced.
+            ``.tif`` and ``.tiff``: OME-TIFF with one page per image. ``.nii`` and ``.nii.gz``: (H, W, D, K) for K
+            channels at D depths, with the names in a header extension (JSON). ``.zarr``: OME-Zarr 0.4, a new directory
+            with one chunk per image, y = −v and x = u. These formats have the pixel size in mm and, for series, the
+            time between frames in s. ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without names. Values are float32,
+            NaN outside the map. All formats except ``.npy`` include `provenance`.
+        sidecar, overwrite : bool
+            As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` after each image; if it returns False nothing is written.
+            Called as ``progress(stage, done, total)`` after each image. If it returns False nothing is written.
 
         Raises
         ------
         InputError
-            If the ending is another, as of ``.png``, which holds one image; the values do not fit; or it is a file that
-            was read.
+            If the ending is not supported (``.png`` holds one image), the format cannot hold the values, or the path is
+            an input file.
         Cancelled
             If `progress` returned False.
         OSError
             If the file cannot be written.
+
+        See Also
+        --------
+        FlatImage.save : Save one image.
 
         Examples
         --------
@@ -419,7 +634,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Carry an overlay's values to the pixels: whole numbers, which may be labels, usually from the nearest point."""
+    """Show an overlay's values at the pixels; whole numbers, which may be labels, use the nearest point by default."""
     way = _way(values, interpolation)
     if way == "linear":
         return raster.interpolate(values)
@@ -434,7 +649,7 @@ def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDA
 def series_showing(
     raster: Raster, ids: NDArray[np.int64], interpolation: str | None
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Return `show` for overlays that follow each other, with weights found once; `ids` are the points' vertices."""
+    """Return `show` for a series of overlays, with weights computed once; `ids` are the vertices of the points."""
     held: dict[str, Mixing] = {}
 
     def shown(values: NDArray[Any]) -> NDArray[np.float64]:
@@ -455,13 +670,13 @@ def series_showing(
 
 
 def _way(values: NDArray[Any], interpolation: str | None) -> str:
-    """Return how values at points come to the pixels."""
+    """Return how values at points are interpolated at pixels."""
     if interpolation is None:
         return "nearest" if values.dtype.kind in "biu" else "linear"
     return checked_choice(interpolation, "interpolation", INTERPOLATIONS)
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
-    """Draw a flat map's faces; pixels of torn ones, without a surface in between, show the nearest corner."""
+    """Rasterise a flat map; pixels in torn triangles, which have no surface, show the nearest corner."""
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))

@@ -1,4 +1,4 @@
-"""Regions of interest drawn on a map: what vertices and what voxels of the cortex lie in them."""
+"""Regions of interest drawn on a map: their vertices, and their voxels in the cortex."""
 
 import math
 import os
@@ -33,7 +33,7 @@ REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
 
 
 class _Places(Protocol):
-    """What knows which region lies where."""
+    """Any object that knows the region at each place."""
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the key at each place, shape (P,); 0 for none."""
@@ -41,22 +41,28 @@ class _Places(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Regions(Recorded):
-    """Regions on a map: what `FlatMap.regions` returns.
+    """Regions on a map, as returned by `FlatMap.regions`.
+
+    They can be evaluated at places of the map, vertices and voxels.
 
     Parameters
     ----------
     of : Planar
         The map.
     names : tuple of str
-        The regions' names.
+        Names of the regions.
     keys : tuple of int
-        The number of each in label files, not 0.
+        Number of each region in label files, not 0.
     colours : ndarray of uint8, shape (R, 3)
         Red, green, blue.
     places : object
-        What knows which region lies where: ``labels(places)``.
+        An object whose method ``labels(places)`` returns the keys at places.
     provenance : dict
-        What made them.
+        Record of how they were made.
+
+    See Also
+    --------
+    FlatMap.regions : Read regions that were drawn on the map.
 
     Examples
     --------
@@ -89,17 +95,23 @@ class Regions(Recorded):
         return self.of._triangles.on_surface
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return which region lies at places of the map.
+        """Return the region at places of the map.
+
+        Where regions overlap, the last one counts.
 
         Parameters
         ----------
         places : ndarray, shape (..., 2)
-            (u, v), mm.
+            Places (u, v), mm.
 
         Returns
         -------
         ndarray of int64, shape (...)
-            Its key; 0 for none. Where several lie over each other, that of the last.
+            Keys of the regions; 0 for none.
+
+        See Also
+        --------
+        Regions.labels : The region at each point of the map.
 
         Examples
         --------
@@ -110,29 +122,55 @@ class Regions(Recorded):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2)")
         return self.places.labels(wanted.reshape(-1, 2)).reshape(wanted.shape[:-1])
 
     @cached_property
     def labels(self) -> NDArray[np.int64]:
-        """The key of the region at each point of the map, shape (N,); 0 for none."""
+        """The key of the region at each point of the map, shape (N,).
+
+        Points in no region have 0.
+
+        See Also
+        --------
+        Regions.vertex_labels : The same for each vertex of the mesh.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
+        (441,)
+        """
         return self.at(self._flat.uv)
 
     @property
     def vertex_labels(self) -> NDArray[np.int64]:
-        """The same at each vertex of the whole mesh, shape (V,); 0 for none, and beyond the map.
+        """The key of the region at each vertex of the whole mesh, shape (V,).
 
-        A vertex on a cut, which the map has twice, is in a region if either of its places is.
+        Vertices in no region, or outside the map, have 0. A vertex on a cut, which is on the map twice, is in a region
+        if either of its places is.
+
+        See Also
+        --------
+        Regions.labels : The same for each point of the map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).vertex_labels.shape
+        (441,)
         """
         if self._surface.is_voxels:
-            raise InputError("the map of a volume has no vertices that others know: save a label volume, as .nii.gz")
+            raise InputError("a map of a volume has no mesh vertices. Save a label volume, such as .nii.gz")
         found = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
         is_in = self.labels != 0
         found[self._surface.ids[is_in][::-1]] = self.labels[is_in][::-1]
         return found
 
     def image(self, pixel_size: float | None = None) -> FlatImage:
-        """Show the regions on the map.
+        """Return an image of the regions on the map.
+
+        It has the same pixels as those from `FlatMap.image`.
 
         Parameters
         ----------
@@ -143,6 +181,10 @@ class Regions(Recorded):
         -------
         FlatImage
             Keys; 0 for none, NaN outside the map.
+
+        See Also
+        --------
+        Regions.volume : Transfer the regions to voxels.
 
         Examples
         --------
@@ -159,18 +201,18 @@ class Regions(Recorded):
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance, raster.unit)
 
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
-        """Carry the regions through the cortex into the voxels of a volume.
+        """Transfer the regions through the cortex to the voxels of a volume.
 
         A voxel whose centre lies in the column of a triangle gets the region at its place in that column. Columns lead
-        from the white to the pial surface where both are known, else along the normals.
+        from the white to the pial surface if both are known, otherwise along the normals.
 
         Parameters
         ----------
         like : path, image object or Volume
-            The volume whose grid is taken.
+            A volume with the grid of the result.
         depth : tuple of 2 floats, optional
-            From how far to how far outside the surface, mm; needed where no pial surface is known, and not taken where
-            one is.
+            The distances outside the surface between which columns extend, mm. Required if no pial surface is known;
+            not accepted otherwise.
 
         Returns
         -------
@@ -181,6 +223,10 @@ class Regions(Recorded):
         ------
         InputError
             If the volume or the depths do not fit, or no voxel's centre lies in a region.
+
+        See Also
+        --------
+        Regions.save : Save the regions.
 
         Examples
         --------
@@ -197,7 +243,7 @@ class Regions(Recorded):
         found = np.zeros(math.prod(shape), dtype=np.int32)
         found[voxels] = self.at(places)
         if not found.any():
-            raise InputError("no voxel of the volume has its centre in a region: it lies elsewhere, or is too coarse")
+            raise InputError("no voxel of the volume has its centre in a region. Use a finer volume that covers it")
         return Volume(found.reshape(shape), grid.affine)
 
     def save(
@@ -209,28 +255,34 @@ class Regions(Recorded):
         sidecar: bool = False,
         overwrite: bool = False,
     ) -> None:
-        """Save the regions, all of them or nothing.
+        """Save the regions to a file.
+
+        The ending of the name selects the format. The file is either complete or not written at all.
 
         Parameters
         ----------
         path : path
-            ``.annot``, ``.label.gii``: names, colours and the vertices of the mesh. ``.label``: the vertices of a
-            single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``, ``.nrrd``: voxels, as from `volume`.
+            ``.annot`` and ``.label.gii`` hold names, colours and mesh vertices. ``.label`` holds the vertices of a
+            single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`.
         volume : path, image object or Volume, optional
-            For a label volume: whose grid it has. By default that of the flattened volume.
+            A volume with the grid of a label volume; by default the flattened volume.
         depth : tuple of 2 floats, optional
             As in `volume`.
         sidecar : bool
-            Write `provenance`, which names the regions, to ``<path>.json``, too.
+            Also write `provenance`, which includes the names of the regions, to ``<path>.json``.
         overwrite : bool
-            Replace a file of that name that voxflat did not write.
+            Replace an existing file that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the ending is another, the file cannot hold them, or it is a file that was read.
+            If the ending is not supported, the format cannot hold the regions, or the path is an input file.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        Regions.volume : Transfer the regions to voxels.
 
         Examples
         --------
@@ -241,11 +293,9 @@ class Regions(Recorded):
         path = checked_path(path)
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
-            raise InputError(
-                f"cannot save regions as {path.name}; give a name that ends in {', '.join(REGION_ENDINGS)}"
-            )
+            raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
         if name.endswith(_VERTEX_ENDINGS) and (volume is not None or depth is not None):
-            raise InputError(f"volume and depth are for label volumes; {path.name} holds vertices: leave them out")
+            raise InputError(f"{path.name} holds vertices, so volume and depth do not apply. Do not pass them")
         made = None
         with reading() as files:
             if not name.endswith(_VERTEX_ENDINGS):
@@ -265,14 +315,14 @@ class Regions(Recorded):
     def _grid(self) -> Volume:
         """Return the grid of the flattened volume, without its values."""
         if not self._surface.is_voxels:
-            raise InputError("the map of a mesh has no voxels: give the volume whose grid the labels get (volume)")
+            raise InputError("a map of a mesh has no voxels. Pass volume, whose grid the labels will have")
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
         return Volume(empty, self._surface.affine)
 
     def _write_vertices(self, path: Path, name: str, record: Record) -> None:
         labels = self.vertex_labels
         if not labels.any():
-            raise InputError("no vertex lies in a region: they lie beside the map, or are smaller than its triangles")
+            raise InputError("no vertex lies in a region. Draw regions on the map, larger than its triangles")
         if name.endswith(".annot"):
             write_annot(path, labels, self.keys, self.names, self.colours)
         elif name.endswith(".label.gii"):
@@ -280,7 +330,7 @@ class Regions(Recorded):
             path.write_bytes(label_bytes(labels, self.keys, self.names, self.colours, structure, record))
         else:
             if len(self) != 1:
-                raise InputError(f"a .label holds one region, and there are {len(self)}: save as .annot or .label.gii")
+                raise InputError(f"a .label file holds one region, not {len(self)}. Use .annot or .label.gii")
             vertices = np.flatnonzero(labels)
             rows = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
             rows[self._surface.ids[::-1]] = np.arange(len(self._flat.uv))[::-1]
@@ -291,19 +341,19 @@ class Regions(Recorded):
 def _columns(
     of: Planar, affine: NDArray[np.float64], shape: tuple[int, int, int], depth: tuple[float, float] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return which voxels lie in the cortex, by their numbers, and at which (u, v) of the map, shape (P, 2)."""
+    """Return the voxels in the cortex, by number, and their places (u, v) on the map, shape (P, 2)."""
     flat = of._triangles
     surface, middle = flat.on_surface, 0.5
     if surface.white_points is not None and surface.pial_points is not None:
         if depth is not None:
-            raise InputError("depth is given, but the cortex lies between white and pial surface here: leave it out")
+            raise InputError("depth does not apply to a map with white and pial surfaces. Do not pass it")
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:
-            raise InputError("this map knows no pial surface: give depth, from how far to how far outside, mm")
+            raise InputError("this map has no pial surface. Pass depth, two distances from the surface in mm")
         low, high = (checked_number(value, "depth") for value in _pair(depth))
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise InputError(f"depth is {low:g} to {high:g} mm; give two finite numbers, the lower one first")
+            raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")
         inner, outer = surface.at(Depths((low, high)))
         middle = min(max(-low / (high - low), 0.0), 1.0)
     inverse = np.linalg.inv(affine)
@@ -322,5 +372,5 @@ def _columns(
 def _pair(depth: object) -> tuple[float, float]:
     depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
     if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
-        raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
+        raise InputError(f"depth is {shown(depth)}. Pass two distances from the surface, in mm")
     return depth[0], depth[1]

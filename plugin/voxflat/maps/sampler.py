@@ -1,4 +1,4 @@
-"""What the pixels of a flat image show: a volume, an overlay or a texture, looked up where they lie on the surface."""
+"""Compute the values of a flat image's pixels: a volume, an overlay or a texture at their positions on the surface."""
 
 import math
 import os
@@ -29,12 +29,12 @@ from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, sh
 from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
-_LONGEST_STEP = 100.0  # s; a longer one is doubted: TR in ms where the header says s
-_CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
+_LONGEST_STEP = 100.0  # s; a warning reports longer steps, which may be in ms
+_CURVED = 0.15  # correlation with the mean curvature: on fsaverage5 curv has 0.9, sulc 0.65, the other hemisphere 0.05
 
 
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
-    """Return the usual distance of neighbours, mm: of voxels the spacing, of a mesh the median edge in the plane."""
+    """Return the typical distance of neighbours, mm: the spacing of voxels, or the median edge in the plane."""
     if metadata["kind"] == "voxels":
         return voxel_size(metadata["affine"])
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
@@ -42,14 +42,14 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
 
 
 def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
-    """Check what a file says a map's surface was made of, as in the metadata of `Sampler`."""
+    """Check a file's description of the input of a map, as in the metadata of `Sampler`."""
     if not isinstance(metadata.get("provenance", {}), dict):
         raise InputError(f"its provenance is {metadata['provenance']!r:.80}. {AGAIN}")
     kind = metadata.get("kind")
     if kind == "voxels":
         shape, affine = metadata.get("shape"), metadata.get("affine")
         if not (isinstance(shape, list) and len(shape) == 3 and all(is_whole(n) and 0 < n < 2**31 for n in shape)):
-            raise InputError(f"its volume has the shape {shape!r:.80}. {AGAIN}")
+            raise InputError(f"its volume has shape {shape!r:.80}. {AGAIN}")
         try:
             matrix = np.asarray(affine, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -63,21 +63,21 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
             raise InputError(f"its mesh has {vertices!r:.80} vertices. {AGAIN}")
         most, width = np.array(vertices), 1
     else:
-        raise InputError(f"it is made of {kind!r:.80}, neither voxels nor a mesh. {AGAIN}")
+        raise InputError(f"its kind is {kind!r:.80}, neither voxels nor mesh. {AGAIN}")
     if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
-        raise InputError(f"its ids are not all of {most.tolist()}. {AGAIN}")
+        raise InputError(f"its ids are not all below {most.tolist()}. {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """The points whose numbers a raster's corners are, on the surface."""
+    """The points of a map on the surface, in the order in which rasters number them."""
 
     points: NDArray[np.float64]  # (N, 3), RAS+ mm in `space`
-    normals: NDArray[np.float64]  # unit vectors that point outside; NaN for a sheet, which has no outside
+    normals: NDArray[np.float64]  # outward unit vectors; NaN for a one-voxel-thick surface
     ids: NDArray[np.int64]  # voxel indices (N, 3), or vertex numbers in the mesh (N,)
-    metadata: dict[str, Any]  # ``kind``, of voxels ``affine`` and ``shape``, of a mesh ``vertices``; ``space``
+    metadata: dict[str, Any]  # ``kind``; ``affine`` and ``shape`` of voxels, ``vertices`` of a mesh; ``space``
     faces: NDArray[Any]
-    white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and the pial surface, where both are known
+    white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and pial surfaces, if both are known
     pial_points: NDArray[np.float64] | None = None
 
     @property
@@ -92,24 +92,24 @@ class Sampler:
 
     @cached_property
     def affine(self) -> NDArray[np.float64]:
-        """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
-        self.need_volume("has no voxels and so no affine")
+        """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4)."""
+        self.need_volume("has no voxels, and so no affine")
         return np.asarray(self.metadata["affine"], dtype=np.float64)
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
-        """Shape of the volume that was flattened."""
-        self.need_volume("has no volume's shape")
+        """The shape of the flattened volume."""
+        self.need_volume("has no volume shape")
         i, j, k = self.metadata["shape"]
         return (i, j, k)
 
     def need_volume(self, what: str) -> None:
-        """Refuse what only the map of a volume has."""
+        """Raise an error unless the map was made of a volume."""
         if not self.is_voxels:
-            raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
+            raise InputError(f"the map of a mesh {what}. Pass a volume with an affine, or values at its vertices")
 
     def locate(self, raster: Raster) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Look up which place on the surface each pixel shows: as `FlatMap.locate`."""
+        """Find the position of each pixel on the surface: as `FlatMap.locate`."""
         nearest = raster.nearest
         inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
         ids = np.where(inside, self.ids[nearest], -1)
@@ -129,7 +129,7 @@ class Sampler:
         name: str = "",
         several: bool = True,
     ) -> FlatStack:
-        """Sample a volume's channels, an overlay or a texture onto pixels; of `several`, weights are kept for more."""
+        """Sample channels of a volume, an overlay or a texture at pixels; with `several`, weights are reused."""
         if period is not None:
             interpolation = _of_phases(period, interpolation)
         checked_switch(average, "average")
@@ -140,14 +140,12 @@ class Sampler:
         overlay = None if self.is_voxels or texture is not None else self._overlay(volume)
         if texture is not None:
             if depths != ON_SURFACE or interpolation is not None:
-                raise InputError(
-                    "depth, fraction, interpolation and period are for volumes, not for textures; leave them out"
-                )
+                raise InputError("depth, fraction, interpolation and period do not apply to textures. Do not pass them")
             colours = paint(texture, raster, self.ids)
             names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
             if depths != ON_SURFACE:
-                raise InputError("an overlay has values on the surface alone: leave out depth and fraction")
+                raise InputError("an overlay has values only on the surface. Do not pass depth or fraction")
             series = series_showing(raster, self.ids, interpolation)
             several = several and len(overlay) > 1
             shown = series if several else lambda values: show(raster, values[self.ids], interpolation)
@@ -168,7 +166,7 @@ class Sampler:
                 if period is None:
                     return sampled(volume)
                 if volume.data.ndim != 3:
-                    raise InputError("phases are values: give a volume without colours")
+                    raise InputError("period is given, but the volume has colours. Pass a volume of phases")
                 return phases(lambda own: sampled(replace(volume, data=own)), period, interpolation)(volume.data)
 
             channels = volumes.mapped(read)
@@ -181,7 +179,7 @@ class Sampler:
 
     @staticmethod
     def _found(volume: object, channels: Channels, channel: int | str | None) -> int:
-        """Return the number of a channel; its absence is told with the volume's name."""
+        """Return the number of a channel; errors name the volume."""
         with naming(volume if isinstance(volume, str | os.PathLike) else type(volume).__name__, REMEDY):
             return channels.find(channel)
 
@@ -196,14 +194,14 @@ class Sampler:
         period: float | None = None,
         name: str = "",
     ) -> FlatImage:
-        """Sample one channel of a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
+        """Sample one channel of a volume, an overlay or a texture at pixels: as `FlatMap.image`."""
         how: dict[str, Any] = {"interpolation": interpolation, "period": period, "name": name}
         stack = self.images(raster, volume, depths=depths, average=True, several=False, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
     def _volumes(self, volume: object) -> tuple[Channels, Callable[[NDArray[Any]], Volume], Path | None]:
-        """Return voxels, read one by one where there are several volumes, how they become a volume, and their file."""
+        """Return voxels (one by one for several volumes), a function that makes a volume of them, and the file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
             chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
@@ -225,7 +223,7 @@ class Sampler:
         return Channels(("",), lambda _: placed.data), lambda _: placed, placed.path
 
     def _surface_texture(self, volume: object) -> SurfaceTexture | NDArray[np.uint8] | None:
-        """Return the texture of the mesh, or colours at its vertices, if that is what was given."""
+        """Return the texture of the mesh, or colours at its vertices; None if the input is neither."""
         count = self.metadata["vertices"]
         if isinstance(volume, str | os.PathLike):
             path = Path(volume)
@@ -234,11 +232,11 @@ class Sampler:
         return np.asarray(volume) if are_colours(volume, count) else None
 
     def is_overlay(self, values: object) -> bool:
-        """Say whether values lie at the mesh's vertices, and so at no depth."""
+        """Return whether values lie at the mesh's vertices, and so have no depth."""
         return not self.is_voxels and self._overlay(values) is not None
 
     def _overlay(self, volume: object) -> Channels | None:
-        """Return values at the mesh's vertices, if that is what was given."""
+        """Return values at the mesh's vertices; None if the input is something else."""
         count, structure = self.metadata["vertices"], self.metadata.get("structure")
         if is_chunked(volume):
             return None
@@ -249,34 +247,34 @@ class Sampler:
             channels = read_channels(volume, count, structure=structure)
             self._doubt(Path(volume), channels.read(0))
             return channels
-        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # a Series of pandas, too
+        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # including a pandas Series
         if (
             is_array
             and not hasattr(volume, "dataobj")
             and (values := array_of(volume, "overlay's values")).ndim in (1, 2)
         ):
             if len(values) != count:
-                raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
+                raise InputError(f"the overlay has {len(values)} values, but the mesh {count} vertices. Pass {count}")
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
-        """Tell if a file of as many values seems to be of another surface: by its name, or by its curvature."""
+        """Warn if a file seems to belong to another surface, by its name or its curvature."""
         names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
-            log.warning("%s is of %s, the surface of %s: is it meant?", path.name, names[1][-1], names[0][-1])
+            log.warning("%s is of %s, but the surface is of %s. Check the file", path.name, names[1][-1], names[0][-1])
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
             r = self._correlation_with_curvature(values)
             if abs(r) < _CURVED:
                 log.warning(
-                    "%s does not follow the folds of the surface (correlation with its curvature %.2f, where 0.6 to "
-                    "0.9 is usual): is it of this one?",
+                    "%s does not follow the folds of the surface: its correlation with the curvature is %.2f (usually "
+                    "0.6 to 0.9). Check that it belongs to this surface",
                     path.name,
                     r,
                 )
 
     def _correlation_with_curvature(self, values: NDArray[Any]) -> float:
-        """Return how values at the mesh's vertices go with its mean curvature; NaN where either is constant."""
+        """Return the correlation of values at the vertices with the mean curvature; NaN if either is constant."""
         ends = np.concatenate([self.faces, self.faces[:, ::-1]])[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         steps = self.points[ends[:, 1]] - self.points[ends[:, 0]]
         with np.errstate(all="ignore"):
@@ -289,21 +287,21 @@ class Sampler:
             return float(np.corrcoef(curvature, values[seen].astype(np.float64))[0, 1])
 
     def _doubt_place(self, affine: NDArray[np.float64], path: Path | None) -> None:
-        """Tell if a volume's file does not say where it lies, unless it lies where the flattened one does."""
+        """Warn if a volume's file does not define its position, unless it equals that of the flattened volume."""
         is_same = self.is_voxels and np.array_equal(affine, self.affine)
         if path is not None and not is_same and not has_place(path):
             log.warning(
-                "%s does not say where it lies (no sform, qform or goodRASFlag): its middle is taken as the origin; "
-                "give it the header of an image that it belongs to",
+                "%s does not define its position (no sform, qform or goodRASFlag), so its centre is taken as the "
+                "origin. Copy the header of an image with the same grid into it",
                 path.name,
             )
 
     def _in_world(self, raster: Raster, depths: Depths) -> list[NDArray[np.float64]]:
-        """Return where to sample for each pixel in the world of the volumes, (H, W, 3) a depth, scanner RAS, mm."""
+        """Return the sampling positions of pixels, (H, W, 3) for each depth, scanner RAS, mm."""
         if self.space.doubt:
             log.warning(
-                "the volume may be sampled beside the surface: %s; give a file that says it: FreeSurfer's own with its "
-                "footer, such as lh.white, or what mris_convert --to-scanner of FreeSurfer 7.4 or later writes",
+                "the volume may be sampled beside the surface: %s. Use a file that defines its space, such as "
+                "FreeSurfer's lh.white with its footer, or the result of mris_convert --to-scanner (7.4 on)",
                 self.space.doubt,
             )
         if depths.layering is None:
@@ -311,7 +309,7 @@ class Sampler:
         return [self.space.to_scanner(raster.interpolate(points)) for points in self.at(depths)]
 
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
-        """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm in the space of the points."""
+        """Return the sampling position of each pixel, shape (H, W, 3), RAS+ mm in the space of the points."""
         points = raster.interpolate(self.points)
         if depth == 0:
             return points
@@ -324,8 +322,8 @@ class Sampler:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
         if self.white_points is None or self.pial_points is None:
             raise InputError(
-                "fraction is of the way from white to pial surface, and this map knows no pial one: flatten the white "
-                "surface with pial=, or give depth= in mm"
+                "fraction needs a white and a pial surface, and this map has no pial one. Flatten the white surface "
+                "with pial=, or pass depth= in mm"
             )
         way = self.pial_points - self.white_points
         if depths.layering == "equidistant":
@@ -334,18 +332,18 @@ class Sampler:
         return [self.white_points + equivolume(value, inner, outer)[:, None] * way for value in depths.values]
 
     def _areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the area around each point, whose sides of a cut have one."""
+        """Return the area around each point, added over the sides of a cut."""
         one = np.unique(self.ids, return_inverse=True)[1].ravel()
         return np.asarray(np.bincount(one, vertex_areas(points, self.faces))[one], dtype=np.float64)
 
     def _outward(self, depth: float) -> NDArray[np.float64]:
         """Return the normals for a depth."""
         if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth:g} mm, but this sheet has background on both sides and so no outside")
+            raise InputError(f"depth is {depth:g} mm, but this one-voxel-thick surface has no outside. Omit it")
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
+        """Return a volume with an affine; without its own, it has that of the flattened volume."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 
@@ -353,14 +351,14 @@ class Sampler:
         """Return the affine of the flattened volume for one of the same shape."""
         if shape[:3] != self.volume_shape:
             raise InputError(
-                f"the volume has shape {shape} and no affine, the flattened volume {self.volume_shape}; "
-                "give a volume of that shape, or one with its affine"
+                f"the volume has shape {shape} and no affine, but the flattened volume has shape {self.volume_shape}. "
+                "Pass a volume of that shape, or one with an affine"
             )
         return self.affine
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
-    """Return images of several depths a channel as a channel each; those of one are sampled together."""
+    """Return images of several depths as channels; those of one channel are sampled together."""
     held: dict[int, Any] = {}
 
     def read(n: int) -> NDArray[Any]:
@@ -376,24 +374,24 @@ def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
 
 
 def _of_phases(period: float, interpolation: str | None) -> str:
-    """Check the period of phases, and return how they are sampled."""
+    """Check the period of phases, and return their interpolation."""
     if not (math.isfinite(checked_number(period, "period")) and period > 0):
-        raise InputError(f"the period is {period:g}; give a positive number, such as 360 for degrees")
+        raise InputError(f"period is {period:g}. Pass a positive number, such as 360 for degrees")
     if interpolation is not None and checked_choice(interpolation, "interpolation", INTERPOLATIONS) == "majority":
-        raise InputError("interpolation is 'majority', which is of labels, but a period is of phases: give 'linear'")
+        raise InputError("interpolation is 'majority', which is for labels, not for phases. Pass 'linear'")
     return interpolation or "linear"
 
 
 def _timed(channels: Channels, step: float | None, name: str) -> Channels:
-    """Return channels with the time that is said instead of, or where there is none, that of their file."""
+    """Return channels with the given time step, or that of their file."""
     if step is not None:
         timing = Timing.told(checked_number(step, "time step"))
         if timing is None:
-            raise InputError(f"the time step is {step:g}; give the seconds from each frame to the next")
+            raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds")
         return replace(channels, timing=timing)
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
         log.warning(
-            "the frames of %s are %g s apart, by its header: are these milliseconds? Say it by the time step, in s",
+            "the header of %s says that frames are %g s apart; it may give milliseconds. Pass the time step in s",
             name,
             channels.timing.step,
         )

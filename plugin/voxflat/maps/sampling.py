@@ -1,4 +1,4 @@
-"""The values of a volume at places in space: in memory, or in chunks of which each is read once."""
+"""Sample a volume at positions in space: in memory, or in chunks, each of which is read once."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -14,19 +14,19 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-INTERPOLATIONS = ("linear", "nearest", "majority")  # how values between voxels, or between vertices, are found
+INTERPOLATIONS = ("linear", "nearest", "majority")  # interpolation between voxels or vertices
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
-_BLOCK = 1 << 16  # places whose weights are there at a time
-_CANCELLED = 1e-6  # length of a mean of unit vectors that is none
+_BLOCK = 1 << 16  # positions whose weights are in memory at a time
+_CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
 def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at places (..., 3), RAS+ mm; NaN, of colours alpha 0, outside the volume.
+    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside the volume.
 
-    "majority" is of labels: that which has the greatest weight among the eight voxels around, weighted as "linear"
-    does. By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point ones
-    and colours.
+    "majority", for labels, takes the label with the greatest weight among the eight surrounding voxels, with the
+    weights of "linear". By default "nearest" for bool and integer volumes, which may be labels, and "linear" for
+    floating-point ones and colours.
     """
     data = volume.data
     colour = data.ndim == 4
@@ -41,7 +41,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
     def channel(values: NDArray[Any]) -> NDArray[np.float64]:
         found: NDArray[np.float64] = image.copy()
-        if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy knows no others
+        if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
             values = values.astype(np.float64)
         found[inside] = scipy.ndimage.map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
         return found
@@ -57,7 +57,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
 
 def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return voxel indices of places, and which lie in the volume: a voxel reaches half a voxel beyond its centre."""
+    """Return voxel indices of positions, and which lie in the volume (half a voxel beyond outer centres counts)."""
     inverse = np.linalg.inv(volume.affine)
     where = points @ inverse[:3, :3].T + inverse[:3, 3]
     size = np.asarray(volume.data.shape[:3])
@@ -65,7 +65,7 @@ def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.fl
 
 
 def _by_voxels(data: Any, at: NDArray[np.float64], interpolation: str) -> NDArray[np.float64]:
-    """Sample by the voxels around each place, shape (P,)."""
+    """Sample from the voxels around each position, shape (P,)."""
     if interpolation == "nearest":
         near = np.maximum(np.floor(at + 0.5), 0).astype(np.int32)
         return voxels_at(data, near, _CORNERS[:1])[:, 0].astype(np.float64)
@@ -80,41 +80,41 @@ def _by_voxels(data: Any, at: NDArray[np.float64], interpolation: str) -> NDArra
 
 
 def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the label of most weight around several places together, shape (P, K, 3), each."""
+    """Return the label with the greatest weight around several positions together, shape (P, K, 3)."""
     count = at.shape[1]
     values, low = _around(data, at.reshape(-1, 3))
     values = values.reshape(-1, 8 * count)
     _check_labels(values)
     found = values[:, 0].astype(np.float64)
-    mixed = (values != values[:, :1]).any(axis=1)  # elsewhere all agree, and weights need not be known
+    mixed = (values != values[:, :1]).any(axis=1)  # elsewhere all labels agree, and weights are not needed
     weights = _weights(at[mixed].reshape(-1, 3), low.reshape(-1, count, 3)[mixed].reshape(-1, 3), data)
     found[mixed] = majority(values[mixed], weights.reshape(-1, 8 * count))
     return found
 
 
 def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Return the values of the eight voxels around each place, shape (P, 8), and the lowest one's indices."""
+    """Return the values of the eight voxels around each position, shape (P, 8), and the lowest one's indices."""
     low = _lowest(at, data)
     return voxels_at(data, low, _CORNERS), low
 
 
 def _lowest(at: NDArray[np.float64], data: Any) -> NDArray[np.int32]:
-    """Return the lowest indices of the eight voxels around each place; the others are one more, or the last."""
+    """Return the lowest indices of the eight voxels around each position; the others are one larger, or the last."""
     return np.floor(np.clip(at, 0, np.asarray(data.shape[:3]) - 1)).astype(np.int32)
 
 
 def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDArray[np.float64]:
-    """Return the weights of the eight voxels; beyond the outermost centres the values go on."""
+    """Return the weights of the eight voxels; values are constant beyond the outermost centres."""
     beyond = np.clip(at, 0, np.asarray(data.shape[:3]) - 1) - low
     i, j, k = (np.stack([1 - part, part], axis=1) for part in beyond.T)
     return np.asarray((i[:, :, None, None] * j[:, None, :, None] * k[:, None, None, :]).reshape(-1, 8))
 
 
 def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return the label, a whole number, that has the greatest weight in each row; of equal weights the least label."""
+    """Return the label with the greatest weight in each row; for equal weights, the smallest label."""
     _check_labels(values)
     found = values[:, 0].astype(np.float64)
-    mixed = np.flatnonzero((values != values[:, :1]).any(axis=1))  # elsewhere all agree
+    mixed = np.flatnonzero((values != values[:, :1]).any(axis=1))  # elsewhere all labels agree
     labels, which = np.unique(values[mixed], return_inverse=True)
     count = max(len(labels), 1)
     rows = np.repeat(np.arange(len(mixed), dtype=np.int64), values.shape[1])
@@ -129,7 +129,7 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArra
 def _check_labels(values: NDArray[Any]) -> None:
     if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
         raise InputError(
-            "interpolation is 'majority', which is of labels, but values are no whole numbers: give 'linear'"
+            "interpolation is 'majority', which is for labels, but values are not whole numbers. Pass 'linear'"
         )
 
 
@@ -147,12 +147,12 @@ def sample_layers(
 def sample_mean(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample at several depths: the mean, of labels that of most weight; NaN, or alpha 0, if one lies outside."""
+    """Sample at several depths: the mean, or the majority of labels; NaN, or alpha 0, if one lies outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
-            f"values of type {volume.data.dtype} may be labels, which have no mean over depths: give "
-            "interpolation='majority' if they are, 'linear' if not, one depth, or each depth by itself (images)"
+            f"values of type {volume.data.dtype} may be labels, which have no mean over depths. Pass "
+            "interpolation='majority' for labels or 'linear' otherwise, a single depth, or use images"
         )
     if way == "majority":
         together = np.stack(places)
@@ -175,11 +175,11 @@ def sample_mean(
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """Values at many places, each a sum of a few weighted values elsewhere: found once, applied to every frame."""
+    """Values at many places, each a weighted sum of a few other values; frames of a series share the weights."""
 
-    inside: NDArray[np.bool_]  # places that have a value
-    used: NDArray[np.int64]  # (U,), numbers of the values that are needed
-    matrix: Any  # sparse (P, U), weights; one of 0 stays: of NaN it makes NaN, as everywhere else
+    inside: NDArray[np.bool_]  # positions with a value
+    used: NDArray[np.int64]  # (U,), numbers of the values that are used
+    matrix: Any  # sparse weights (P, U); zeros are kept, so that NaN values give NaN
 
     @classmethod
     def of(
@@ -189,7 +189,7 @@ class Mixing:
         count: int,
         block: Callable[[slice], tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]]]],
     ) -> "Mixing":
-        """Take numbers and weights, `block` of a slice (p, count), of each of the places inside, block by block."""
+        """Compute weights block by block; `block` returns numbers and weights (p, count) for a slice of places."""
         places = int(np.count_nonzero(inside))
         check_room(36 * places * count + 9 * total)
         parts = []
@@ -210,7 +210,7 @@ class Mixing:
     def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Return the values at the places, in the shape of `inside`; NaN outside."""
         found = np.full(self.inside.shape, np.nan)
-        with np.errstate(invalid="ignore"):  # of NaN that signal, as damaged files have
+        with np.errstate(invalid="ignore"):  # signalling NaN in damaged files
             used = values[self.used].astype(np.float64)
         found[self.inside] = self.matrix @ used
         return found
@@ -219,10 +219,10 @@ class Mixing:
 def series_sampling(
     places: Sequence[NDArray[np.float64]], interpolation: str | None, *, average: bool
 ) -> Callable[[Volume], NDArray[Any]]:
-    """Return how volumes are sampled that follow each other: weights are found once for all that share a grid.
+    """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
-    They are sampled as `sample_mean` (`average`) or `sample_layers` does: bit for bit by nearest voxels, else within
-    the rounding of sums. Colours, chunks and majorities are sampled by these themselves.
+    It returns what `sample_mean` (`average`) or `sample_layers` do: identical bits for nearest voxels, otherwise up to
+    rounding of sums. Colours, chunks and majorities are sampled by these functions.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}
 
@@ -246,10 +246,10 @@ def series_sampling(
 def phases(
     sampled: Callable[[Any], NDArray[Any]], period: float, interpolation: str | None
 ) -> Callable[[Any], NDArray[np.float64]]:
-    """Return how phases are sampled: between two that are nearly a period apart lies no middle, but the seam.
+    """Return a function that samples phases, whose mean is circular.
 
-    Of phases, in memory or in chunks, which are read twice, that is the direction of their directions' mean, from 0 to
-    the period; NaN where they cancel each other.
+    The mean is the direction of the mean of unit vectors, from 0 to the period; NaN where they cancel out. Phases in
+    chunks are read twice.
     """
 
     def turned(values: Any, part: np.ufunc) -> Any:
@@ -266,14 +266,14 @@ def phases(
             x, y = sampled(turned(values, np.cos)), sampled(turned(values, np.sin))
             found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
             found[np.hypot(x, y) < _CANCELLED] = np.nan
-        found[found >= period] = 0.0  # of a remainder that was rounded
+        found[found >= period] = 0.0  # rounded remainders
         return found
 
     return mixed
 
 
 def _mixing(volume: Volume, places: Sequence[NDArray[np.float64]], way: str) -> Mixing:
-    """Return how the mean of a volume over several depths is made of its voxels, numbered as in memory by Fortran."""
+    """Return the weights of voxels for the mean of a volume over several depths; voxels have Fortran order."""
     shape = volume.data.shape
     found = [_indices(volume, points) for points in places]
     inside = np.logical_and.reduce([covered for _, covered in found])
@@ -294,10 +294,10 @@ def _mixing(volume: Volume, places: Sequence[NDArray[np.float64]], way: str) -> 
 
 
 def _way(volume: Volume, interpolation: str | None) -> str:
-    """Return how to sample a volume."""
+    """Return the interpolation for a volume."""
     if interpolation is None:
         return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
     checked_choice(interpolation, "interpolation", INTERPOLATIONS)
     if interpolation == "majority" and volume.data.ndim == 4:
-        raise InputError("interpolation is 'majority', which is of labels, but the volume has colours: give 'linear'")
+        raise InputError("interpolation is 'majority', which is for labels, but the volume has colours. Pass 'linear'")
     return interpolation

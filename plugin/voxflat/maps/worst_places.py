@@ -1,4 +1,4 @@
-"""The worst places of a map, as they are told and saved, and the cuts that relieve them."""
+"""The regions of highest distortion of a map, and the cuts that reduce it: results, tables and files."""
 
 import os
 import re
@@ -18,27 +18,33 @@ from voxflat.maps.flat_map import FlatMap
 
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
-_MOST = 10.0  # of |log2| of a triangle's areas that is counted: one that has none on the map would be all there is
+_MOST = 10.0  # limit of a triangle's log2 of areas: one without area on the map would dominate
 
 
 @dataclass(frozen=True, eq=False)
 class RelievingCut:
-    """A cut that relieves a place of a map.
+    """A cut that reduces the distortion of a region of a map.
+
+    `WorstPlaces.cuts` returns cuts in the form that `flatten` accepts.
 
     Parameters
     ----------
     ids : ndarray of int64, shape (k,) or (k, 3)
-        The vertices along it, or their voxels, from inside the map to its border.
+        Vertices along the cut, or their voxels, from inside the map to its border.
     points : ndarray of float64, shape (k, 3)
-        Where they are on the surface, mm.
+        Their positions on the surface, mm.
     uv : ndarray of float64, shape (k, 2)
-        Where they are on the map, mm.
+        Their places on the map, mm.
     length : float
-        mm.
+        Length, mm.
     gain : float
-        By how much less a sketch of the map gets distances wrong with it, as a fraction: what relaxation cuts are
-        judged by. Negative where distances get worse, which a cut that mends areas may cost; NaN where there is no
-        sketch.
+        Reduction of the relative distance error of a coarse preview map, as a fraction; relaxation cuts are chosen by
+        it, too. It is negative if distances become worse, which a cut that improves areas may cause; NaN without a
+        preview map.
+
+    See Also
+    --------
+    worst_places : Find regions of highest distortion.
 
     Examples
     --------
@@ -59,37 +65,43 @@ class RelievingCut:
 
 @dataclass(frozen=True, eq=False)
 class WorstPlace:
-    """A connected part of a map whose area is stretched, or shrunk, beyond a factor.
+    """A connected region of a map whose area is stretched, or shrunk, by more than a factor.
+
+    Regions are ranked by `excess`.
 
     Parameters
     ----------
     number : int
-        From 1, the worst, on.
+        Rank of the region, from 1 for the worst.
     kind : {"stretched", "shrunk"}
-        What happens to its area.
+        How its area changes.
     area : float
         Its area on the surface, mm².
     share : float
-        Of the whole surface's.
+        Its share of the area of the whole surface.
     excess : float
-        How much distortion it holds, by which places are ranked: Σ A_surface |log2(A_flat / A_surface)|, mm².
+        Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, mm².
     worst_ratio, median_ratio : float
-        A_flat / A_surface of the triangle where it is farthest from 1, and the median by area, at the scale that keeps
-        the area of the whole.
+        A_flat / A_surface of the triangle where it is farthest from 1, and the area-weighted median, at the scale that
+        preserves the total area.
     point : ndarray of float64, shape (3,)
-        Its centre on the surface, mm: one of its vertices.
+        Its centre on the surface, one of its vertices, mm.
     uv : ndarray of float64, shape (2,)
-        That on the map, mm.
+        The place of that vertex on the map, mm.
     id : ndarray of int64, shape () or (3,)
         The number of that vertex, or its voxel.
     triangles : ndarray of int64, shape (k,)
-        Numbers of the map's triangles.
+        Its triangles, as row numbers of the map's triangles.
     parcel : str or None
-        The parcel that holds most of it, where parcels were given.
+        The parcel with the largest part of the region, if parcels were passed.
     cut : RelievingCut or None
-        Which cut relieves it; None where none was asked for, or no way leads from it to the border.
+        A cut that reduces its distortion. None if cuts were not requested, or no path connects it to the border.
     unit : str
-        Of lengths; "unknown" if nothing tells it.
+        Unit of lengths; "unknown" if it is not defined.
+
+    See Also
+    --------
+    worst_places : Find regions of highest distortion.
 
     Examples
     --------
@@ -117,7 +129,18 @@ class WorstPlace:
         return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, changed {self.worst_ratio:.2f} at worst>"
 
     def figures(self) -> dict[str, Any]:
-        """Return it ready for JSON, without its triangles, with units in the names, such as ``area_mm2``.
+        """Return the figures of the region, ready for JSON.
+
+        Names include units, such as ``area_mm2``. Triangles are not included.
+
+        Returns
+        -------
+        dict
+            The figures by name.
+
+        See Also
+        --------
+        WorstPlaces.figures : Figures of all regions.
 
         Examples
         --------
@@ -146,31 +169,36 @@ class WorstPlace:
 
 @dataclass(frozen=True, eq=False)
 class WorstPlaces(Recorded):
-    """The worst places of a map, the worst first.
+    """The regions of highest distortion of a map, the worst first.
+
+    `voxflat.worst_places` returns them.
 
     Parameters
     ----------
     flat_map : FlatMap
         The map.
     beyond : float
-        The factor beyond which areas change there.
+        Factor by which areas in these regions change at least.
     places : tuple of WorstPlace
-        Fewer than were asked for, or none, where there are no more.
+        The regions; fewer than requested if there are not as many.
     found : int
-        How many there are.
+        Number of regions in the map.
     share : float
-        The share of the surface in all of them: as `area_beyond_1_5` of `TriangleFigures`, at this factor.
+        Share of the surface in all regions, like `area_beyond_1_5` of `TriangleFigures` for this factor.
     sketch_error : float
-        The mean relative error of distances in a sketch of the map, to which `RelievingCut.gain` refers; NaN where
-        there is none.
+        Mean relative distance error of a coarse preview map, to which `RelievingCut.gain` refers; NaN without one.
     provenance : dict
-        What made it.
+        Record of how they were found.
+
+    See Also
+    --------
+    worst_places : Find regions of highest distortion.
 
     Examples
     --------
     >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
     >>> worst
-    <WorstPlaces: 1 of 2 where areas change beyond 1.01 times, 87.69 % of the surface>
+    <WorstPlaces: 1 of 2 where areas change by more than 1.01 times, 87.69 % of the surface>
     """
 
     flat_map: FlatMap
@@ -183,13 +211,26 @@ class WorstPlaces(Recorded):
 
     def __repr__(self) -> str:
         return (
-            f"<WorstPlaces: {len(self.places)} of {self.found} where areas change beyond {self.beyond:g} times, "
+            f"<WorstPlaces: {len(self.places)} of {self.found} where areas change by more than {self.beyond:g} times, "
             f"{100 * self.share:.2f} % of the surface>"
         )
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
-        """The number of the place that each triangle of the map belongs to, shape (F,); 0 for none."""
+        """The region of each triangle of the map, by number, shape (F,).
+
+        Triangles in no region have 0.
+
+        See Also
+        --------
+        WorstPlaces.logs : Change of area of each triangle.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> worst.numbers.shape
+        (800,)
+        """
         numbers = np.zeros(len(self.flat_map.faces), dtype=np.int64)
         for place in self.places:
             numbers[place.triangles] = place.number
@@ -197,29 +238,46 @@ class WorstPlaces(Recorded):
 
     @cached_property
     def logs(self) -> NDArray[np.float64]:
-        """Of each triangle log2(A_flat / A_surface), at the scale that keeps the area of the whole, shape (F,).
+        """The change of area of each triangle, log2(A_flat / A_surface), shape (F,).
 
-        At most 10 either way, as of triangles without area on the map; NaN without area on the surface.
+        It refers to the scale that preserves the total area. Values are limited to ±10, for triangles without area on
+        the map, and NaN for triangles without area on the surface.
+
+        See Also
+        --------
+        WorstPlaces.numbers : Region of each triangle.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> worst.logs.shape
+        (800,)
         """
         return area_changes(self.flat_map)[1]
 
     def cuts(self, *numbers: int) -> list[list[Any]]:
-        """Return cuts that `flatten` takes as ``cuts``: those that the map has, and those that relieve places.
+        """Return the cuts of the map, and those that reduce the distortion of regions.
+
+        Pass the result to `flatten` as ``cuts``, with the same part of the surface.
 
         Parameters
         ----------
         *numbers : int
-            Of the places; by default all. Cuts that run into each other from different sides may part the surface.
+            Numbers of the regions; by default all. Cuts that meet from different sides may divide the surface.
 
         Returns
         -------
         list of lists
-            Vertices one after another, or voxels. Give `flatten` the region again that the map was made of.
+            Paths of vertices or voxels.
 
         Raises
         ------
         InputError
-            If there is no place of that number.
+            If there is no region of that number.
+
+        See Also
+        --------
+        WorstPlaces.save_cuts : Save the cuts to a file.
 
         Examples
         --------
@@ -234,30 +292,36 @@ class WorstPlaces(Recorded):
     def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
-                raise InputError(f"there is no place {number!r}; they are counted from 1 to {len(self.places)}")
+                raise InputError(f"there is no place {number!r}. Pass a number from 1 to {len(self.places)}")
         wanted = numbers or range(1, len(self.places) + 1)
         return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
 
     def save_cuts(
         self, path: str | os.PathLike[str], *numbers: int, sidecar: bool = False, overwrite: bool = False
     ) -> None:
-        """Write `cuts` to a file that ``cuts`` of `flatten` takes, of a mesh with the vertices that the map has not.
+        """Save the cuts to a file that ``cuts`` of `flatten` accepts.
+
+        For a mesh, the file also lists the vertices that the map excludes.
 
         Parameters
         ----------
         path : path
-            A JSON file, as `CutSurface.save` writes it.
+            A JSON file, in the format of `CutSurface.save`.
         *numbers : int
             As in `cuts`.
-        sidecar, overwrite
+        sidecar, overwrite : bool
             As in `FlatMap.save`.
 
         Raises
         ------
         InputError
-            If there is no place of that number, or it is a file that was read.
+            If there is no region of that number, or the path is an input file.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        WorstPlaces.cuts : Return the cuts.
 
         Examples
         --------
@@ -272,7 +336,18 @@ class WorstPlaces(Recorded):
             beside.write_text(as_text(content) + "\n", encoding="utf-8")
 
     def figures(self) -> dict[str, Any]:
-        """Return all of it, without arrays of triangles, ready for JSON.
+        """Return the figures of all regions, ready for JSON.
+
+        Triangles are not included.
+
+        Returns
+        -------
+        dict
+            The figures by name; ``places`` lists those of each region.
+
+        See Also
+        --------
+        WorstPlaces.table : The figures as text.
 
         Examples
         --------
@@ -289,16 +364,27 @@ class WorstPlaces(Recorded):
         }
 
     def table(self) -> str:
-        """Return the places as a table of text.
+        """Return a table of the regions as text.
+
+        There is one row per region.
+
+        Returns
+        -------
+        str
+            The table.
+
+        See Also
+        --------
+        WorstPlaces.figures : The figures for JSON.
 
         Examples
         --------
         >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
         >>> print(worst.table().splitlines()[0])
-        2 places where areas change beyond 1.01 times, 87.69 % of the surface
+        2 places where areas change by more than 1.01 times, 87.69 % of the surface
         """
         share = f"{100 * self.share:.2f} % of the surface"
-        about = f"{self.found} places where areas change beyond {self.beyond:g} times, {share}"
+        about = f"{self.found} places where areas change by more than {self.beyond:g} times, {share}"
         if not self.places:
             return about
         names = ["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain, %"]
@@ -318,26 +404,32 @@ class WorstPlaces(Recorded):
         told = (
             []
             if np.isnan(self.sketch_error)
-            else [f"gain: of the {100 * self.sketch_error:.2f} % by which a sketch of the map gets distances wrong"]
+            else [f"gain: reduction of the distance error of a coarse preview map, {100 * self.sketch_error:.2f} %"]
         )
         return "\n".join([about, *(line.rstrip() for line in lines), *told])
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the places to a file.
+        """Save the regions to a file.
+
+        The ending of the name selects the format.
 
         Parameters
         ----------
         path : path
-            ``.json``, as `figures` has them, with `provenance`; or ``.tsv``, a row each.
-        sidecar, overwrite
+            ``.json`` holds the result of `figures` and `provenance`; ``.tsv`` has one row per region.
+        sidecar, overwrite : bool
             As in `FlatMap.save`.
 
         Raises
         ------
         InputError
-            If the path has another ending, or is a file that was read.
+            If the ending is not supported, or the path is an input file.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        WorstPlaces.save_cuts : Save the cuts.
 
         Examples
         --------
@@ -346,7 +438,7 @@ class WorstPlaces(Recorded):
         """
         name = checked_path(path).name.lower()
         if not name.endswith(WORST_ENDINGS):
-            raise InputError(f"cannot save places as {checked_path(path).name}; give a name that ends in .json or .tsv")
+            raise InputError(f"cannot save places as {checked_path(path).name}. Use a name that ends in .json or .tsv")
         if name.endswith(".json"):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:
@@ -384,7 +476,7 @@ _NO_PLACE = WorstPlace(
 
 
 def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each triangle's area, mm², and log2 of its change at the whole's scale; NaN without area, −10 if lost."""
+    """Return each triangle's area, mm², and log2 of its change (NaN without area on the surface, −10 on the map)."""
     assert flat_map.distortion.triangles is not None
     a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))
     areas = np.linalg.norm(np.cross(a, b), axis=1) / 2

@@ -1,4 +1,4 @@
-"""Where a map changes areas most, and which cut relieves each place."""
+"""Find the regions where a map changes areas most, and cuts that reduce their distortion."""
 
 from dataclasses import replace
 from typing import Any
@@ -20,7 +20,7 @@ from voxflat.surfaces.cutting import sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
-_ON = 3.0  # times as deep as a place at the border is, its cut leads
+_ON = 3.0  # depth of the cut for a region at the border, in multiples of the region's depth
 
 
 @telling()
@@ -35,54 +35,60 @@ def worst_places(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> WorstPlaces:
-    """Find where a map changes areas most, and which cut would relieve each place.
+    """Find the regions where a map changes areas most, and a cut that would reduce the distortion of each.
 
-    A place is a part of the surface whose triangles touch, all stretched or all shrunk by more than a factor, at the
-    scale that keeps the area of the whole. Places are ranked by how much distortion they hold: their area times its
-    change.
+    A region is a set of connected triangles that are all stretched, or all shrunk, by more than a factor, relative to
+    the scale that preserves the total area. Regions are ranked by their area times its change.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     count : int
-        How many places at most.
+        Maximum number of regions.
     beyond : float
         The factor.
     cuts : bool
-        Find for each the cut that relieves it: the shortest way along edges from the border to it and through it, to
-        its far end; of a place at the border on inwards, three times as deep.
+        Find a cut for each region: the shortest path along edges from the border through the region to its far end. For
+        a region at the border, the cut continues inwards, three times as deep as the region.
     parcels : path, ndarray, image object, Volume or Parcels, optional
-        Labels, as in `figures.flat_map`: places have the name of the parcel that holds most of them.
+        Labels, as in `figures.flat_map`. Each region gets the name of the parcel with the largest part of it.
     table : path, optional
-        Names of the parcels where their file has none.
-    threads, progress
+        Names of the parcels, if their file has none.
+    threads : int, optional
+        As in `flatten`.
+    progress : callable, optional
         As in `flatten`.
 
     Returns
     -------
     WorstPlaces
+        The regions, the worst first.
 
     Raises
     ------
     InputError
-        If the map has no triangles of the surface (method "grossmann2002"), or an argument is none of those above.
+        If the map has no triangles of the surface (method "grossmann2002"), or an argument is not valid.
     Cancelled
         If `progress` returned False.
+
+    See Also
+    --------
+    voxflat.methods.Voxflat : Bound changes of area with ``max_area``.
 
     Examples
     --------
     >>> voxflat.worst_places(voxflat.samples.hill().flatten(), beyond=1.01)
-    <WorstPlaces: 2 of 2 where areas change beyond 1.01 times, 87.69 % of the surface>
+    <WorstPlaces: 2 of 2 where areas change by more than 1.01 times, 87.69 % of the surface>
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
-        raise InputError(f"count is {shown(count)}; give how many places to find, a whole number")
+        raise InputError(f"count is {shown(count)}. Pass the number of places to find, a whole number")
     factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
-        raise InputError(f"beyond is {shown(beyond)}; give a factor greater than 1, such as 1.5")
+        raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
-        raise InputError("the map's triangles are not the surface's, so it has no areas: give one of another method")
+        raise InputError("the map has no triangles of the surface, and so no areas. Pass a map of another method")
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())
@@ -105,7 +111,7 @@ def worst_places(
 
 
 def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[NDArray[np.int64]]:
-    """Part chosen triangles into groups that share no vertex."""
+    """Split selected triangles into groups that share no vertex."""
     numbers = np.flatnonzero(chosen)
     if not len(numbers):
         return []
@@ -160,7 +166,7 @@ def _place(
 
 
 class _Ways:
-    """Ways from the border of a map into it, along the edges of its triangles, and what cuts there gain."""
+    """Paths from the border of a map inwards along edges, and the effect of cuts along them."""
 
     def __init__(self, flat_map: FlatMap, threads: int | None, progress: Progress | None) -> None:
         self.flat_map, self.threads, self.progress = flat_map, threads, progress
@@ -168,7 +174,7 @@ class _Ways:
         voxels = flat_map.ids if flat_map.is_voxels else None
         part = Manifold(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
         self.part, faces, _ = close_holes(part, progress)
-        self.rows = self.part.vertices  # of the map
+        self.rows = self.part.vertices  # row of the map for each vertex
         count = len(self.rows)
         is_border = np.zeros(count, dtype=np.bool_)
         for line in rim(self.part.faces, count):
@@ -178,13 +184,13 @@ class _Ways:
         self.of_row[self.rows] = np.arange(count)
         sides = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
         ends = distinct(np.sort(sides, axis=1)).rows
-        self.ends = ends[~is_border[ends].all(axis=1)]  # a way along the border, or across to it, cuts nothing open
+        self.ends = ends[~is_border[ends].all(axis=1)]  # paths between border vertices open nothing
         self.lengths = np.linalg.norm(np.subtract(*(self.part.points[self.ends[:, end]] for end in (0, 1))), axis=1)
         self.from_border, self.to_border = self._dijkstra(np.flatnonzero(is_border), self.ends, self.lengths)
         self.error = self._sketch(None)
 
     def _sketch(self, path: NDArray[np.int64] | None) -> float:
-        """Return the error of a sketch of the map, with one cut more."""
+        """Return the error of a coarse preview map, with one more cut."""
         core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
         if core.topology()["euler"] != 1:
             return np.nan
@@ -193,7 +199,7 @@ class _Ways:
     def _dijkstra(
         self, sources: NDArray[np.int64], ends: NDArray[Any], lengths: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return how far vertices are from the nearest source, and the one before each on the way there."""
+        """Return the distance of vertices to the nearest source, and the previous vertex on the shortest path."""
         count = len(self.rows)
         graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(count, count))
         found = scipy.sparse.csgraph.dijkstra(
@@ -202,7 +208,7 @@ class _Ways:
         return found[0], found[1]
 
     def relieving(self, place: WorstPlace) -> RelievingCut | None:
-        """Return the cut that relieves a place."""
+        """Return the cut that reduces the distortion of a region."""
         own = self.of_row[np.unique(self.flat_map.faces[place.triangles])]
         path = self._through(own, place)
         if path is None:
@@ -213,11 +219,11 @@ class _Ways:
         return RelievingCut(self.flat_map.ids[rows], points, self.flat_map.uv[rows], length, float(gain))
 
     def _through(self, own: NDArray[np.int64], place: WorstPlace) -> NDArray[np.int64] | None:
-        """Return the way through a place's vertices, its inner end first; None where none leads to the border.
+        """Return the path through a region's vertices, its inner end first; None if none leads to the border.
 
-        It begins where the deepest of them has its shortest way to the border. Through what lies inside it leads to the
-        far end. What touches the border is relieved by what bends beyond it: the way goes on inwards, three times as
-        deep as the place is, or as wide.
+        It starts where the deepest vertex has its shortest path to the border, and leads through the region to its far
+        end. A region at the border depends on curvature farther inwards, so its path continues three times as deep as
+        the region is, or as wide.
         """
         own = own[np.isfinite(self.from_border[own])]
         if not len(own):
@@ -236,7 +242,7 @@ class _Ways:
 
 
 def _followed(before: NDArray[np.int64], start: np.int64) -> NDArray[np.int64]:
-    """Return the way from a vertex back to the source."""
+    """Return the path from a vertex back to the source."""
     path = [int(start)]
     while before[path[-1]] >= 0:
         path.append(int(before[path[-1]]))

@@ -1,6 +1,6 @@
-"""The methods that flatten a surface, each with its own options.
+"""Methods that flatten a surface, each a class with its own options.
 
-An object of one is given wherever a method's name is: ``surface.flatten(Zigelman2002(sources=400))``.
+Pass an object of one wherever a method's name is accepted: ``surface.flatten(Zigelman2002(sources=400))``.
 """
 
 from voxflat.arguments import shown
@@ -20,25 +20,32 @@ __all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "
 METHODS: dict[str, type[Method]] = {
     method.name: method for method in (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
 }
-"""The methods by their names, the default first."""
+"""The methods by name, the default first."""
 
 
 def method_of(method: str | Method) -> Method:
-    """Return a method with its options; of one that is named, the defaults.
+    """Return a method object, with its default options if it is given by name.
+
+    Functions that take ``method`` use it to turn a name into an object.
 
     Parameters
     ----------
     method : str or Method
-        A name in `METHODS`, or an object of a method.
+        A name in `METHODS`, or a method object, which is returned unchanged.
 
     Returns
     -------
     Method
+        The method with its options.
 
     Raises
     ------
     InputError
         If there is no method of that name.
+
+    See Also
+    --------
+    Surface.flatten : Flatten a surface with a method.
 
     Examples
     --------
@@ -49,12 +56,12 @@ def method_of(method: str | Method) -> Method:
         return method
     if not isinstance(method, str) or method not in METHODS:
         names = ", ".join(map(repr, METHODS))
-        raise InputError(f"method is {shown(method)}; give {names}, or an object of voxflat.methods")
+        raise InputError(f"method is {shown(method)}. Pass {names}, or an object of voxflat.methods")
     return METHODS[method]()
 
 
 def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
-    """Flatten a surface, or one that is cut already, by a method; see `voxflat.Surface.flatten`."""
+    """Flatten a surface, which may be cut already, with a method; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
     chosen._check(how)
     return chosen._flatten(surface, where, how)

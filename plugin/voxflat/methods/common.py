@@ -1,4 +1,4 @@
-"""From a method's result to a `FlatMap`: judged, turned, with remarks on everything the user should know."""
+"""From a method's result to a `FlatMap`: measure its distortion, orient it, and collect warnings."""
 
 import platform
 from collections.abc import Sequence
@@ -20,20 +20,20 @@ from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 from voxflat.surfaces.standard.template import standard_template
 
 MUCH = 0.01
-"""By which part of themselves distances may be off. Links usually are by 0.1 %."""
+"""Tolerated relative error of distances. Graph distances usually have an error of 0.1 %."""
 
-_NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
-_FEWEST = 3  # corresponding points that settle a turn
-_FEW = 40  # exact reference sources, where links do not serve: a minute at 80,000 vertices
+_NO_GOOD_MAP = 0.25  # cortex usually has 0.05 to 0.15
+_FEWEST = 3  # corresponding points needed for a rotation
+_FEW = 40  # exact reference sources if graph distances are too inaccurate: one minute for 80,000 vertices
 
 
 def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
-    """Return how far a solver's distances are from exact ones, relative to themselves."""
+    """Return the mean relative error of a solver's distances against exact ones."""
     return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
 
 
-def _judged(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
-    """Return what the map does to distances: those along links, or exact ones where links are too long."""
+def _measured(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
+    """Measure the distortion against graph distances, or exact ones where those are not accurate enough."""
     reference, distances = "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
@@ -58,39 +58,40 @@ def map_over_triangles(
     sampling: str | None = None,
     links_error: float | None = None,
 ) -> FlatMap:
-    """Return the map of a surface of triangles, with what the user should know of it."""
+    """Return the map of a triangle surface, with its distortion, metadata and warnings."""
     part, chosen = cut.part, result["sources"]
     warnings = [*cut.remarks, *doubts]
     if links_error is None:
         links_error = error_of_distances(part, "graph", how)
-    distortion = _judged(part, result, more.get("geodesic", "graph"), links_error, how)
+    distortion = _measured(part, result, more.get("geodesic", "graph"), links_error, how)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
-        warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
+        warnings.append(f"the descent stopped after {steps} steps, before it converged. A better map may exist")
     error = distortion.best_scale.relative_error
     if error > _NO_GOOD_MAP:
         warnings.append(
-            f"distances in the map are {100 * error:.0f} % wrong on average, at any scale: as it is, this surface has "
-            "no good map; give cuts, relax=True, or a smaller patch"
+            f"distances in the map are wrong by {100 * error:.0f} % on average, even at the best scale. Pass cuts or "
+            "relax=True, or flatten a smaller patch"
         )
     if distortion.triangles is not None and distortion.triangles.crossings:
-        warnings.append(f"the map lies on itself: its boundary crosses itself {distortion.triangles.crossings} times")
+        count = distortion.triangles.crossings
+        warnings.append(f"the map overlaps itself: its boundary crosses itself {count} times")
     elif distortion.triangles is not None and distortion.triangles.covering and not distortion.triangles.flipped:
-        warnings.append(f"the map lies on itself: {distortion.triangles.covering} triangles cover another one")
+        warnings.append(f"the map overlaps itself: {distortion.triangles.covering} triangles cover another one")
     if distortion.triangles is not None and distortion.triangles.flipped:
         warnings.append(
-            f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
+            f"the map folds over: {distortion.triangles.flipped} of {len(part.faces)} triangles are flipped"
         )
     anatomy = cut.anatomy(how.threads, how.progress)
     uv, framed = _framed(result["uv"], cut, how)
     merged, places = part._also_merged()
     rows_of: Any = slice(None)
     ids = part.ids
-    if len(merged):  # each has a row of its own, at the same place
+    if len(merged):  # each merged vertex has its own row, at the same place
         rows_of, ids = np.concatenate([np.arange(len(part)), places]), np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]
-    if distortion.triangles is not None:  # those that close holes are the last ones, and none of the map's
+    if distortion.triangles is not None:  # triangles that close holes come last, and are not part of the map
         of_map = {"areal": distortion.triangles.areal[rows_of]}
         of_map["is_flipped"] = distortion.triangles.is_flipped[: len(cut.faces)]
         distortion = replace(distortion, triangles=replace(distortion.triangles, **of_map))
@@ -108,7 +109,7 @@ def map_over_triangles(
             "method": method,
             **cut.metadata,
             **framed,
-            **told(how, chosen, result, need, warnings, sampling, known=cut.remarks if cut.is_told else ()),
+            **making_metadata(how, chosen, result, need, warnings, sampling, known=cut.remarks if cut.is_told else ()),
             **more,
         },
         rows=rows,
@@ -120,7 +121,7 @@ def map_over_triangles(
 
 
 def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """Turn a map into the standard frame if it was cut by a template, and mirror it if that is wanted."""
+    """Align a map with the standard frame if a template cut it, and mirror it on request."""
     found: dict[str, Any] = {"frame": None, "mirrored": how.mirror}
     if cut.is_standard and cut.sphere is not None:
         uv, points, residual = _in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
@@ -132,11 +133,11 @@ def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.
 def _in_standard_frame(
     uv: NDArray[np.float64], part: Manifold, faces: NDArray[Any], sphere: Sphere
 ) -> tuple[NDArray[np.float64], int, float]:
-    """Turn and move a map rigidly onto the flat map of fsaverage5, by points that correspond on the sphere.
+    """Align a map rigidly with the flat map of fsaverage, using corresponding points on the sphere.
 
-    The points lie evenly on the template's map, so that each counts the same. The turn is the one of the least sum of
-    squares (Schönemann 1966); nothing is scaled, nothing mirrored. Their mean comes to lie where it is on the
-    template's. Return, too, how many they are (0: too few), and how far off they lie, root mean square, mm.
+    The points are evenly spaced on the template's map, so that all parts count equally. The rotation minimises the sum
+    of squared distances (Schönemann 1966), without scaling or mirroring, and the centroids coincide. Also return the
+    number of points (0 if there are too few) and the root mean square of the residual distances in mm.
     """
     anchors = standard_template(sphere.space, sphere.side).anchors
     assert anchors is not None
@@ -150,7 +151,7 @@ def _in_standard_frame(
     return np.ascontiguousarray(turned[: len(uv)]), count, float(np.sqrt((apart**2).mean()))
 
 
-def told(
+def making_metadata(
     how: How,
     chosen: NDArray[Any],
     result: dict[str, Any],
@@ -159,7 +160,7 @@ def told(
     sampling: str | None,
     known: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Log the warnings of a map but those that were logged before, and return what its metadata say of its making."""
+    """Log the warnings that were not logged before, and return the metadata that describe how a map was made."""
     for warning in warnings:
         if warning not in known:
             log.warning(warning)

@@ -1,4 +1,4 @@
-"""The method "grossmann2002": chain codes, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002)."""
+"""The method "grossmann2002": chain codes and classical scaling of surface voxels (Grossmann, Kiryati, Kimmel 2002)."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -13,7 +13,7 @@ from voxflat.distances.store import prepare_store
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import told
+from voxflat.methods.common import making_metadata
 from voxflat.methods.method import How, Method
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
@@ -24,36 +24,54 @@ _TORN_WARNING = 0.05  # share of a map
 
 @dataclass(frozen=True, kw_only=True)
 class Grossmann2002(Method):
-    """Flatten the surface voxels of a volume, linked to their 26 neighbours.
+    r"""Flatten the surface voxels of a volume by classical scaling of chain-code distances.
 
-    A path over the surface is a chain code with N₁ direct, N₂ minor diagonal and N₃ major diagonal links. Its length is
-    estimated as 0.9016 N₁ + 1.289 N₂ + 1.615 N₃ voxels, which is right on average over all directions; for anisotropic
-    voxels the weights are derived by the same principle. Classical scaling places the sources: of
-    B = -½ J (Δ∘Δ) J, with Δ the distances among them, the two eigenvectors of the largest positive eigenvalues, times
-    their square roots, are coordinates. The other voxels are placed by the smoothest functions through the sources,
-    f(x) = Σ bᵢ |x - xᵢ| + a₀ + a·x. The foreground is taken as it was given, or repaired where
-    ``repair="voxels"`` was asked for. The surface is not cut, so a closed one is refused: choose a part by
-    `Surface.disk` or `Surface.keep`.
+    The method follows [1]_. It needs no triangles: surface voxels are linked to their 26 neighbours, and a shortest
+    path is a chain code with :math:`N_1` direct, :math:`N_2` minor diagonal and :math:`N_3` major diagonal links. The
+    length of a path is estimated as
+
+    .. math:: \ell = 0.9016\, N_1 + 1.289\, N_2 + 1.615\, N_3
+
+    voxels, which is unbiased on average over all directions. For anisotropic voxels the weights are derived by the same
+    principle. Let :math:`\Delta` be the matrix of distances among the `sources`, and :math:`J` the centring matrix.
+    Classical scaling takes the two eigenvectors :math:`v_k` of the largest positive eigenvalues :math:`\lambda_k` of
+
+    .. math:: B = -\tfrac{1}{2}\, J\, (\Delta \circ \Delta)\, J
+
+    and places the sources at :math:`\sqrt{\lambda_k}\, v_k`. The other voxels are interpolated by the smoothest
+    functions through the sources,
+
+    .. math:: f(x) = \sum_i b_i\, |x - x_i| + a_0 + a \cdot x .
 
     Parameters
     ----------
     sources : int or array_like of int, shape (m, 3)
-        How many points distances are measured from; all, if there are fewer. Or which: voxel indices. The paper has
-        1,000.
+        Number of points from which distances are measured (all points, if there are fewer), or their voxel indices. The
+        default is 1000, as in the paper.
     sampling : {"farthest", "random"}
-        How sources are chosen: evenly, each farthest from the others along the surface, or at random.
+        How sources are chosen: "farthest" spreads them evenly, each as far as possible from the others along the
+        surface; "random" draws them at random.
     link_lengths : {"chain-code", "euclidean"}
-        Lengths of the links between neighbouring voxels: the paper's unbiased estimator, or 1, √2, √3 for comparison.
+        Lengths of the links between neighbouring voxels: the unbiased estimator of the paper, or 1, √2 and √3 voxels.
+
+    See Also
+    --------
+    Voxflat : The default method, which works on triangles.
+    Surface.flatten : Flatten a surface with a method.
+
+    Notes
+    -----
+    The surface is never cut, so a closed surface is an error: choose a part with `Surface.disk` or `Surface.keep`.
+    Banks of a sulcus that touch are linked, so distances can jump between them. The foreground is used unchanged unless
+    ``repair="voxels"`` is passed to `voxflat.surface`.
 
     References
     ----------
-    R. Grossmann, N. Kiryati, R. Kimmel: Computational Surface Flattening: A Voxel-Based Approach. IEEE Transactions on
-    Pattern Analysis and Machine Intelligence 24 (4), 433-441, 2002.
+    .. [1] R. Grossmann, N. Kiryati, R. Kimmel: Computational Surface Flattening: A Voxel-Based Approach. IEEE
+       Transactions on Pattern Analysis and Machine Intelligence 24 (4), 433-441, 2002.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> from voxflat.methods import Grossmann2002
     >>> slab = np.zeros((12, 12, 5), dtype=np.uint8)
     >>> slab[1:-1, 1:-1, 2] = 1
@@ -76,19 +94,19 @@ class Grossmann2002(Method):
         checked_choice(self.link_lengths, "link_lengths", ("chain-code", "euclidean"))
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
-        """Flatten the surface voxels that a surface was made of."""
+        """Flatten the surface voxels from which a surface was made."""
         if isinstance(surface, Cutout) or where.is_given:
             raise InputError(
-                "the method 'grossmann2002' cuts no surface: give a part of one (Surface.disk, Surface.keep), and "
-                "leave out cuts, sphere, relax and adapt"
+                "the method 'grossmann2002' does not cut surfaces. Flatten a part of the surface (Surface.disk, "
+                "Surface.keep), and do not pass cuts, sphere, relax or adapt"
             )
         if how.mirror:
-            raise InputError("the method 'grossmann2002' knows no mirror; leave it out")
+            raise InputError("the method 'grossmann2002' does not support mirror. Do not pass it")
         return self._map(voxel_graph(surface, self.link_lengths, how.progress), how)
 
     def _map(self, graph: VoxelGraph, how: How) -> FlatMap:
         part = graph.core
-        part.check_flattenable(how.progress)  # the first reason to refuse is the one that matters
+        part.check_flattenable(how.progress)  # report this error before others
         choice = source_choice(graph, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
         need = part.memory_need(choice.count, how.workers) + how.rows_memory_need(choice.count, len(part))
         need = how.check_memory(need)
@@ -105,7 +123,7 @@ class Grossmann2002(Method):
         metadata = {
             "method": "grossmann2002",
             **graph.metadata,
-            **told(how, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule),
+            **making_metadata(how, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule),
             "topology": topology,
             "torn_faces": float(torn.mean()),
         }
@@ -128,19 +146,19 @@ class Grossmann2002(Method):
 
 
 def _warnings(graph: VoxelGraph, topology: dict[str, Any], torn: float) -> list[str]:
-    """Return what the user should know of a map over the 26-neighbour graph."""
+    """Return the warnings about a map over the 26-neighbour graph."""
     sizes = graph.whole.component_sizes()
     warnings = list(graph.remarks)
     if len(sizes) > 1 and not (graph.metadata["keep"] or graph.metadata["seed_point"] is not None):
-        warnings.append(f"{len(sizes)} components: the largest, {len(graph)} of {sum(sizes)} surface voxels, is used")
+        warnings.append(f"only the largest of {len(sizes)} components is used ({len(graph)} of {sum(sizes)} voxels)")
     if topology["euler_characteristic"] != 1:
         warnings.append(
-            f"Euler characteristic {topology['euler_characteristic']} instead of a disk's 1: the patch has holes, "
-            "handles, or banks that touch, across which distances jump. The method 'voxflat' keeps such banks apart"
+            f"the patch is not a disk: its Euler characteristic is {topology['euler_characteristic']} instead of 1. It "
+            "has holes, handles, or touching banks, across which distances jump. The method 'voxflat' separates banks"
         )
     if torn > _TORN_WARNING:
         warnings.append(
-            f"{100 * torn:.1f} % of the map is torn: neighbours there are none on the surface; "
-            "see the heat map, and take a smaller patch"
+            f"{100 * torn:.1f} % of the map is torn: points that are neighbours in the map are not neighbours on the "
+            "surface. See the heat map, or flatten a smaller patch"
         )
     return warnings

@@ -1,4 +1,4 @@
-"""What the methods share: a method is an object with options, which makes a map of a surface."""
+"""The base classes of methods: a method is an object with options that makes a map of a surface."""
 
 import os
 from dataclasses import dataclass, fields
@@ -24,12 +24,12 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.cutting import Cutout, Where, cut_open
 from voxflat.surfaces.manifold import Manifold
 
-Rows = bool | str | os.PathLike[str]  # whether the distances are kept in memory, or the directory of a store on disk
+Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or the directory of a store
 
 
 @dataclass(frozen=True)
 class How:
-    """How to flatten, whatever the method."""
+    """Options of flattening that do not depend on the method."""
 
     mirror: bool = False
     rows: Rows = False
@@ -39,7 +39,7 @@ class How:
     progress: Progress | None = None
 
     def __post_init__(self) -> None:
-        """Check how to flatten."""
+        """Check the options."""
         if not isinstance(self.rows, str | os.PathLike):
             object.__setattr__(self, "rows", checked_switch(self.rows, "rows"))
         object.__setattr__(self, "mirror", checked_switch(self.mirror, "mirror"))
@@ -53,30 +53,37 @@ class How:
 
     @property
     def store(self) -> str | os.PathLike[str] | None:
-        """The directory of the store that they go to."""
+        """The directory of the store for the distances, or None."""
         return None if isinstance(self.rows, bool) else self.rows
 
     @property
     def workers(self) -> int:
-        """How many threads work."""
+        """Number of threads."""
         return workers(self.threads)
 
     def rows_memory_need(self, sources: int, points: int) -> int:
-        """Return what rows need that are made or kept beside the method's own memory."""
+        """Return the memory that rows need in addition to the method's own."""
         if self.store is not None:
             return _core.store_memory_need(points, sources, self.workers)
         return 4 * sources * points if self.keep_rows else 0
 
-    def check_memory(self, need: int, remedy: str = "take a smaller patch or fewer sources") -> int:
-        """Return the memory needed in all, if it is there."""
+    def check_memory(self, need: int, remedy: str = "flatten a smaller patch, or use fewer sources") -> int:
+        """Return the memory that is needed; raise an error if it is not available."""
         check_memory(need, self.memory_limit, remedy)
-        log.info("up to %s of memory are needed", amount(need))
+        log.info("up to %s of memory will be used", amount(need))
         return need
 
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A way from a surface to a flat map.
+    """Base class of the methods that flatten a surface.
+
+    Each method is a dataclass of options. Its class attribute ``name`` is the name that `Surface.flatten` accepts.
+
+    See Also
+    --------
+    Surface.flatten : Flatten a surface with a method.
+    method_of : Return a method object by name.
 
     Examples
     --------
@@ -91,16 +98,28 @@ class Method:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The method and its options, for records."""
+        """Return the name of the method and its options.
+
+        Maps keep this record, so that they can be reproduced.
+
+        See Also
+        --------
+        FlatMap.provenance : The record of a map.
+
+        Examples
+        --------
+        >>> voxflat.methods.Saucan2006(bound=1.3).provenance
+        {'method': 'saucan2006', 'bound': 1.3}
+        """
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 
     def _check(self, how: How) -> None:
-        """Refuse what the method cannot do with rows."""
+        """Raise an error if the method does not support the requested rows."""
         if how.rows is not False and not self.takes_rows:
-            raise InputError(f"the method {self.name!r} measures no distances, so there are no rows; leave rows out")
+            raise InputError(f"the method {self.name!r} does not measure distances. Do not pass rows")
         if how.store is not None and not self.takes_store:
             raise InputError(
-                f"the method {self.name!r} cannot write a store; give rows=True to keep the distances in memory"
+                f"the method {self.name!r} cannot write a store. Pass rows=True to keep the distances in memory"
             )
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
@@ -110,18 +129,18 @@ class Method:
 
 @dataclass(frozen=True, kw_only=True)
 class OverTriangles(Method):
-    """A method that works on the triangles of a disk."""
+    """A method that flattens a disk of triangles."""
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
-        """Cut the surface open, and flatten it."""
+        """Cut the surface open and flatten it."""
         if isinstance(surface, Cutout):
             if where.is_given:
-                raise InputError("the surface is cut already; leave out cuts, sphere, relax and adapt")
+                raise InputError("the surface is already cut. Do not pass cuts, sphere, relax or adapt")
             return self._map(surface, how)
         return self._map(self._cut(surface, where, how), how)
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
-        """Cut a surface open to the disk that is flattened."""
+        """Cut a surface open to a disk."""
         return cut_open(surface, where, how.threads, how.progress)
 
     def _map(self, cut: Cutout, how: How) -> FlatMap:
@@ -133,4 +152,4 @@ def checked_count(value: object, name: str, wanted: str) -> int:
     """Return a positive whole number."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 1 <= value < 2**31:
         return int(value)
-    raise InputError(f"{name} is {shown(value)}; give {wanted}")
+    raise InputError(f"{name} is {shown(value)}. Pass {wanted}")

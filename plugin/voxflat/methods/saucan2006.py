@@ -1,4 +1,4 @@
-"""The method "saucan2006": a map that is glued of certified patches (Appleboim, Saucan, Zeevi 2006)."""
+"""The method "saucan2006": one map glued from certified patches (Appleboim, Saucan, Zeevi 2006)."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -17,28 +17,40 @@ from voxflat.surfaces.manifold import Manifold
 
 @dataclass(frozen=True, kw_only=True)
 class Saucan2006(OverTriangles):
-    """Flatten in certified patches that are glued to one piece.
+    r"""Flatten the surface in certified patches, and glue them into one map.
 
-    The surface falls into patches within 10° of their planes, onto which they are projected: no length changes by more
-    than a factor 1 + tan 10°. Seams between them are closed as long as every triangle keeps max(σ₁, 1/σ₂) ≤ C, where
-    σ₁ ≥ σ₂ are its stretches in the two principal directions; the surface is cut where no triangle could keep that.
-    `Surface.patches` gives the patches themselves, of surfaces of any topology. No distances are measured.
+    As in [1]_, the surface is divided into patches, each of which is projected orthogonally onto a plane. No triangle
+    of a patch is inclined by more than :math:`\theta = 10°` to its plane, so no length changes by more than a factor of
+
+    .. math:: 1 + \tan\theta \approx 1.176 .
+
+    Gluing goes beyond the paper. Neighbouring patches are moved so that their common edges meet, and a seam is closed
+    as long as every triangle keeps
+
+    .. math:: \max(\sigma_1, 1/\sigma_2) \le C,
+
+    where :math:`\sigma_1 \ge \sigma_2` are its principal stretches and :math:`C` is `bound`. Where no triangle could
+    keep the bound, the surface stays cut. No distances are measured.
 
     Parameters
     ----------
     bound : float
-        The greatest factor C by which lengths may change, above 1 and up to 10. Where patches cannot be glued to one
-        piece that is an error.
+        Greatest factor :math:`C` by which lengths may change, above 1 and up to 10; by default 1.5. If the patches
+        cannot be glued into one piece within this bound, flattening raises an error.
+
+    See Also
+    --------
+    Surface.patches : Make the patches themselves, on surfaces of any topology.
+    FlatAtlas.glue : Glue patches, which may remain several pieces.
+    Surface.flatten : Flatten a surface with a method.
 
     References
     ----------
-    E. Appleboim, E. Saucan, Y. Y. Zeevi: On Sampling and Flattening of Folded Surfaces, with Applications to Medical
-    Imaging. 2006.
+    .. [1] E. Appleboim, E. Saucan, Y. Y. Zeevi: On Sampling and Flattening of Folded Surfaces, with Applications to
+       Medical Imaging. 2006.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> from voxflat.methods import Saucan2006
     >>> depth = voxflat.range_image(np.zeros((9, 9)), 1.0)
     >>> flat_map = depth.flatten(Saucan2006(bound=1.3))
@@ -56,28 +68,28 @@ class Saucan2006(OverTriangles):
         """Check the options."""
         if not (is_number(self.bound) and 1 < self.bound <= 10):
             raise InputError(
-                f"bound is {shown(self.bound)}; give a number above 1, up to 10: how much lengths may change at most"
+                f"bound is {shown(self.bound)}. Pass the largest factor by which lengths may change, above 1, up to 10"
             )
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
-        """Cut a surface open to a disk; no further unless that is asked for, since gluing cuts where it must."""
+        """Cut a surface open to a disk; add relaxation cuts only on request, because gluing cuts where it must."""
         where = replace(where, relax=False) if where.relax is None else where
         return cut_open(surface, where, how.threads, how.progress)
 
     def _map(self, cut: Cutout, how: How) -> FlatMap:
-        """Flatten a disk in patches that are glued to one piece, and cut it open where seams remain."""
-        need = how.check_memory(cut.part.core.saucan2006_memory_need(how.workers), "take a smaller patch")
+        """Flatten a disk in patches glued into one piece, and cut it open along the remaining seams."""
+        need = how.check_memory(cut.part.core.saucan2006_memory_need(how.workers), "flatten a smaller patch")
         bound = float(self.bound)
         result = cut.part.core.saucan2006(bound, how.seed, how.threads, how.progress)
         part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
-        faces = part.faces[: len(cut.faces)]  # holes that were closed come last
+        faces = part.faces[: len(cut.faces)]  # triangles of closed holes come last
         cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
-        told = {
+        metadata = {
             "bound": bound,
             "patches": result["patches"],
             "seams": seams.figures(),
             "before": {"certified_c": result["certified"], "c": result["before"]},
             "measured": measured(result["stretch"], part.points[part.faces]),
         }
-        doubts = [f"{seams.cuts:.0f} mm of seams between patches stay cut"] if seams.cuts > 0 else []
-        return map_over_triangles(self.name, cut, how, result, need, None, told, doubts)
+        doubts = [f"{seams.cuts:.0f} mm of the seams between patches remain cut"] if seams.cuts > 0 else []
+        return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts)

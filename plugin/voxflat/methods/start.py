@@ -1,4 +1,4 @@
-"""A flat map to start from: what it covers, as it is cut, and the place of each vertex that is flattened."""
+"""Start from a known flat map: the part that it covers, its cuts, and the places of its vertices."""
 
 from collections import defaultdict
 
@@ -14,10 +14,10 @@ from voxflat.unique_rows import numbered
 
 
 def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
-    """Cut out what a map covers, along its own cuts."""
+    """Cut out the part that a map covers, along the map's own cuts."""
     kept = whole._has_triangles(start.vertices[start.core.faces])
     if kept is None:
-        raise InputError("the start has triangles that the surface does not have: give a map of this surface")
+        raise InputError("start has triangles that the surface does not have. Pass a map of this surface")
     part = whole._with_core(whole.core.part_of_faces(kept))
     places, _ = _at_corners(part.vertices, part.faces, start)
     cut = cut_out_as(whole, part, _chains(_seams(part.faces, places)), "start")
@@ -25,14 +25,14 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 
 
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
-    """Find where a map puts the vertices of what is flattened; at cuts that it has not both lips share a place."""
+    """Return the places of the start for all vertices; the two sides of a cut that it does not have share a place."""
     vertices = cut.part.vertices
     found, is_there = _at_corners(vertices, cut.faces, start)
     if not is_there.all():
         lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()
         raise InputError(
-            f"the start has no place for {int((~is_there).sum())} of the {len(is_there)} triangles that are flattened, "
-            f"such as that of vertices {lacking}: give a map of all of them, or leave the start out"
+            f"start has no place for {int((~is_there).sum())} of the {len(is_there)} triangles to be flattened, such "
+            f"as that of vertices {lacking}. Pass a map that covers all of them, or do not pass start"
         )
     places = np.full((len(vertices), 2), np.nan)
     places[cut.faces] = found
@@ -40,8 +40,8 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     if len(torn):
         vertex = int(vertices[cut.faces[tuple(torn[0])]])
         raise InputError(
-            f"the start is cut at vertex {vertex}, and the surface is not: give the start's cuts, too, or leave out "
-            "what says where to cut"
+            f"start is cut at vertex {vertex}, but the surface is not. Pass the cuts of the start, too, or do not pass "
+            "cuts, sphere, relax or adapt"
         )
     return places
 
@@ -65,7 +65,7 @@ def _at_corners(
 
 
 def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the edges, (k, 2), whose ends have other places in one of their triangles than in the other."""
+    """Return the edges, (k, 2), whose ends have different places in their two triangles."""
     corners = np.stack([[0, 1], [1, 2], [2, 0]])
     ends = faces[:, corners].reshape(-1, 2).astype(np.int64)
     at = places[:, corners].reshape(-1, 2, 2)
@@ -80,7 +80,7 @@ def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np
 
 
 def _chains(edges: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Join edges to paths, which end where other than two of them meet."""
+    """Join edges to paths, which end at vertices where other than two edges meet."""
     beside: defaultdict[int, list[int]] = defaultdict(list)
     for a, b in edges.tolist():
         beside[a].append(b)
@@ -88,7 +88,7 @@ def _chains(edges: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     left = {(min(edge), max(edge)) for edge in edges.tolist()}
     paths = []
     ends = [vertex for vertex in sorted(beside) if len(beside[vertex]) != 2]
-    for first in [*ends, *sorted(beside)]:  # what has no end is a ring
+    for first in [*ends, *sorted(beside)]:  # the remaining edges form rings
         for second in beside[first]:
             path = [first]
             step = second

@@ -1,4 +1,4 @@
-"""The method "voxflat": the map of least stress whose triangles keep their shape, from coarse to fine."""
+"""The method "voxflat": minimise the distortion of distances and triangles, from coarse to fine."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -22,60 +22,83 @@ from voxflat.methods.start import cut_as, places_of
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 
-SCALES = ("distances", "areas")  # what a map's mm may be right for
+SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
 
 _WITHIN = 0.99
-"""The power of a bound on areas that descent aims at: holes that were closed belong to what it counts as the whole."""
+"""Exponent of the bound on areas during descent, whose total area includes closed holes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Voxflat(OverTriangles):
-    """Flatten by the least energy of distances and triangles; the default.
+    r"""Flatten by minimising the distortion of distances and triangles (the default method).
 
-    Among the maps that turn no triangle over, the one of least energy
+    Among the maps without flipped triangles, descent finds one of least energy
 
-        Σ_b a_b · mean over the pairs of band b of ρ((d - δ)/δ)  +  β · mean over the surface of ψ(J)
+    .. math::
 
-    is found by descent from coarse to fine, with d the distances in the map, δ those along the surface, J the map's
-    Jacobian on a triangle, and ρ, ψ as in docs/concepts.md. No triangle is turned over, and none covers another.
+       E = \sum_b a_b\, \operatorname{mean}_{(i,j) \in b}\, \rho\!\left(\frac{d_{ij} - \delta_{ij}}{\delta_{ij}}\right)
+       + \beta\, \operatorname{mean}_{T}\, \psi(J_T) .
+
+    The first term compares distances :math:`d_{ij}` in the map with geodesic distances :math:`\delta_{ij}` from the
+    `sources`, in three bands :math:`b`: all pairs, pairs up to 30 mm, and pairs up to 10 mm. The loss :math:`\rho(r)`
+    is :math:`r^2` for small errors and grows like :math:`|r|` beyond, so that distances that no map can preserve do not
+    dominate. The second term is a mean over the surface of the distortion of each triangle :math:`T`, where :math:`J`
+    is the Jacobian of the map, :math:`\sigma_1 \ge \sigma_2` are its singular values and :math:`D` is its determinant:
+
+    .. math::
+
+       \psi = \rho(\sqrt{\varphi}), \quad \varphi = 2 (1 - \lambda) \sum_k (\sigma_k - 1)^2
+       + \lambda \left(\tfrac{1}{2} \|J\|^2 (1 + D^{-2}) - 2\right) + \gamma \log^2 D .
+
+    The part with :math:`\lambda = 0.02` becomes infinite when a triangle is about to flip [1]_. The other part is as
+    rigid as possible [2]_. Descent starts from a Tutte embedding of a coarse surface and proceeds level by level to the
+    last vertex. No triangle is flipped on the way, and none covers another.
 
     Parameters
     ----------
     sources : int or array_like of int
-        How many points distances are measured from; all, if there are fewer. Or which: voxel indices (m, 3), or vertex
-        numbers (m,). More than 400 changed no map that was measured.
+        Number of points from which distances are measured (all points, if there are fewer), or the points themselves:
+        voxel indices (m, 3) or vertex numbers (m,). The default is 400; more sources changed no map that was measured.
     sampling : {"farthest", "curvature", "random"}
-        How sources are chosen: evenly, each farthest from the others along the surface; up to four times as close where
-        the surface bends; or at random.
+        How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
+        times as densely where the surface bends; "random" draws them at random.
     geodesic : {"graph", "marching", "exact"}, optional
-        What measures the distances that the map keeps, as in `Surface.geodesic`. By default "graph", but where that is
-        more than 1 % off exact distances from a sample of sources, which thin triangles can cause, "marching", and
-        "exact" where that is, too.
+        How distances are measured, as in `Surface.geodesic`. By default "graph". If its error is more than 1 % for a
+        sample of sources, which thin triangles can cause, "marching" is used, and then "exact" by the same rule.
     weighting : float
-        From 0, local, where near distances and the shape of triangles count ten times as much as usual, to 1, global,
-        where they count a tenth and far distances rule.
+        From 0 (local) to 1 (global); by default 0.5. The weights of near distances and of triangles are multiplied by
+        ``10 ** (1 - 2 * weighting)``.
     scale : {"distances", "areas"}
-        What the map's mm are right for. A surface that is not flat has no map in which both are: one whose area is that
-        of the surface has distances that are too long. With "distances" their mean relative error is the least of any
-        scale; with "areas" the map has the surface's area. ``distortion.triangles.equal_area_scale`` is the factor from
-        a map to the one with the surface's area, ``distortion.best_scale.scale`` to the one with the best distances.
+        The quantity that the map's mm preserve; a curved surface has no map that preserves both. "distances" minimises
+        the mean relative error of distances; "areas" gives the map the area of the surface.
+        ``distortion.triangles.equal_area_scale`` and ``distortion.best_scale.scale`` are the factors from one to the
+        other.
     max_area : float, optional
-        The greatest factor, above 1, by which any triangle may change its area. At the scale that keeps the area of the
-        whole; `voxflat.worst_places` says where a map changes areas most. From the usual map descent goes on with a
-        price on everything beyond, which grows until nothing is. ``metadata["area_change"]`` is the factor that is
-        reached. If no such map is found, that is an `AreaBoundError`, with the best map and the cuts that would help.
+        Greatest factor, above 1, by which any triangle may change its area, relative to the scale that preserves the
+        total area. From the usual map, descent continues with a growing penalty on larger changes.
+        ``metadata["area_change"]`` is the factor reached. If no such map is found, flattening raises an
+        `AreaBoundError`, which holds the best map and suggested cuts.
     start : map, optional
-        A flat map of the surface, of whatever tool, to go on from. As `voxflat.measure` takes it: descent ends in the
-        map of least energy near it, which lies as the start does. It may lie anywhere,
-        at any scale, mirrored or not; the map is turned as it lies, and not mirrored. If no part of the surface is
-        chosen and nothing says where to cut, the map is of everything that the start covers, cut as the start is.
-        Otherwise the start needs a place for every triangle, and may lack cuts, whose lips are drawn apart. A few folds
-        are mended; a start that cannot be mended is refused.
+        A flat map of the surface to start from, of any kind that `voxflat.measure` accepts. It may have any position,
+        scale and orientation. The result is the map of least energy near it, in the
+        same orientation, but never mirrored. Unless a part or cuts are chosen, the
+        result covers the same part as the start, with the same cuts. Otherwise the start must have a place for every
+        triangle; it may lack cuts. A few flipped triangles are repaired; a start that cannot be repaired is an error.
+
+    See Also
+    --------
+    Surface.flatten : Flatten a surface with a method.
+    worst_places : Find the regions where a map changes areas most.
+
+    References
+    ----------
+    .. [1] J. Smith, S. Schaefer: Bijective Parameterization with Free Boundaries. ACM Transactions on Graphics 34 (4),
+       2015.
+    .. [2] L. Liu, L. Zhang, Y. Xu, C. Gotsman, S. J. Gortler: A Local/Global Approach to Mesh Parameterization.
+       Computer Graphics Forum 27 (5), 1495-1504, 2008.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> from voxflat.methods import Voxflat
     >>> depth = voxflat.range_image(np.zeros((9, 9)), 1.0)
     >>> flat_map = depth.flatten(Voxflat(sources=20, scale="areas"))
@@ -101,19 +124,19 @@ class Voxflat(OverTriangles):
         if self.geodesic is not None:
             checked_choice(self.geodesic, "geodesic", SOLVERS)
         if not (is_number(self.weighting) and 0 <= self.weighting <= 1):
-            raise InputError(f"weighting is {shown(self.weighting)}; give a number from 0, local, to 1, global")
+            raise InputError(f"weighting is {shown(self.weighting)}. Pass a number from 0 (local) to 1 (global)")
         checked_choice(self.scale, "scale", SCALES)
         if self.max_area is not None and not (is_number(self.max_area) and 1 < self.max_area < np.inf):
-            raise InputError(f"max_area is {shown(self.max_area)}; give a factor greater than 1, such as 2")
+            raise InputError(f"max_area is {shown(self.max_area)}. Pass a factor greater than 1, such as 2")
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
-        """Cut a surface open to a disk: as the start is, where nothing else says where."""
+        """Cut a surface open to a disk, along the cuts of the start unless others are given."""
         if self.start is None or where.is_given or surface.steps:
             return super()._cut(surface, where, how)
         return cut_as(surface, match(surface, self.start), how.threads, how.progress)
 
     def _map(self, cut: Cutout, how: How) -> FlatMap:
-        """Flatten a disk of triangles, from nothing or from a map."""
+        """Flatten a disk of triangles, from a coarse surface or from a given map."""
         part, weighting = cut.part, float(self.weighting)
         max_area = None if self.max_area is None else float(self.max_area)
         places = None if self.start is None else places_of(cut, match(cut.whole, self.start))
@@ -131,28 +154,28 @@ class Voxflat(OverTriangles):
         result = part.core.voxflat(*wanted, key, places, max_area=bound)
         if store is not None:
             store.tell(result["found"])
-        told: dict[str, Any] = {
+        metadata: dict[str, Any] = {
             "geodesic": solver,
             "distance_error": error,
             "weighting": weighting,
             "scale": self.scale,
         }
         if self.start is not None:
-            told["start"] = True
+            metadata["start"] = True
         rows = result["rows"]
         if store is not None:
-            told["store"], rows = str(store.path), open_rows(store.path).rows
+            metadata["store"], rows = str(store.path), open_rows(store.path).rows
         energies, converged = result["convergence"]
-        told["descent"] = {"converged": converged, "energies": energies}
+        metadata["descent"] = {"converged": converged, "energies": energies}
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
-        flat = map_over_triangles(self.name, cut, how, result, need, rows, told, doubts, **more)
+        flat = map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, **more)
         return flat if max_area is None else _within(flat, max_area, how)
 
 
 def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
-    """Return a map that keeps a bound on areas; refuse another one."""
+    """Return a map that keeps the bound on areas; otherwise raise an error."""
     areas, logs = area_changes(flat)
-    areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # those that have an area on the surface
+    areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # triangles with an area on the surface
     reached = float(np.exp2(np.abs(logs).max()))
     flat = replace(flat, metadata={**flat.metadata, "max_area": max_area, "area_change": reached})
     if reached <= max_area:
@@ -161,33 +184,33 @@ def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
     share = float(areas[is_beyond].sum() / areas.sum())
     places = worst_places(flat, 3, beyond=max_area, threads=how.threads, progress=how.progress)
     lengths = [f"{place.cut.length:.0f}" for place in places.places if place.cut is not None]
-    cuts = f"cut it where voxflat.worst_places says ({' + '.join(lengths)} mm), " if lengths else ""
+    cuts = f"Add the cuts that voxflat.worst_places suggests ({' + '.join(lengths)} mm), use" if lengths else "Use"
     raise AreaBoundError(
-        "no map was found in which no triangle changes its area by more than a factor of "
-        f"{max_area:g}: the best changes one by {reached:.3g}, and {int(is_beyond.sum())} of {len(logs)} "
-        f"({100 * share:.2g} % of the area) by more than {max_area:g}; {cuts}take relax=True or a smaller patch, or "
-        "give a larger max_area",
+        f"no map was found in which every triangle changes its area by at most a factor of {max_area:g}. In the best "
+        f"map, one triangle changes by {reached:.3g}, and {int(is_beyond.sum())} of {len(logs)} triangles "
+        f"({100 * share:.2g} % of the area) by more than {max_area:g}. {cuts} relax=True, flatten a smaller patch, or "
+        "increase max_area",
         flat,
         places,
     )
 
 
 def _solver(part: Manifold, asked: str | None, links_error: float, how: How) -> tuple[str, float, list[str]]:
-    """Return what measures the distances that are kept, how far it is off, and what the user should know of it."""
+    """Return the solver for distances, its error, and warnings about it."""
     if asked == "exact":
         return asked, 0.0, []
     solver = "graph" if asked is None else asked
     error = links_error if solver == "graph" else error_of_distances(part, solver, how)
     if not error > MUCH:
         return solver, error, []
-    told = f"distances by {_NAMES[solver]} are {100 * error:.1f} % off here, which thin triangles can cause"
+    doubt = f"distances by {_NAMES[solver]} have an error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
-        return solver, error, [f"{told}; leave geodesic out, or give 'exact'"]
+        return solver, error, [f"{doubt} Omit geodesic, or pass 'exact'"]
     solver, error = "marching", error_of_distances(part, "marching", how)
     if error > MUCH:
         solver, error = "exact", 0.0
-        log.info("distances are measured exactly, which takes its time")
-    return solver, error, [f"{told}; they are measured by {_NAMES[solver]} instead"]
+        log.info("measuring exact distances, which is slower")
+    return solver, error, [f"{doubt} They are measured by {_NAMES[solver]} instead"]
 
 
-_NAMES = {"graph": "links", "marching": "fast marching", "exact": "exact geodesics"}
+_NAMES = {"graph": "graph paths", "marching": "fast marching", "exact": "exact geodesics"}

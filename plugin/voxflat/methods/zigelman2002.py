@@ -1,4 +1,4 @@
-"""The method "zigelman2002": fast marching, classical scaling, re-insertion (Zigelman, Kimmel, Kiryati 2002)."""
+"""The method "zigelman2002": fast marching and classical scaling (Zigelman, Kimmel, Kiryati 2002)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -18,33 +18,44 @@ from voxflat.surfaces.manifold import Manifold
 
 @dataclass(frozen=True, kw_only=True)
 class Zigelman2002(OverTriangles):
-    """Flatten by fast marching and classical scaling.
+    r"""Flatten by classical scaling of fast-marching distances.
 
-    Fronts march from each source across the triangles (Kimmel, Sethian 1998). Classical scaling of the distances among
-    the sources, the vertices that decimation leaves, gives their places: of B = -½ J (Δ∘Δ) J the two eigenvectors of
-    the largest eigenvalues, times their square roots. The other vertices are re-inserted in the reverse order of their
-    removal, each by weights of its neighbours.
+    As in [1]_, fast marching on triangles [2]_ measures geodesic distances from each of the `sources`. Let
+    :math:`\Delta` be the matrix of distances among the sources, and :math:`J` the centring matrix. Classical scaling
+    takes the two eigenvectors :math:`v_k` of the largest eigenvalues :math:`\lambda_k` of
+
+    .. math:: B = -\tfrac{1}{2}\, J\, (\Delta \circ \Delta)\, J
+
+    and places the sources at :math:`\sqrt{\lambda_k}\, v_k`. By default the sources are the vertices that remain after
+    decimation. The other vertices are then re-inserted in the reverse order of their removal, each as a weighted mean
+    of its neighbours. With ``sampling="grid"``, as in the paper, vertices between sources are interpolated bilinearly.
 
     Parameters
     ----------
     sources : int or array_like of int
-        How many points distances are measured from; all, if there are fewer. Or which: voxel indices (m, 3), or vertex
-        numbers (m,). The paper has 25 × 25 = 625.
+        Number of points from which distances are measured (all points, if there are fewer), or the points themselves:
+        voxel indices (m, 3) or vertex numbers (m,). The default is 25 × 25 = 625, as in the paper.
     sampling : {"decimation", "farthest", "curvature", "random", "grid"}
-        How sources are chosen: what decimation leaves (vertices that cannot go without harm to the surface are sources,
-        too); evenly, each farthest from the others along the surface; up to four times as close where the surface
-        bends; at random; or the pixels on a grid over a `range_image`, between which the rest is placed by bilinear
-        functions.
+        How sources are chosen. "decimation" keeps the vertices that remain after decimation (and any that cannot be
+        removed without damaging the surface); "farthest" spreads sources evenly along the surface; "curvature" places
+        them up to four times as densely where the surface bends; "random" draws them at random; "grid" takes pixels on
+        a regular grid, and needs a `range_image`.
+
+    See Also
+    --------
+    Voxflat : The default method, which has no flipped triangles.
+    range_image : Make a surface of a depth image.
+    Surface.flatten : Flatten a surface with a method.
 
     References
     ----------
-    G. Zigelman, R. Kimmel, N. Kiryati: Texture Mapping Using Surface Flattening via Multidimensional Scaling. IEEE
-    Transactions on Visualization and Computer Graphics 8 (2), 198-207, 2002.
+    .. [1] G. Zigelman, R. Kimmel, N. Kiryati: Texture Mapping Using Surface Flattening via Multidimensional Scaling.
+       IEEE Transactions on Visualization and Computer Graphics 8 (2), 198-207, 2002.
+    .. [2] R. Kimmel, J. A. Sethian: Computing Geodesic Paths on Manifolds. Proceedings of the National Academy of
+       Sciences 95 (15), 8431-8435, 1998.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> from voxflat.methods import Zigelman2002
     >>> depth = voxflat.range_image(np.zeros((12, 12)), 1.0)
     >>> flat_map = depth.flatten(Zigelman2002(sources=25))
@@ -70,7 +81,7 @@ class Zigelman2002(OverTriangles):
         if self.sampling == "grid":
             if choice.given is not None:
                 raise InputError(
-                    "sampling is 'grid', which chooses the sources itself; give their number, or leave it out"
+                    "sampling is 'grid', which chooses the sources itself. Pass the number of sources, or omit it"
                 )
             grid = pixels_of(part)
         need = part.core.zigelman2002_memory_need(choice.count, how.workers)
@@ -85,11 +96,11 @@ class Zigelman2002(OverTriangles):
 
 
 def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
-    """Find the pixels, row and column, that the vertices of a range image are, and the distances of these, mm."""
+    """Return the pixel (row, column) of each vertex of a range image, and the pixel spacing in mm."""
     grid = part.metadata.get("range_image")
     if grid is None:
         raise InputError(
-            "sampling is 'grid', but the surface is no range image; make one by voxflat.range_image, or give "
+            "sampling is 'grid', but the surface is not a range image. Make one with voxflat.range_image, or pass "
             "sampling='decimation'"
         )
     ids = part.ids
@@ -97,7 +108,7 @@ def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     if len(unique) < len(ids):
         row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
         raise InputError(
-            f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides, and a grid knows "
-            "one; give sampling='decimation'"
+            f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides of a cut. Pass "
+            "sampling='decimation'"
         )
     return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])

@@ -1,1 +1,1 @@
-"""The pipeline that users walk: from anything to a `Surface`, its parts, a `CutSurface`, and a `FlatMap`."""
+"""The main pipeline: from any input to a `Surface`, its parts, a `CutSurface`, and a `FlatMap`."""

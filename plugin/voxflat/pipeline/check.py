@@ -1,4 +1,4 @@
-"""What an input holds, and whether its surface can be flattened."""
+"""Check an input: what it contains, and whether its surface can be flattened."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -35,38 +35,55 @@ def check(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Check:
-    """Say what an input holds, whether its surface can be flattened, and what each remedy would change.
+    """Check what an input contains, whether its surface can be flattened, and what each remedy would change.
+
+    An input that cannot be made into a surface is not an error here: `Check.advice` gives the reason.
 
     Parameters
     ----------
-    source, label, threshold, spacing, affine
-        As in `voxflat.surface`. An input of which no surface can be made is no error: `Check.advice` says why.
+    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
+        As in `voxflat.surface`.
+    label : int, optional
+        As in `voxflat.surface`.
+    threshold : float, optional
+        As in `voxflat.surface`.
+    spacing : sequence of 3 floats, optional
+        As in `voxflat.surface`.
+    affine : array_like, shape (4, 4), optional
+        As in `voxflat.surface`.
     part : callable, optional
-        Takes the surface and returns the part that is to be flattened, such as
+        A function that takes the surface and returns the part to be flattened, such as
         ``lambda surface: surface.disk(5000, 40)``.
-    cuts, sphere, threads, memory_limit, progress
+    cuts, sphere : optional
+        As in `Surface.cut`.
+    threads, memory_limit : int, optional
+        As in `Surface.cut`.
+    progress : callable, optional
         As in `Surface.cut`.
 
     Returns
     -------
     Check
+        The findings.
 
     Raises
     ------
     InputError
-        If the input cannot be read, or a label, threshold or part was given that does not fit.
+        If the input cannot be read, or a label, threshold or part does not fit.
+
+    See Also
+    --------
+    Surface.check : The same for a surface.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> labels = np.zeros((9, 9, 9), dtype=np.uint8)
     >>> labels[2:7, 2:7, 2:7] = 1
     >>> voxflat.check(labels).can_flatten
     True
     """
     if part is not None and not callable(part):
-        raise InputError(f"part is {shown(part)}; give a function from a Surface to a part of it")
+        raise InputError(f"part is {shown(part)}. Pass a function that takes a Surface and returns a part of it")
     with reading(memory_limit):
         if isinstance(source, Surface):
             chosen = source if part is None else part(source)
@@ -102,7 +119,7 @@ def _of_part(
     making: dict[str, Any],
     volume: Volume | None = None,
 ) -> Check:
-    """Check a part of a surface that could be made."""
+    """Check a part of a surface."""
 
     def chosen(of: Surface) -> Surface:
         return of if part is None else part(of)

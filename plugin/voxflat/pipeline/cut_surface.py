@@ -1,4 +1,4 @@
-"""Surfaces that were cut open: what `Surface.cut` returns, and `flatten` takes."""
+"""Surfaces that were cut open: the result of `Surface.cut`, which `flatten` accepts."""
 
 import importlib
 import os
@@ -26,18 +26,24 @@ from voxflat.surfaces.standard.tracing import template_of
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """One cut.
+    """One cut of a surface.
+
+    A `CutSurface` lists its cuts in the order in which they were made.
 
     Parameters
     ----------
     ids : ndarray of int64, shape (k,) or (k, 3)
-        The vertices along it, or their voxels.
+        Vertices along the cut, or their voxels.
     length : float or None
-        mm; None of a given one.
+        Length in mm; None for cuts that were passed by the user.
     reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
-        Why it was made.
+        Why the cut was made.
     name : str or None
-        That of a template's cut, such as ``"calcarine"``.
+        Name of a template's cut, such as ``"calcarine"``.
+
+    See Also
+    --------
+    Surface.cut : Cut a surface open.
 
     Examples
     --------
@@ -58,11 +64,11 @@ class Cut:
 
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
-_ASIDE = 1 / 3  # of the way from the middle of a surface to its end: what lies beyond is on that side
+_ASIDE = 1 / 3  # share of the distance from a surface's centre to its end; points farther out are on that side
 
 
 def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
-    """Say on which sides of a surface a cut lies, such as "posterior, inferior", the clearest first; else "middle"."""
+    """Return the sides of a surface on which a cut lies, the clearest first ("posterior, inferior"), or "middle"."""
     low, high = whole.min(axis=0), whole.max(axis=0)
     aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
     order = np.argsort(-np.abs(aside), kind="stable")[:2]
@@ -74,31 +80,35 @@ _Surface = TypeVar("_Surface", bound=Manifold)
 
 @dataclass(frozen=True, eq=False)
 class CutSurface(Generic[_Surface]):
-    """A surface that was cut open, as `Surface.cut` returns it.
+    """A surface that was cut open, as returned by `Surface.cut`.
+
+    Flatten it, edit its cuts, or save them to apply them to other surfaces.
 
     Parameters
     ----------
     surface : Manifold
-        What is left, cut open: vertices on cuts are there twice and share an id.
+        The remaining surface, cut open. Vertices on cuts are duplicated, and both copies have the same id.
     cuts : tuple of Cut
-        In the order in which they were made.
+        The cuts, in the order in which they were made.
     left_out : ndarray of int64, shape (m,) or (m, 3)
-        Vertices of the whole surface that it has not, or their voxels.
+        Vertices of the whole surface that are excluded, or their voxels.
     remarks : tuple of str
-        What the user should know of it.
+        Warnings about the cuts.
     provenance : dict
-        What made it.
+        Record of how it was made.
     whole : Manifold or None
-        What it was cut from.
+        The surface before cutting.
     sphere : Sphere or None
-        The registered sphere of that, if it is known.
+        The registered sphere of the whole surface, if known.
     cutout : Cutout or None
-        How it was cut, which `flatten` goes on from.
+        Details of the cuts, which `flatten` needs.
+
+    See Also
+    --------
+    Surface.cut : Cut a surface open.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
     >>> opened = voxflat.surface(ball).cut()
     >>> flat_map = opened.flatten("zigelman2002")
@@ -115,7 +125,7 @@ class CutSurface(Generic[_Surface]):
 
     @classmethod
     def _of(cls, cutout: Cutout, surface: _Surface) -> "CutSurface[_Surface]":
-        """Return what was cut, with its cuts one by one."""
+        """Return a cut surface with a list of its cuts."""
         told, whole = cutout.metadata, cutout.whole
         reason = "template" if cutout.is_standard else "given"
         lengths = [one.length for one in cutout.traced] if cutout.is_standard else [None] * len(told["cuts"])
@@ -138,68 +148,89 @@ class CutSurface(Generic[_Surface]):
         memory_limit: int | None = None,
         progress: Progress | None = None,
     ) -> FlatMap:
-        """Flatten the surface as it was cut.
+        """Flatten the surface along its cuts.
+
+        No further cuts are made.
 
         Parameters
         ----------
-        method, mirror, rows, seed, threads, memory_limit, progress
+        method : str or Method
+            As in `Surface.flatten`.
+        mirror : bool
+            As in `Surface.flatten`.
+        rows : bool or path
+            As in `Surface.flatten`.
+        seed : int
+            As in `Surface.flatten`.
+        threads, memory_limit : int, optional
+            As in `Surface.flatten`.
+        progress : callable, optional
             As in `Surface.flatten`.
 
         Returns
         -------
         FlatMap
+            The flat map, with its distortion.
 
         Raises
         ------
         InputError, AreaBoundError, Cancelled
             As in `Surface.flatten`.
 
+        See Also
+        --------
+        Surface.flatten : Cut and flatten a surface.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
         >>> opened = voxflat.surface(ball).cut(relax=False)
         >>> len(opened.flatten()) == len(opened.surface)
         True
         """
         if self.cutout is None:
-            raise InputError("nothing says how this surface was cut; give the one that Surface.cut returns")
+            raise InputError("this CutSurface does not record how it was cut. Pass one that Surface.cut returned")
         return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
         return (
-            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} vertices left out>"
+            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices>"
         )
 
     def _repr_html_(self) -> str:
-        """Return the surface with its cuts, and their lengths, for Jupyter."""
+        """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
         lengths = ["" if one.length is None else f"{one.length:.0f} mm" for one in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
         drawing = importlib.import_module("voxflat.figures.cut_surfaces")  # a higher layer than the pipeline
         figure = drawing.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
         return page(
-            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides, its cuts in red"
+            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides; cuts in red"
         )
 
     def title(self, number: int) -> str:
-        """Say which cut one is: by its name, or its number, which begin at 1, and where it lies.
+        """Return the title of a cut: its name or number, and its location.
+
+        Numbers in titles start at 1.
 
         Parameters
         ----------
         number : int
-            Its place in `cuts`, from 0.
+            Index of the cut in `cuts`, from 0.
 
         Returns
         -------
         str
-            Such as "calcarine, posterior" or "cut 2, superior".
+            The title, such as "calcarine, posterior" or "cut 2, superior".
 
         Raises
         ------
         InputError
             If there is no such cut.
+
+        See Also
+        --------
+        Cut : One cut of a surface.
 
         Examples
         --------
@@ -208,7 +239,7 @@ class CutSurface(Generic[_Surface]):
         'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
-            raise InputError(f"the number of a cut is {shown(number)}; there are {len(self.cuts)}, counted from 0")
+            raise InputError(f"cut number is {shown(number)}, but there are {len(self.cuts)} cuts. Count from 0")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if of is None or not len(cut.ids):
@@ -217,27 +248,33 @@ class CutSurface(Generic[_Surface]):
         return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
 
     def _with_provenance(self, record: Record) -> "CutSurface[_Surface]":
-        """Return the same with a record of what made it."""
+        """Return a copy with a record of how it was made."""
         return replace(self, surface=self.surface._with_provenance(record), provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the cuts, and what was left out, to a file that `cuts` of `flatten` takes; or the surface, cut open.
+        """Save the cuts and the excluded vertices, or the cut surface, to a file.
+
+        Pass a file of cuts as ``cuts`` of `flatten` or `Surface.cut` to apply them again.
 
         Parameters
         ----------
         path : path
-            A JSON file holds the cuts: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...], "provenance": {...}}``.
-            With another ending the surface is written, as `Surface.save` does: ``lh.cortex.patch.3d`` is FreeSurfer's
-            patch.
-        sidecar, overwrite
+            With the ending ``.json``, the cuts are saved: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...],
+            "provenance": {...}}``. With another ending, the cut surface is saved as by `Surface.save`, such as the
+            FreeSurfer patch ``lh.cortex.patch.3d``.
+        sidecar, overwrite : bool
             As in `Surface.save`.
 
         Raises
         ------
         InputError
-            If it is a file that was read, or the ending is another.
+            If the path is an input file, or its ending is not supported.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        CutSurface.save_template : Save the cuts for use on other surfaces.
 
         Examples
         --------
@@ -253,36 +290,41 @@ class CutSurface(Generic[_Surface]):
             beside.write_text(as_text(content) + "\n", encoding="utf-8")
 
     def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the cuts, and the border of what was left out, as a template that `cuts` of `flatten` takes.
+        """Save the cuts, and the border of the excluded region, as a template.
 
-        The lines lie on the sphere, so that the template is for every surface with a sphere of that side and space.
+        The lines are stored on the sphere. The template therefore applies to every surface with a registered sphere of
+        the same hemisphere and space. Pass the file as ``cuts`` of `flatten` or `Surface.cut`.
 
         Parameters
         ----------
         path : path
-            A JSON file: ``space``, ``side``, ``outlines`` and ``cuts`` with their names, their lines on the unit
-            sphere, and of each cut the ``root``, and ``provenance``.
-        sidecar, overwrite
+            A JSON file with the keys ``space``, ``side``, ``outlines``, ``cuts`` (names, lines on the unit sphere, and
+            the ``root`` of each cut) and ``provenance``.
+        sidecar, overwrite : bool
             As in `Surface.save`.
 
         Raises
         ------
         InputError
-            If no sphere was given to `Surface.cut`, or a cut begins neither at a border nor at another cut.
+            If no sphere was passed to `Surface.cut`, or a cut starts neither at a border nor at another cut.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
+
+        See Also
+        --------
+        CutSurface.save : Save the cuts for the same surface.
 
         Examples
         --------
         >>> from nilearn.datasets import fetch_surf_fsaverage
-        >>> left = fetch_surf_fsaverage()  # fsaverage5, which comes with nilearn
+        >>> left = fetch_surf_fsaverage()  # fsaverage5, which is bundled with nilearn
         >>> cut_open = voxflat.surface(left.white_left).cut("standard", sphere=left.sphere_left)
         >>> cut_open.save_template("five_cuts.json")
         """
         if self.sphere is None or self.whole is None:
-            raise InputError("a template lies on the sphere, and none is known: give sphere (--sphere)")
+            raise InputError("a template lies on a sphere, and this surface has none. Pass sphere (--sphere) to cut")
         if not self.cuts and not len(self.left_out):
-            raise InputError("nothing is cut and nothing left out: that makes no template")
+            raise InputError("cannot make a template: the surface has no cuts and no excluded vertices. Cut it first")
         kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
         assert kept is not None
         names: dict[str, int] = {}
@@ -297,6 +339,6 @@ class CutSurface(Generic[_Surface]):
             beside.write_text(template.as_json(), encoding="utf-8")
 
     def _vertices(self, cut: Cut) -> NDArray[np.int64]:
-        """Return a cut as vertices of the whole surface."""
+        """Return the vertices of the whole surface along a cut."""
         assert self.whole is not None
         return self.whole.vertices[self.whole.find(cut.ids)] if self.whole.is_voxels else cut.ids

@@ -1,4 +1,4 @@
-"""The shorthand: from anything to a flat map, with defaults."""
+"""The shorthand `flatten`: from any input to a flat map, with defaults."""
 
 from typing import Any
 
@@ -28,29 +28,44 @@ def flatten(
 ) -> FlatMap:
     """Flatten a surface into the plane while preserving geodesic distances.
 
-    Short for ``voxflat.surface(surface).flatten(...)``. To say which voxels of a volume are foreground, or which part
-    of the surface is flattened, call `voxflat.surface` first.
+    Shorthand for ``voxflat.surface(surface).flatten(...)``. To choose the foreground of a volume or a part of the
+    surface, call `voxflat.surface` first.
 
     Parameters
     ----------
     surface : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or CutSurface
-        Anything that `voxflat.surface` takes, or a surface that is cut already.
-    method, cuts, sphere, relax, adapt, mirror, rows, seed, threads, memory_limit, progress
+        Any input of `voxflat.surface`, or a surface that is already cut.
+    method : str or Method
+        As in `Surface.flatten`.
+    cuts, sphere, relax, adapt : optional
+        Where the surface is cut, as in `Surface.cut`.
+    mirror : bool
+        As in `Surface.flatten`.
+    rows : bool or path
+        As in `Surface.flatten`.
+    seed : int
+        As in `Surface.flatten`.
+    threads, memory_limit : int, optional
+        As in `Surface.flatten`.
+    progress : callable, optional
         As in `Surface.flatten`.
 
     Returns
     -------
     FlatMap
+        The flat map, with its distortion.
 
     Raises
     ------
     InputError, AreaBoundError, Cancelled
         As in `Surface.flatten`.
 
+    See Also
+    --------
+    Surface.flatten : The same for a surface, with all details.
+
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> sheet = np.zeros((20, 20, 5), dtype=np.uint8)
     >>> sheet[2:-2, 2:-2, 2] = 1
     >>> flat_map = voxflat.flatten(sheet)
@@ -61,6 +76,6 @@ def flatten(
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     if isinstance(surface, CutSurface):
         if any(value is not None for value in where.values()):
-            raise InputError("the surface is cut already; leave out cuts, sphere, relax and adapt")
+            raise InputError("the surface is already cut. Do not pass cuts, sphere, relax or adapt")
         return surface.flatten(method, mirror=mirror, rows=rows, seed=seed, **limits)
     return making.surface(surface, **limits).flatten(method, **where, mirror=mirror, rows=rows, seed=seed, **limits)

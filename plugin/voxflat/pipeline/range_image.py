@@ -1,4 +1,4 @@
-"""Range images: depths on a grid, as scanners give them, and the surface that they are."""
+"""Range images: depth on a grid, as scanners record it, and the surface that it describes."""
 
 import hashlib
 from collections.abc import Sequence
@@ -21,31 +21,38 @@ _JUMP = 8.0  # pixels: a slope of 83 degrees
 def range_image(
     depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
 ) -> Surface:
-    """Make a surface of a range image: every pixel with a depth is a vertex.
+    """Make a surface of a range image, in which every pixel with a depth is a vertex.
+
+    Columns run along x, rows along −y and depth along z, so the surface is seen from +z.
 
     Parameters
     ----------
     depth : array_like, shape (H, W)
-        Height towards the viewer, mm; of distances from a camera give the negative. NaN where there is no surface.
+        Height towards the viewer, in mm, or NaN where there is no surface. Pass the negative of distances from a
+        camera.
     spacing : float or sequence of 2 floats
-        Distance of rows and of columns, mm.
+        Distance between rows and between columns, in mm.
     mask : array_like of bool, shape (H, W), optional
-        Where the surface is.
+        True where there is a surface.
     jump : float, optional
-        Greatest difference of depth within a triangle, mm: across more the surface is cut, for there one thing hides
-        another. By default 8 times the larger spacing, a slope of 83 degrees.
+        Greatest difference of depth within a triangle, in mm. The surface is cut at larger differences, where one
+        object hides another. By default 8 times the larger spacing, a slope of 83 degrees.
 
     Returns
     -------
     Surface
-        Columns run along x, rows down along −y, depth along z; it is seen from +z. The pixel of each vertex is
-        ``np.unravel_index(s.ids, depth.shape)``, in maps ``m.ids``. ``metadata["range_image"]`` has the grid, the limit
-        ``jump`` (None for none) and how many triangles it ``cut``; that is said, too.
+        The pixel of each vertex is ``np.unravel_index(s.ids, depth.shape)``. ``metadata["range_image"]`` holds the
+        grid, the limit ``jump`` (None for no limit) and the number of triangles that were ``cut``, which is also
+        reported.
 
     Raises
     ------
     InputError
-        If the depths are no image, not finite, or leave no triangle; the message names the pixel.
+        If depth is not an image, has infinite values, or leaves no triangle; the message names the pixel.
+
+    See Also
+    --------
+    surface : Make a surface of a volume or a mesh.
 
     Examples
     --------
@@ -57,28 +64,28 @@ def range_image(
     steps = _steps(spacing)
     limit = _JUMP * max(steps) if jump is None else jump
     if not is_number(limit) or not limit > 0:
-        raise InputError(f"the jump is {shown(jump)} mm; give a positive difference of depth, or np.inf to cut nowhere")
+        raise InputError(f"jump is {shown(jump)} mm. Pass a positive difference of depth, or np.inf to cut nowhere")
     limit = as_float(limit)
     is_there = np.isfinite(heights)
     faces = _faces(heights)
     inside = is_there.ravel()[faces].all(axis=1)
     if not inside.any():
         raise InputError(
-            f"no triangle of the range image has a depth at all corners ({int(is_there.sum())} of {heights.size} "
-            "pixels have one): pixels must touch"
+            f"no triangle of the range image has a depth at all three corners ({int(is_there.sum())} of {heights.size} "
+            "pixels have a depth). Pass an image in which pixels with a depth touch"
         )
     corners = np.where(is_there, heights, 0.0).ravel()[faces]
     kept = inside & (np.ptp(corners, axis=1) <= limit)
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
         raise InputError(
-            f"every triangle spans more than {limit:g} mm of depth; give a greater jump or check the units"
+            f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units of depth"
         )
     remarks = []
     if cut:
         remarks.append(
-            f"{cut} of {int(inside.sum())} triangles span more than {limit:g} mm of depth: the surface is cut "
-            "there; give jump for another limit"
+            f"the surface was cut at {cut} of {int(inside.sum())} triangles, which span more than {limit:g} mm of "
+            "depth. Set jump to change this limit"
         )
     points = _points(np.where(is_there, heights, 0.0), steps)
     core, _ = _core.Surface.from_triangles(points, faces)
@@ -101,48 +108,48 @@ def range_image(
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
-    """Return depths as numbers, NaN where there is no surface."""
+    """Return depths as floats, with NaN where there is no surface."""
     if isinstance(depth, np.ma.MaskedArray):
         depth = np.ma.filled(depth.astype(np.float64), np.nan)
     try:
         given = array_of(depth, "depths")
     except ValueError:
-        raise InputError("the depth is no array: its rows have different lengths") from None
+        raise InputError("depth is not an array: its rows have different lengths. Pass an array (H, W)") from None
     if given.ndim != 2 or min(given.shape) < 2:
-        raise InputError(f"the depth has shape {given.shape}; give an image (H, W) of at least 2 x 2 pixels")
+        raise InputError(f"depth has shape {given.shape}. Pass an image (H, W) of at least 2 x 2 pixels")
     if given.dtype.kind not in "uif":
-        raise InputError(f"the depth is {given.dtype}; give real numbers, mm")
+        raise InputError(f"depth has type {given.dtype}. Pass real numbers, in mm")
     heights = given.astype(np.float64)
     if mask is not None:
         there = array_of(mask, "values of the mask")
         if there.shape != heights.shape:
-            raise InputError(f"the mask has shape {there.shape}, the depth {heights.shape}; they must agree")
+            raise InputError(f"mask has shape {there.shape}, but depth has shape {heights.shape}. Make them equal")
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
-            raise InputError(f"the mask is {there.dtype} with values other than 0 and 1; give where the surface is")
+            raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where the surface is")
         heights[there == 0] = np.nan
     bad = np.abs(heights) > FARTHEST  # NaN is not
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
         raise InputError(
-            f"the depth at row {row}, column {column} is {heights[row, column]:g} mm; give NaN where there is no "
-            f"surface, and depths up to {FARTHEST:g} mm"
+            f"depth at row {row}, column {column} is {heights[row, column]:g} mm. Pass NaN where there is no surface, "
+            f"and depths of at most {FARTHEST:g} mm elsewhere"
         )
     return heights
 
 
 def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
-    """Return the distances of rows and of columns."""
+    """Return the distances between rows and between columns."""
     steps = array_of(spacing, "spacings")
     if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
-        raise InputError(f"the spacing is {shown(spacing)}; give one number, or those of rows and columns, mm")
+        raise InputError(f"spacing is {shown(spacing)}. Pass one number, or one for rows and one for columns, in mm")
     rows, columns = (float(step) for step in np.broadcast_to(steps, 2))
     if not (min(rows, columns) >= SMALLEST and max(rows, columns) <= FARTHEST):  # NaN is neither
-        raise InputError(f"the spacing is {shown(spacing)} mm; give positive numbers, {SMALLEST:g} to {FARTHEST:g} mm")
+        raise InputError(f"spacing is {shown(spacing)} mm. Pass numbers from {SMALLEST:g} to {FARTHEST:g} mm")
     return rows, columns
 
 
 def _faces(heights: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Cut each square of pixels along the shorter diagonal; one that leads to a pixel without a depth is longer."""
+    """Split each square of pixels along its shorter diagonal; a diagonal to a pixel without depth counts as longer."""
     reached = np.where(np.isnan(heights), np.inf, heights)
     a, b, c, d = reached[:-1, :-1], reached[1:, :-1], reached[1:, 1:], reached[:-1, 1:]  # counterclockwise from +z
     with np.errstate(invalid="ignore"):

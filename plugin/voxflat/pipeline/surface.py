@@ -1,4 +1,4 @@
-"""From whatever the user hands over to a `Surface`, whose methods are the verbs of voxflat."""
+"""The class `Surface`, whose methods are the main operations of voxflat, and the function that makes one."""
 
 from __future__ import annotations
 
@@ -40,15 +40,41 @@ _REPAIRS = ("none", "voxels", "cuts")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Surface(Manifold):
-    """A surface of triangles, made by `voxflat.surface`; a part of one is a `Surface` again.
+    """A surface of triangles, made by `voxflat.surface`.
 
-    `points`, `faces` and `ids` are its vertices, triangles, and what each vertex is in the input: voxel indices, or
-    vertex numbers. Nothing changes a surface: each method returns a new value.
+    `points`, `faces` and `ids` are its vertices, its triangles, and the voxel indices or vertex numbers of its vertices
+    in the input. A part of a surface is a `Surface`, too. Surfaces are immutable: each method returns a new value.
+
+    Parameters
+    ----------
+    core : _core.Surface
+        The surface in the compiled core.
+    voxels : ndarray of int64, shape (V, 3), or None
+        The voxel of each vertex of the whole surface, if it was made of a volume.
+    metadata : dict
+        The origin of the surface and how it was made.
+    remarks : tuple of str
+        Warnings about the surface.
+    white_points, pial_points : ndarray of float64, shape (V, 3), or None
+        The white and the pial position of each vertex of the whole surface, RAS+ mm in `space`, if both are known.
+    mesh_faces : ndarray of int64, shape (G, 3), or None
+        The triangles of the whole mesh as given or repaired, as vertex numbers; None if it was not a mesh.
+    merged : ndarray of int64, shape (M, 2)
+        Vertices of the whole surface that were merged with another at the same position, and the other vertex.
+    foreground : PackedMask or None
+        The voxels of which it was made.
+    whole : Manifold or None
+        The surface of which it is a part.
+    steps : tuple of Step
+        How the part was chosen.
+
+    See Also
+    --------
+    surface : Make a surface.
+    FlatMap : The result of `Surface.flatten`.
 
     Examples
     --------
-    >>> import voxflat
-    >>> import numpy as np
     >>> ball = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0) < 8
     >>> surface = voxflat.surface(ball)
     >>> cap = surface.disk((9, 9, 16), radius=6.0)
@@ -59,36 +85,40 @@ class Surface(Manifold):
 
     @classmethod
     def _of(cls, made: Manifold) -> Surface:
-        """Return what the core made as a surface."""
+        """Return a surface made by the core as a `Surface`."""
         return cls(**{one.name: getattr(made, one.name) for one in fields(Manifold)})
 
     # ------------------------------------------------------------------------------------------ parts
 
     @telling()
     def keep(self, region: object) -> Surface:
-        """Return the part of the surface that lies in a region.
+        """Return the part of the surface inside a region.
+
+        The result is a new surface; this one does not change.
 
         Parameters
         ----------
         region : mask, path or vertex numbers
-            For surfaces of volumes a mask of the volume's shape (array, path, image object or Volume), or voxel indices
-            (k, 3). For meshes a mask of shape (V,), vertex numbers, or a file: FreeSurfer label or patch, GIFTI label
-            or shape, or a GIFTI surface whose triangles are the part.
+            For surfaces of volumes: a mask of the volume's shape (array, path, image object or Volume), or voxel
+            indices (k, 3). For meshes: a mask of shape (V,), vertex numbers, or a file. Supported files are FreeSurfer
+            labels and patches, GIFTI labels and shapes, and GIFTI surfaces whose triangles are the part.
 
         Returns
         -------
         Surface
-            The triangles all of whose corners lie in the region.
+            The triangles with all corners in the region.
 
         Raises
         ------
         InputError
-            If the region does not fit the surface, or holds no triangle of it.
+            If the region does not fit the surface, or contains no triangle.
+
+        See Also
+        --------
+        Surface.drop : Return the part outside a region.
 
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
         >>> len(sheet.keep(np.arange(18)))
         18
@@ -97,27 +127,31 @@ class Surface(Manifold):
 
     @telling()
     def drop(self, region: object) -> Surface:
-        """Return the part of the surface that lies outside a region, such as the medial wall.
+        """Return the part of the surface outside a region, such as the medial wall.
+
+        The result is a new surface; this one does not change.
 
         Parameters
         ----------
         region : mask, path or vertex numbers, or "medial wall"
-            As for `keep`; ``"medial wall"`` finds it where white and pial surface touch.
+            As for `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
 
         Returns
         -------
         Surface
-            The triangles none of whose corners lies in the region.
+            The triangles with no corner in the region.
 
         Raises
         ------
         InputError
-            If the region does not fit the surface, or nothing is left.
+            If the region does not fit the surface, or nothing remains.
+
+        See Also
+        --------
+        Surface.keep : Return the part inside a region.
 
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
         >>> len(sheet.drop([14, 15]))
         34
@@ -135,31 +169,36 @@ class Surface(Manifold):
     ) -> Surface:
         """Return the geodesic disk around a point.
 
+        Distances are measured along the surface.
+
         Parameters
         ----------
         seed_point : sequence of 3 ints, or int
-            Voxel indices, or for meshes the number of a vertex, counted from 0. Of a voxel that is not on the surface
-            the nearest one is taken; a warning tells how far away it is, if it is far.
+            Voxel indices, or for meshes a vertex number, counted from 0. If a voxel is not on the surface, the nearest
+            surface voxel is used; a warning reports the distance if it is large.
         radius : float
-            Radius of the disk, mm along the surface.
+            Radius of the disk, in mm along the surface.
         threads : int, optional
-            How many threads work; by default one for each core.
+            Number of threads; by default one per core.
         progress : callable, optional
             As in `flatten`.
 
         Returns
         -------
         Surface
+            The disk.
 
         Raises
         ------
         InputError
-            If the point is not on the surface, or the disk would be most of it.
+            If the point is not on the surface, or the disk would cover most of it.
+
+        See Also
+        --------
+        Surface.polygon : Return a region enclosed by shortest paths.
 
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> sheet = voxflat.range_image(np.zeros((9, 9)), 1.0)
         >>> len(sheet.disk(40, 2.5)) < len(sheet)
         True
@@ -168,29 +207,33 @@ class Surface(Manifold):
 
     @telling()
     def polygon(self, corners: ArrayLike, *, progress: Progress | None = None) -> Surface:
-        """Return the region that a closed path of shortest ways between corners encloses.
+        """Return the region enclosed by shortest paths between corners.
+
+        The closed path follows edges from each corner to the next, and the smaller side of it is the region.
 
         Parameters
         ----------
         corners : array_like of voxel indices (k, 3) or vertex numbers (k,)
-            Corners in their order. The path runs along edges, the shortest way from each to the next, and the smaller
-            side of it is the region.
+            The corners, in order.
         progress : callable, optional
             As in `flatten`.
 
         Returns
         -------
         Surface
+            The region.
 
         Raises
         ------
         InputError
             If a corner is not on the surface, or the path crosses itself.
 
+        See Also
+        --------
+        Surface.disk : Return the geodesic disk around a point.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> sheet = voxflat.range_image(np.zeros((9, 9)), 1.0)
         >>> len(sheet.polygon([20, 24, 60, 56]))
         25
@@ -211,57 +254,61 @@ class Surface(Manifold):
         memory_limit: int | None = None,
         progress: Progress | None = None,
     ) -> CutSurface[Surface]:
-        """Cut the surface open to a disk, and further where that relieves its map.
+        """Cut the surface open to a disk, with further cuts where they reduce distortion.
+
+        Flatten the result with `CutSurface.flatten`, or pass the same options to `flatten`.
 
         Parameters
         ----------
         cuts : "standard", "automatic", list of paths, or path of a file, optional
-            Where the surface is cut: "standard" for lines that are the same for every brain, "automatic" for cuts that
-            suit this surface best, paths of vertices, or a file of cuts or a template. "standard": along the medial
-            wall, the calcarine sulcus, three medial lines and a temporal one, which are the same for every brain,
-            traced by the surface's registered `sphere`. A template that `CutSurface.save_template` wrote is applied in
-            the same way. "automatic": a surface that is not a disk is cut open, and further as `relax` says, as suits
-            this surface best. Or paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)), which
-            `Surface.path` finds, or a file of cuts, as `CutSurface.save` writes it; what is still not a disk is then
-            cut open automatically, and a warning says so; ``[]`` forbids it. By default "standard" for a closed surface
-            whose sphere is given, or lies beside its file as FreeSurfer's does (``lh.sphere.reg`` beside ``lh.white``),
-            if no part but by `drop` was chosen; else "automatic".
+            Where to cut. "standard" cuts along the medial wall, the calcarine sulcus, three medial lines and a temporal
+            line, which are the same for every brain; they are traced on the registered `sphere`. "automatic" cuts open
+            any surface that is not a disk, and adds relaxation cuts (see `relax`) that suit this surface best. A list
+            holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), such as `Surface.path`
+            returns. A file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If the
+            surface is still not a disk, it is cut open automatically and a warning reports it; ``[]`` forbids this. The
+            default is "standard" for a closed surface whose sphere is given, or lies beside its file as in FreeSurfer
+            (``lh.sphere.reg`` beside ``lh.white``), unless a part was chosen other than by `drop`; otherwise it is
+            "automatic".
         sphere : path, Mesh, (points, faces) or array_like of shape (V, 3), optional
-            The registered sphere of a mesh, by which standard cuts are traced. It has one place for each vertex of the
-            whole mesh, around the origin, at any radius. In fsaverage space, or in that of fs_LR where the file's name
-            says so. By default FreeSurfer's, where it lies beside the surface's file and standard cuts are made. Maps
-            cut by a template are turned onto the flat map of fsaverage5 by corresponding points (``metadata["frame"]``
-            is "standard").
+            The registered sphere of a mesh, on which standard cuts are traced: one position for each vertex of the
+            whole mesh, centred at the origin, with any radius. It is in fsaverage space, or in fs_LR space if the file
+            name says so. By default FreeSurfer's sphere is used if it lies beside the surface's file and standard cuts
+            are made. Maps cut by a template are aligned with the flat map of fsaverage5 (``metadata["frame"]`` is
+            "standard").
         relax : bool or float, optional
-            Cut the disk further, from its boundary inwards, where that relieves the map most: as long as it pays
-            (True), or up to a length in mm, of which yours (`cuts`) are part; or not at all (False). By default as long
-            as it pays, where nobody has said where to cut: no `cuts` are given, and no part by triangles was kept. A
-            surface that was not closed like a sphere is then cut only where distances would be more than 4 % off, and
-            if that takes a tenth off their error; and a disk that was handed over as it is, a scan or a patch that
-            someone has cut, only where they would be more than 15 % off.
+            Add relaxation cuts, from the boundary inwards, where they reduce distortion most: True adds cuts as long as
+            they pay off; a number is a limit for the total length in mm, including your `cuts`; False adds none. By
+            default cuts are added as long as they pay off if neither `cuts` nor a part by triangles is given. A surface
+            that was not closed like a sphere is then cut only if the distance error would exceed 4 % and decreases by
+            at least a tenth. A disk that was passed as is, such as a scan or a patch, is cut only if the error would
+            exceed 15 %.
         adapt : float, optional
-            Let the cuts of a template grow and branch where that relieves the map, within this distance, mm. By
-            default they stay the same for every brain.
+            Distance in mm within which the cuts of a template may grow and branch to reduce distortion. By default they
+            stay the same for every brain.
         threads : int, optional
-            How many threads work; by default one for each core.
+            Number of threads; by default one per core.
         memory_limit : int, optional
-            Bytes that files which are read may take; by default what is free.
+            Maximum number of bytes for files that are read; by default the free memory.
         progress : callable, optional
             As in `flatten`.
 
         Returns
         -------
         CutSurface
+            The surface, cut open, with its cuts.
 
         Raises
         ------
         InputError, Cancelled
             As in `flatten`.
 
+        See Also
+        --------
+        Surface.path : Find paths along which to cut.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
         >>> opened = voxflat.surface(ball).cut()
         >>> [cut.reason for cut in opened.cuts][0]
@@ -291,46 +338,52 @@ class Surface(Manifold):
     ) -> FlatMap:
         """Flatten the surface into the plane while preserving geodesic distances.
 
+        The surface is first cut open to a disk, as by `cut`. Warnings are logged (logger ``voxflat``), and listed in
+        ``metadata["warnings"]``.
+
         Parameters
         ----------
         method : str or Method
-            "voxflat", the default; or after the papers "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006";
-            or an object of `voxflat.methods` with a method's own options, such as ``Zigelman2002(sources=400)``.
-        cuts, sphere, relax, adapt
+            "voxflat" (the default), "grossmann2002", "zigelman2002", "schwartz1989" or "saucan2006"; or an object of
+            `voxflat.methods` with the method's own options, such as ``Zigelman2002(sources=400)``.
+        cuts, sphere, relax, adapt : optional
             Where the surface is cut, as in `Surface.cut`.
         mirror : bool
-            Exchange left and right of the map, so that maps of right hemispheres look like those of left ones.
+            Mirror the map left to right, so that maps of right hemispheres look like those of left ones.
         rows : bool or path
-            Keep the distances from all sources to all points in `FlatMap.rows`: in memory (True), or in a directory on
-            disk, from which `FlatMap.rows` reads what is looked at. If the work is interrupted, the same call goes on
-            where it was. `voxflat.open_rows` opens the directory.
+            Keep the distances from all sources to all points in `FlatMap.rows`: in memory (True), or in a store, a
+            directory on disk from which `FlatMap.rows` reads on demand. If the work is interrupted, the same call
+            resumes it. `voxflat.open_rows` opens the directory.
         seed : int
-            Seed of every random choice. The same seed gives the same map, bit by bit, for any number of threads.
+            Seed of all random choices. The same seed gives the same map, bit by bit, for any number of threads.
         threads : int, optional
-            How many threads work; by default one for each core.
+            Number of threads; by default one per core.
         memory_limit : int, optional
-            Bytes that may be used; by default what is free. The need is computed before the work begins.
+            Maximum number of bytes to use; by default the free memory. The need is computed before the work starts.
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` about every 20 ms; if it returns False the work is cancelled.
+            Called as ``progress(stage, done, total)`` about every 20 ms. Return False to cancel the work.
 
         Returns
         -------
         FlatMap
-            Warnings are logged (logger ``voxflat``), and stand in ``metadata["warnings"]``.
+            The flat map, with its distortion.
 
         Raises
         ------
         InputError
-            For anything wrong with the input; the message names the value and the remedy.
+            If the input is not valid; the message names the value and the remedy.
         AreaBoundError
             If no map was found that keeps ``Voxflat(max_area=...)``.
         Cancelled
             If `progress` returned False.
 
+        See Also
+        --------
+        Surface.cut : Cut the surface open to a disk.
+        voxflat.flatten : The same for any input.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> rows, columns = np.indices((20, 30))
         >>> wave = voxflat.range_image(3 * np.sin(columns / 4), 1.0)
         >>> flat_map = wave.flatten()
@@ -352,50 +405,52 @@ class Surface(Manifold):
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> FlatAtlas:
-        """Flatten the surface, of any topology, in patches with a certificate (Appleboim, Saucan, Zeevi 2006).
+        """Flatten a surface of any topology in certified patches (Appleboim, Saucan, Zeevi 2006).
 
-        Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. Then
-        no length changes by more than a factor C ≤ 1 + tan θ, nor angles by a dilatation of more than
-        K ≤ (1 + tan θ)^1.5. Nothing of the surface is cut or left out: every triangle belongs to one patch, and no
-        patch lies on itself.
+        Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. No
+        length changes by more than a factor C ≤ 1 + tan θ, and no angle by a dilatation of more than K ≤ (1 + tan
+        θ)^1.5. The surface is neither cut open nor cropped: every triangle belongs to one patch, and no patch overlaps
+        itself.
 
         Parameters
         ----------
         max_angle : float, optional
-            θ, degrees, from 0.01 to 80: the greatest inclination to a patch's plane; by default 10.
+            Greatest inclination θ to a patch's plane, in degrees, from 0.01 to 80; by default 10.
         bound : float, optional
-            Instead of the angle the greatest factor C by which lengths may change. The angle is the largest one for
-            which C = K = 1/cos θ, the exact bound of a projection, is within it: fewer patches than the formula above
-            needs.
+            Greatest factor C by which lengths may change, instead of the angle. The angle is the largest one for which
+            C = K = 1/cos θ, the exact bound of a projection, stays within `bound`. This needs fewer patches than the
+            formula above.
         count : int, optional
-            Instead of the angle the greatest number of patches, for which the smallest angle is sought.
+            Greatest number of patches, instead of the angle. The smallest possible angle is used.
         seeds : {"curvature", "flattest", "random"}
-            Where patches begin. "curvature": candidates are grown around the flattest places, turned to where they
-            become largest, and the largest is kept first; small patches are dissolved in their neighbours. The others
-            are the paper's: one patch after another, on the plane of the flattest or of a random triangle.
+            Where patches begin. "curvature": candidates grow around the flattest places, are tilted to become as large
+            as possible, and the largest is kept first; small patches are merged into their neighbours. The others are
+            the paper's: one patch after another, on the plane of the flattest or of a random triangle.
         seed : int
-            Of the random choice.
+            Seed of the random choice.
         threads : int, optional
-            How many threads work; by default one for each core.
+            Number of threads; by default one per core.
         progress : callable, optional
             As in `flatten`.
 
         Returns
         -------
         FlatAtlas
-            The same for any numbering of vertices and triangles, but for the order of arrays.
+            The patches. They do not depend on the numbering of vertices and triangles, except for the order of arrays.
 
         Raises
         ------
         InputError
-            If an argument does not fit.
+            If an argument is not valid.
         Cancelled
             If `progress` returned False.
 
+        See Also
+        --------
+        FlatAtlas.glue : Glue patches into larger pieces.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> cube = voxflat.surface(np.pad(np.ones((4, 4, 4), dtype=bool), 1))
         >>> atlas = cube.patches(max_angle=30)
         >>> atlas.certificate.c < 2
@@ -423,51 +478,57 @@ class Surface(Manifold):
     ) -> DistanceRows:
         """Measure geodesic distances from sources to all points.
 
+        Each source gives one row of distances. If the surface has several components, the one that contains the sources
+        is used, or the largest one if only their number is given.
+
         Parameters
         ----------
         sources : int or array_like
-            How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). Of a
-            surface in several components that of the sources counts; without sources the largest one.
+            Number of points from which distances are measured, or the points themselves: voxel indices (m, 3) or vertex
+            numbers (m,).
         geodesic : {"graph", "marching", "exact", "chain"}
-            "graph": paths of straight links over the triangles of the surface, a fraction of a per cent too long, and
-            by far the fastest for many sources. "marching": fast marching (Kimmel, Sethian 1998), with fronts taken for
-            circles. "exact": the exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), slow. "chain":
-            chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
+            "graph": paths of straight links over the triangles. They are a fraction of a per cent too long, and by far
+            the fastest for many sources. "marching": fast marching with circular fronts (Kimmel, Sethian 1998).
+            "exact": exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), slow. "chain": chain-code
+            lengths over the 26-neighbour graph of a volume's surface voxels.
         sampling : {"farthest", "curvature", "random"}
-            How sources are chosen: evenly, each farthest from the others along the surface; up to four times as close
-            where the surface bends (not for "chain"); or at random.
+            How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
+            times as densely where the surface bends (not for "chain"); "random" draws them at random.
         link_lengths : {"chain-code", "euclidean"}, optional
-            "chain" only: lengths of the links, as in `voxflat.methods.Grossmann2002`.
+            Lengths of the links, for "chain" only, as in `voxflat.methods.Grossmann2002`.
         store : path, optional
-            Keep the distances in this directory, on disk instead of in memory. If the work is interrupted, by whatever,
-            the same call goes on where it was.
+            Keep the distances in this directory on disk instead of in memory. If the work is interrupted, the same call
+            resumes it.
         dask : str, optional
-            Let the workers of a Dask cluster compute a store's rows, the same bits: the scheduler's address, its file,
-            or "local" for workers on this machine. They must see the store's directory. Threads are those of each
-            worker.
+            Let the workers of a Dask cluster compute the rows of a store, with identical bits: the scheduler's address
+            or file, or "local" for workers on this machine. They must have access to the store's directory. `threads`
+            then applies to each worker.
         seed : int
-            Of random choices.
+            Seed of random choices.
         threads : int, optional
-            How many threads work; by default one for each core.
+            Number of threads; by default one per core.
         memory_limit : int, optional
-            Bytes that may be used; by default what is free.
+            Maximum number of bytes to use; by default the free memory.
         progress : callable, optional
             As in `flatten`.
 
         Returns
         -------
         DistanceRows
-            Of a store as `voxflat.open_rows` opens it.
+            The distances; those of a store as `voxflat.open_rows` opens them.
 
         Raises
         ------
         InputError, Cancelled
             As in `flatten`.
 
+        See Also
+        --------
+        Surface.path : Find the shortest path through points.
+        open_rows : Open the rows of a store.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
         >>> rows = sheet.geodesic([0, 35])
         >>> round(float(rows[0][35]), 3)
@@ -479,39 +540,44 @@ class Surface(Manifold):
 
     @telling()
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:
-        """Find the shortest path through points (Grossmann et al. 2002, figure 3).
+        """Find the shortest path through points.
+
+        See also Grossmann et al. 2002, figure 3.
 
         Parameters
         ----------
         *stops : sequence of 3 ints, or int
-            Two points or more, in the order in which they are passed: voxel indices, or vertex numbers of a mesh.
+            Two or more points in the order in which they are passed: voxel indices, or vertex numbers of a mesh.
         geodesic : {"graph", "marching", "exact", "edges", "chain"}
-            "graph", "exact" and "chain" as in `geodesic`. "marching" is traced back on the distances of fast marching.
-            Those are estimates, but the path is a line over the surface and `length` is its own: never less than the
-            exact distance, and not the one that ``geodesic(geodesic="marching")`` returns. "edges" runs along edges
-            from neighbour to neighbour, as cuts do.
+            "graph", "exact" and "chain" as in `geodesic`. "marching" traces the path back on the distances of fast
+            marching. Those are estimates, but the path is a line on the surface and has its own `length`: never less
+            than the exact distance, and not equal to the distance from ``geodesic(geodesic="marching")``. "edges"
+            follows edges between neighbouring vertices, as cuts do.
         link_lengths : {"chain-code", "euclidean"}, optional
-            "chain" only: lengths of the links, as in `voxflat.methods.Grossmann2002`.
+            Lengths of the links, for "chain" only, as in `voxflat.methods.Grossmann2002`.
 
         Returns
         -------
         Path
+            The path and its length.
 
         Raises
         ------
         InputError
             If a stop is not on the surface, or stops lie in different components.
 
+        See Also
+        --------
+        Surface.geodesic : Measure distances from sources to all points.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
         >>> round(sheet.path(0, 5).length, 3)
         5.0
         """
         if len(stops) < 2:
-            raise InputError(f"a path needs at least two stops, {len(stops)} are given; give its ends")
+            raise InputError(f"a path needs at least two stops, got {len(stops)}. Pass at least its two ends")
         return _path(self, stops, geodesic, link_lengths)
 
     # ------------------------------------------------------------------------------------------ knowledge
@@ -525,26 +591,35 @@ class Surface(Manifold):
         memory_limit: int | None = None,
         progress: Progress | None = None,
     ) -> Check:
-        """Say whether the surface can be flattened, and what each remedy would change.
+        """Check whether the surface can be flattened, and what each remedy would change.
+
+        Nothing is changed.
 
         Parameters
         ----------
-        cuts, sphere, threads, memory_limit, progress
+        cuts, sphere : optional
+            As in `cut`.
+        threads, memory_limit : int, optional
+            As in `cut`.
+        progress : callable, optional
             As in `cut`.
 
         Returns
         -------
         Check
+            The findings.
 
         Raises
         ------
         Cancelled
             If `progress` returned False.
 
+        See Also
+        --------
+        voxflat.check : The same for any input.
+
         Examples
         --------
-        >>> import numpy as np
-        >>> import voxflat
         >>> voxflat.range_image(np.zeros((6, 6)), 1.0).check().can_flatten
         True
         """
@@ -559,42 +634,46 @@ class Surface(Manifold):
     def register(
         self, side: str | None = None, *, threads: int | None = None, progress: Progress | None = None
     ) -> Registration:
-        """Find where each vertex of a hemisphere lies on fsaverage's sphere, by the pattern of its folds.
+        """Register a hemisphere to fsaverage's sphere by the pattern of its folds.
 
-        The surface is laid out on a sphere, one to one (Praun, Hoppe 2003); all rotations are tried against both sides
-        of the template, fsaverage5, by depth in folds at three scales and by shape; then it is warped until the depths
-        agree, coarse to fine (as in Yeo et al. 2010), by steps that turn no triangle over. Where the surface lies in
-        space, and how it is turned, does not matter, nor does its unit. Holes, such as a medial wall that is left out,
-        are closed while registering; handles are refused.
+        The surface is mapped onto a sphere, one to one (Praun, Hoppe 2003). All rotations are compared with both
+        hemispheres of the template, fsaverage5, by depth in folds at three scales and by shape. The sphere is then
+        warped, from coarse to fine (as in Yeo et al. 2010), until the depths agree; no triangle is flipped. Position,
+        orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are closed for the
+        registration; handles are an error.
 
         Parameters
         ----------
         side : {"left", "right"}, optional
-            Which hemisphere it is; refused where the other side's pattern agrees better. By default it is found.
+            The hemisphere. It is an error if the pattern of the other hemisphere agrees better. By default it is
+            detected.
         threads : int, optional
-            How many threads work; by default one for each core.
+            Number of threads; by default one per core.
         progress : callable, optional
             As in `flatten`.
 
         Returns
         -------
         Registration
-            Its ``confidence`` is a logistic function of the evidence: the agreement with the better side after the best
-            rotation (the sum of the correlations of depth at the three scales, of which the finest counts half, and of
-            the share that a rigid motion explains), and by how much it exceeds that with the other side. It is 0.5,
-            below which a surface is refused, midway between what is known to be no hemisphere and what is known to be
-            one; see docs/decisions/0023-registration.md.
+            The position of each vertex on the sphere. Its ``confidence`` is a logistic function of two values: the
+            agreement with the better hemisphere after the best rotation (the sum of the correlations of depth at the
+            three scales, with half weight for the finest, and of the share explained by a rigid motion), and its excess
+            over the agreement with the other hemisphere. Surfaces below 0.5 are refused; this value lies midway between
+            known hemispheres and other shapes. See docs/decisions/0023-registration.md.
 
         Raises
         ------
         InputError
-            If the surface is no hemisphere, as far as its pattern says, not the one that was named, or no sphere.
+            If the pattern is not that of a hemisphere, or of the given side, or the surface is not a sphere.
         Cancelled
             If `progress` returned False.
 
+        See Also
+        --------
+        Surface.cut : Cut along standard lines of the sphere.
+
         Examples
         --------
-        >>> import voxflat
         >>> found = voxflat.surface("lh.white").register()  # doctest: +SKIP
         >>> found.save("lh.sphere.reg")  # doctest: +SKIP
         """
@@ -622,71 +701,74 @@ def surface(
 ) -> Surface:
     """Make a surface of a label volume or of a mesh.
 
-    The surface of a volume has a vertex for each surface voxel and side: surfels, the faces between foreground and
-    background voxels, are glued along their edges, so that thin blades keep two sides and touching banks stay apart,
-    and drawn together voxel by voxel. No iso-surface is made: every vertex is a voxel, placed finer than the grid.
+    The surface of a volume has one vertex for each surface voxel and side. The faces between foreground and background
+    voxels are glued along their edges, so that thin blades keep two sides and touching banks stay separate; the faces
+    of each voxel are then merged. This is not an iso-surface: every vertex is a voxel, placed with sub-voxel precision.
 
     Parameters
     ----------
     source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
-        A label or intensity volume (I, J, K), or a mesh of triangles in RAS+ mm, in the space that its file says
-        (`Surface.space`): scanner RAS, FreeSurfer's tkRAS, or unknown.
+        A label or intensity volume (I, J, K), or a triangle mesh in RAS+ mm. The space of a mesh (`Surface.space`) is
+        the one that its file defines: scanner RAS, FreeSurfer's tkRAS, or unknown.
     label : int, optional
-        For volumes: the foreground is this label. By default the only one that there is.
+        Label of the foreground, for volumes. By default the only label that there is.
     threshold : float, optional
-        For volumes: the foreground is where values are greater than this, in the input's unit.
+        Threshold above which voxels are foreground, for volumes, in the unit of the input.
     spacing : sequence of 3 floats, optional
-        Voxel size, mm, for volumes that know none (.npy, arrays); by default 1.
+        Voxel size in mm, for volumes without one (.npy, arrays); by default 1.
     affine : array_like, shape (4, 4), optional
-        From voxel indices to RAS+ mm, for volumes that know none.
+        Matrix from voxel indices to RAS+ mm, for volumes without one.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional
-        Of the coordinates of a mesh, or of the spacing of an array, whose unit nothing tells; what is shown and written
-        of the surface and its maps is in this unit. By default arrays, GIFTI and FreeSurfer's files are in mm, and the
-        unit of other meshes is unknown.
+        Unit of the coordinates of a mesh, or of the spacing of an array, if the input does not define it. Results are
+        shown and saved in this unit. By default arrays, GIFTI and FreeSurfer files are in mm, and the unit of other
+        meshes is unknown.
     probability : ndarray, path, image object or Volume, optional
-        For volumes: an image of the same shape whose value is `threshold`, or 0.5, on the surface. Points are placed
-        there. By default they are placed by the volume itself where `threshold` is given and its values change
-        smoothly, and else by a fit to the voxels.
+        An image of the same shape, for volumes, whose value is `threshold` (or 0.5) on the surface. Points are placed
+        there. By default the volume itself places them if `threshold` is given and its values vary smoothly; otherwise
+        a fit to the voxels does.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
-        The pial surface of a white one, with the same vertices: distances are measured midway. A pial surface that does
-        not lie outside it, vertex by vertex, is refused.
+        The pial surface that belongs to a white surface, with the same vertices. Distances are then measured midway
+        between them. It is an error if the pial surface does not lie outside the white one, vertex by vertex.
     repair : {"none", "voxels", "cuts"}, optional
         How to remove topological handles: edit as few voxels as possible ("voxels"), cut the handles open ("cuts"), or
         leave the surface unchanged and fail if it has defects ("none"). With "voxels" the surface of a volume becomes
-        one sphere. By default handles of a volume's largest component
-        are closed or opened where that changes no more than 1 % of its voxels, and this is said. A mesh is mended
-        unless this is "none", where that has one right answer: triangles without area are dropped or flipped away, for
-        which vertices at one place become one (each keeps its number), duplicates are dropped, and where sheets touch
-        at a vertex each gets its own.
+        one sphere. By default handles of a volume's largest component are removed if that changes at most 1 % of its
+        voxels; this is reported. Defects of a mesh are repaired, except with "none", if the repair is unambiguous:
+        triangles without area are removed or flipped away, for which vertices at the same position are merged (each
+        keeps its number); duplicate triangles are removed; and parts that touch only at a vertex are separated there.
     memory_limit : int, optional
-        Bytes that may be used; by default what is free.
+        Maximum number of bytes to use; by default the free memory.
     threads : int, optional
-        By default one a core.
+        Number of threads; by default one per core.
     progress : callable, optional
         As in `flatten`.
 
     Returns
     -------
     Surface
+        The surface, ready to be cut, flattened or measured.
 
     Raises
     ------
     InputError
-        If the input is no surface; the message names the place and the remedy.
+        If the input is not a surface; the message names the place and the remedy.
     Cancelled
         If `progress` returned False.
 
+    See Also
+    --------
+    range_image : Make a surface of a depth image.
+    check : Check whether an input can be flattened.
+
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
     >>> labels = np.zeros((8, 8, 8), dtype=np.uint8)
     >>> labels[2:6, 2:6, 2:6] = 3
     >>> voxflat.surface(labels, label=3)
     <Surface from voxels: 56 vertices, 108 triangles>
     """
     if repair is not None and (not isinstance(repair, str) or repair not in _REPAIRS):
-        raise InputError(f"repair is {shown(repair)}; give 'none', 'voxels' or 'cuts', or leave it out")
+        raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or omit it")
     threads = checked_threads(threads)
     give_back_memory()
     if isinstance(source, Surface):
@@ -699,7 +781,7 @@ def surface(
         _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
         _refuse_options("a mesh", probability=probability)
         if repair == "voxels":
-            raise InputError("repair is 'voxels', but a mesh has no voxels; give 'cuts' or 'none', or leave it out")
+            raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or omit it")
         made = of_mesh(given, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
@@ -713,4 +795,4 @@ def surface(
 def _refuse_options(what: str, **options: object) -> None:
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"{name} is given, but the input is {what}, for which it means nothing; leave it out")
+            raise InputError(f"{name} does not apply when the input is {what}. Do not pass it")

@@ -13,7 +13,7 @@ from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.cli.parameter_options import option_of
-from voxflat.judging.measure import compare, measure
+from voxflat.evaluation.measure import compare, measure
 
 
 @cloup.command(

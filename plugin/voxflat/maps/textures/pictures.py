@@ -1,7 +1,7 @@
-"""Pictures: files, arrays and images as colours, where they lie on a map, and their values between texels.
+"""Pictures: files, arrays and images as colours, their position on a map, and interpolation between texels.
 
-A texture coordinate (s, t) is a place in a picture: (0, 0) is its lower left corner, (1, 1) its upper right. The
-picture's pixels, texels, are squares on the map, so that nothing is stretched that flattening did not stretch.
+A texture coordinate (s, t) is a place in a picture: (0, 0) is its lower left corner, (1, 1) its upper right. Pixels of
+the picture, texels, are squares on the map, so that only flattening distorts them.
 """
 
 import os
@@ -22,42 +22,42 @@ from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
-"""Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
+"""Formats that Pillow may open. By default it also opens PostScript, for which it runs a program."""
 
 _PIXEL_BYTES = 24
-"""How much memory decoding takes for each pixel: as Pillow has it, turned upright, in colours, and as an array."""
+"""Memory for decoding, per pixel: as decoded by Pillow, rotated upright, as colours, and as an array."""
 
-_SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over its border
+_SLACK = 1e-9  # share of a picture's side by which rounding may move a point across the border
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Return texture coordinates of a picture centred on a flat map, texels in mm; by default it just covers it."""
+    """Return texture coordinates of a picture centred on a map, texels in mm; by default it just covers the map."""
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:
         texel_size = float(np.max((high - low) / size)) or 1.0
     if not (is_number(texel_size) and 0 < texel_size < np.inf):
-        raise InputError(f"the texel size is {shown(texel_size)} mm; give a positive number")
+        raise InputError(f"texel_size is {shown(texel_size)} mm. Pass a positive number")
     return np.asarray(0.5 + (uv - (low + high) / 2) / (texel_size * size))
 
 
 def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_size: float) -> None:
-    """Refuse a picture that does not reach over the whole map."""
+    """Raise an error if a picture does not cover the whole map."""
     needed = 2 * float(np.abs(coordinates - 0.5).max())
     if needed > 1 + _SLACK:
         height, width = shape[0] * texel_size, shape[1] * texel_size
         raise InputError(
-            f"with texels of {texel_size:g} mm the picture is {width:g} x {height:g} mm and does not cover the map; "
-            f"give repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
+            f"with texels of {texel_size:g} mm the picture is {width:g} x {height:g} mm and does not cover the map. "
+            f"Pass repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
         )
 
 
 def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: bool = False) -> NDArray[np.float64]:
-    """Look up a picture's values, linear between texels' centres; beyond its borders these go on, or it repeats."""
+    """Interpolate a picture between texel centres; outside, border values continue, or the picture repeats."""
     height, width = picture.shape[:2]
     at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
-    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy knows no others
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
         values = values.astype(np.float64)
     channels = values[..., None] if values.ndim == 2 else values
     mode = "grid-wrap" if repeat else "nearest"
@@ -69,15 +69,15 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
 
 
 def check_values(picture: object) -> NDArray[Any]:
-    """Take an array of any numbers, (H, W) or (H, W, C), as a picture."""
+    """Return an array of numbers, (H, W) or (H, W, C), as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise InputError(f"the picture has shape {array.shape}, type {array.dtype}; give (H, W) or (H, W, C) numbers")
+        raise InputError(f"the picture is {array.dtype} of shape {array.shape}. Pass numbers (H, W) or (H, W, C)")
     return array
 
 
 def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
-    """Take a file, Pillow's image or an array (uint8, bool or floats to 1) as colours (H, W, 3 or 4), and its file."""
+    """Return a file, Pillow image or array (uint8, bool or floats to 1) as colours (H, W, 3 or 4), and its file."""
     if isinstance(picture, str | os.PathLike):
         path = Path(picture)
         with naming(path, REMEDY), header(path) as image:
@@ -89,19 +89,19 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
 
 @contextmanager
 def header(path: Path) -> Iterator[Any]:
-    """Open a picture for what its file says of it: of its pixels none is decoded."""
+    """Open a picture to read its header; no pixels are decoded."""
     from PIL import Image
 
     check_regular(path)
     with warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
-        warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
+        warnings.simplefilter("ignore")  # Pillow warns about damaged tags that are not needed
         with Image.open(path, formats=PICTURES) as image:
             note(path)
             yield image
 
 
 def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
-    """Decode a picture, as colours or the file's own values, by Pillow, whose parts in C trust the file: apart."""
+    """Decode a picture, as colours or raw values, in another process, because Pillow's C code trusts the file."""
     need = _PIXEL_BYTES * image.width * image.height
     check_room(need)
     found: NDArray[Any] = read_in_subprocess(picture_values, "PIL", path, colours, size=need)
@@ -109,7 +109,7 @@ def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
 
 
 def picture_values(path: Path, colours: bool) -> NDArray[Any]:
-    """Decode a picture: what `decoded` calls apart."""
+    """Decode a picture in the process that `decoded` starts."""
     from PIL import Image
 
     with warnings.catch_warnings(), Image.open(path, formats=PICTURES) as image:
@@ -120,12 +120,12 @@ def picture_values(path: Path, colours: bool) -> NDArray[Any]:
 def _of_pillow(image: Any) -> NDArray[np.uint8]:
     from PIL import ImageOps
 
-    image = ImageOps.exif_transpose(image)  # photographs may lie on their side
+    image = ImageOps.exif_transpose(image)  # photographs may be rotated
     if image.mode.startswith("I;16"):
         return _of_array(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))  # 65,535 is 257 x 255
     if image.mode in ("I", "F"):
         raise InputError(
-            f"the picture has values of more than 8 bits (Pillow's mode {image.mode}); save it as 8-bit grey or RGB"
+            f"the picture has more than 8 bits per value (Pillow mode {image.mode}). Save it as 8-bit grey or RGB"
         )
     has_alpha = "A" in image.getbands() or "transparency" in image.info
     return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
@@ -133,17 +133,17 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
 
 def _of_array(array: NDArray[Any]) -> NDArray[np.uint8]:
     if array.ndim == 3 and array.shape[2] not in (3, 4):
-        raise InputError(f"the picture has shape {array.shape}; give (H, W), (H, W, 3) or (H, W, 4)")
+        raise InputError(f"the picture has shape {array.shape}. Pass (H, W), (H, W, 3) or (H, W, 4)")
     if array.dtype.kind == "b":
         array = np.uint8(255) * array
     elif array.dtype.kind == "f":
         least, most = float(array.min()), float(array.max())  # NaN if there is one
         if not (least >= 0 and most <= 1):
             raise InputError(
-                f"the picture's values reach from {least:g} to {most:g}; floats must lie from 0 to 1, without NaN: "
-                "divide them, or give uint8"
+                f"the picture's values range from {least:g} to {most:g}. Scale floats to 0 to 1 (without NaN), or "
+                "pass uint8"
             )
         array = np.round(255 * array).astype(np.uint8)
     elif array.dtype != np.uint8:
-        raise InputError(f"the picture has type {array.dtype}; give uint8, 0 to 255, or floats from 0 to 1")
+        raise InputError(f"the picture has type {array.dtype}. Pass uint8 (0 to 255), or floats from 0 to 1")
     return np.ascontiguousarray(np.repeat(array[..., None], 3, axis=2) if array.ndim == 2 else array)

@@ -12,9 +12,9 @@ from voxflat.arguments import is_number, shown
 from voxflat.errors import InputError
 from voxflat.maps.textures.pictures import values_at
 
-_MOST_FACES = 5_000_000  # some 1 GB while they are split
-_LONGEST = 1024  # texels; triangles with a longer side are split unseen
-_SAMPLES = 1_000_000  # looked up at a time
+_MOST_FACES = 5_000_000  # about 1 GB while they are split
+_LONGEST = 1024  # texels; triangles with a longer side are always split
+_SAMPLES = 1_000_000  # samples at a time
 
 _Corners = NDArray[np.int64]
 
@@ -28,11 +28,11 @@ def subdivide(
     *,
     repeat: bool,
 ) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
-    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`."""
+    """Split triangles until colours at their corners show the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
-        raise InputError(f"the tolerance is {shown(tolerance)}; give a positive number of 255 grey levels")
+        raise InputError(f"tolerance is {shown(tolerance)}. Pass a positive number of grey levels (of 255)")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
-    open_ = np.ones(len(faces), dtype=np.bool_)  # those not yet found good
+    open_ = np.ones(len(faces), dtype=np.bool_)  # triangles that still need checking
     while True:
         rough = open_.copy()
         rough[open_] = _deviation(coordinates[faces[open_]], picture, repeat) > tolerance
@@ -41,9 +41,9 @@ def subdivide(
         sides, faces, is_new = _bisect(faces, coordinates * size, rough)
         if len(faces) > _MOST_FACES:
             raise InputError(
-                f"the picture's {picture.shape[1]} x {picture.shape[0]} texels need more than "
-                f"{_MOST_FACES} triangles; give a greater tolerance or a coarser picture, or save it with the picture "
-                "itself, as .obj, .vtp or .glb"
+                f"the picture's {picture.shape[1]} x {picture.shape[0]} texels need more than {_MOST_FACES} triangles. "
+                "Increase the tolerance, pass a coarser picture, or save the surface with the picture itself, as .obj, "
+                ".vtp or .glb"
             )
         points = np.concatenate([points, points[sides].mean(axis=1)])
         coordinates = np.concatenate([coordinates, coordinates[sides].mean(axis=1)])
@@ -51,7 +51,7 @@ def subdivide(
 
 
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
-    """Return how far the texture differs in each triangle from a linear one at most, at places a texel apart."""
+    """Return the greatest difference between texture and linear interpolation in each triangle, one texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
@@ -67,7 +67,7 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
 
 
 def _lattice(steps: int) -> NDArray[np.float64]:
-    """Return barycentric coordinates of a triangular lattice with so many steps along each side, shape (P, 3)."""
+    """Return barycentric coordinates of a triangular lattice with the given steps along each side, shape (P, 3)."""
     a, b = np.divmod(np.arange((steps + 1) ** 2), steps + 1)
     inside = a + b <= steps
     a, b = a[inside], b[inside]
@@ -77,7 +77,7 @@ def _lattice(steps: int) -> NDArray[np.float64]:
 def _bisect(
     faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
 ) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
-    """Bisect triangles without cracks; return sides, whose middles are points N, ..., triangles, and which are new."""
+    """Bisect triangles without cracks; return sides (their midpoints are new points), triangles, and which are new."""
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)
     keys, side_of = np.unique(low * len(places) + high, return_inverse=True)
@@ -96,9 +96,9 @@ def _bisect(
 def _marked(
     side_of: _Corners, lengths: NDArray[np.float64], rough: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Mark the longest sides of rough triangles, and those of any triangle that has a marked one."""
+    """Mark the longest sides of selected triangles, and of all triangles with a marked side."""
     rank = np.empty(len(lengths), dtype=np.int64)
-    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours agree on equal lengths, too
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours also agree on equal lengths
     longest = rank[side_of].argmax(axis=1)
     longest_side = np.take_along_axis(side_of, longest[:, None], axis=1)[:, 0]
     marked = np.zeros(len(lengths), dtype=np.bool_)
@@ -110,7 +110,7 @@ def _marked(
 
 
 def _pieces(corners: _Corners, middles: _Corners) -> _Corners:
-    """Cut triangles (a, b, c) at the middle of ab, and their halves at the middles of bc and ca if these are not −1."""
+    """Split triangles (a, b, c) at the middle of ab, and the halves at the middles of bc and ca unless these are −1."""
     (a, b, c), (ab, bc, ca) = corners.T, middles.T
     left, right = ca >= 0, bc >= 0
     whole = [

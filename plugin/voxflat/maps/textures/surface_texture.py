@@ -1,7 +1,7 @@
-"""The texture that a surface has of its own, on its flat map: the flat texture image of Zigelman et al. (2002), fig. 3.
+"""The texture of a surface on its flat map: the flat texture image of Zigelman et al. (2002), figure 3.
 
-Each pixel of the map lies in a triangle of the surface; its place there, in barycentric coordinates, gives its texture
-coordinates, and these its colour. Colours at the vertices go the same way without a picture in between.
+Each pixel of the map lies in a triangle of the surface. Its barycentric coordinates give its texture coordinates, and
+these give its colour. Colours at the vertices are interpolated directly.
 """
 
 import re
@@ -21,35 +21,35 @@ from voxflat.maps.textures.pictures import as_picture, values_at
 from voxflat.unique_rows import numbered
 
 TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
-"""Endings of files of surfaces that may have a texture, or colours at their vertices."""
+"""Endings of surface files that may have a texture, or colours at vertices."""
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
-    """A picture, and where each triangle of a surface lies in it."""
+    """A picture, and the place of each triangle of a surface in it."""
 
     faces: NDArray[np.int64]  # (F, 3), of the surface's vertices
-    coordinates: NDArray[np.float64]  # (F, 3, 2); NaN for none. At a seam a vertex has several
+    coordinates: NDArray[np.float64]  # (F, 3, 2); NaN for none. A vertex on a seam has several
     picture: NDArray[np.uint8]  # (H, W, 3 or 4); row 0 is the top
 
 
 def are_colours(values: object, count: int) -> bool:
-    """Tell whether an array holds a colour for each of so many vertices."""
+    """Return whether an array holds one colour for each of `count` vertices."""
     return isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.shape in ((count, 3), (count, 4))
 
 
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
-    """Read the texture of a surface of `count` vertices, or colours there.
+    """Read the texture of a surface of `count` vertices, or colours at its vertices.
 
-    ``.obj`` has a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` texture coordinates and a picture, of the
-    same name beside it or named in PLY's comment TextureFile, or colours at the vertices.
+    ``.obj`` files have a material with a picture (map_Kd). ``.vtp`` and ``.ply`` files have texture coordinates and a
+    picture, with the same name or named in PLY's comment TextureFile; or colours at the vertices.
     """
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
         if len(mesh.points) != count:
-            raise InputError(f"has {len(mesh.points)} vertices, the flattened mesh {count}: is it the same surface?")
+            raise InputError(f"has {len(mesh.points)} vertices, but the flattened mesh has {count}. Pass that mesh")
         if path.suffix.lower() == ".obj":
             return _obj_texture(path)
         picture = _picture_beside(path)
@@ -66,14 +66,14 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
     found = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
     if len(found) == 1:
         return next(iter(found.values()))
-    several = f"several colours at its vertices ({', '.join(found)}): give one as an array" if found else ""
+    several = f"several colours at its vertices ({', '.join(found)}). Pass one as an array" if found else ""
     raise InputError(
-        f"has {several or 'no texture: neither texture coordinates with a picture beside, nor colours at its vertices'}"
+        f"has {several or 'no texture (texture coordinates with a picture, or colours at vertices). Add one'}"
     )
 
 
 def _picture_beside(path: Path) -> Path | None:
-    """Return the picture that belongs to a file: of its own name, or named by a PLY file's header."""
+    """Return the picture of a file: one with the same name, or the one that a PLY file's header names."""
     named = re.search(rb"(?m)^comment TextureFile (.*?)\s*$", contents(path)[:4096])
     if named and path.suffix.lower() == ".ply":
         return path.with_name(named[1].decode("utf-8", "replace"))
@@ -88,31 +88,31 @@ def _obj_texture(path: Path) -> SurfaceTexture:
         found |= _material_pictures(path.parent / library)
     pictures = {path.parent / found[material] for material in names["usemtl"] if material in found}
     if np.isnan(coordinates).all() or not pictures:
-        raise InputError("has no texture: it needs texture coordinates (vt) and a material (mtllib) with map_Kd")
+        raise InputError("has no texture. Add texture coordinates (vt) and a material (mtllib) with map_Kd")
     if len(pictures) > 1:
         shown = ", ".join(sorted(picture.name for picture in pictures))
-        raise InputError(f"has {len(pictures)} pictures ({shown}): bake them into one")
+        raise InputError(f"has {len(pictures)} pictures ({shown}). Bake them into one")
     if plain := sorted(names["usemtl"] - set(found)):
-        raise InputError(f"has a picture, but its material {plain[0]!r} has none: bake all of them into one")
+        raise InputError(f"has a picture, but its material {plain[0]!r} has none. Bake all materials into one picture")
     return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
 
 
 def _material_pictures(library: Path) -> dict[str, str]:
-    """Return of each material of an .mtl file the picture of its colour."""
+    """Return the colour picture of each material of an .mtl file."""
     found: dict[str, str] = {}
     material = ""
     for line in contents(library).decode("utf-8", "replace").splitlines():
         key, _, rest = line.strip().partition(" ")
         if key == "newmtl":
             material = rest.strip()
-        elif key == "map_Kd":  # options, which begin with a dash, come before the name
+        elif key == "map_Kd":  # options, which start with a dash, precede the name
             name = rest.split()[-1] if rest.strip().startswith("-") else rest.strip()
             found[material] = name.replace("\\", "/")
     return found
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Carry a texture, or vertex colours, to the pixels of a flat map, RGBA, opacity 0 where there is none."""
+    """Return the colours of a texture, or of vertices, at the pixels of a map: RGBA, opacity 0 where there is none."""
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])
     image = np.zeros((*raster.shape, 4), dtype=np.uint8)
@@ -131,14 +131,14 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
     coordinates[inside] = np.einsum("pc,pcx->px", weights, corners)
     seen = np.isfinite(coordinates[..., 0])
     values = np.full((*raster.shape, texture.picture.shape[2]), np.nan)
-    # coordinates beyond the picture's borders repeat it, as is the rule of OBJ and VTK
+    # coordinates outside the picture repeat it, as in OBJ and VTK
     is_beyond = bool((np.abs(texture.coordinates - 0.5) > 0.5 + 1e-6).any())
     values[seen] = values_at(_reduced(texture.picture, coordinates), coordinates[seen], repeat=is_beyond)
     return values
 
 
 def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find triangles by their corners in any order: their numbers, −1 for none, and which corner is which."""
+    """Find triangles by their corners in any order: return their numbers (−1 for none), and the order of corners."""
     sorting, wanted_sorting = faces.argsort(axis=1), triples.argsort(axis=1)
     keys, wanted = numbered(np.sort(faces, axis=1), np.sort(triples, axis=1))
     first = np.full(len(keys) + len(wanted), -1)
@@ -150,7 +150,7 @@ def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDA
 
 
 def _reduced(picture: NDArray[np.uint8], coordinates: NDArray[np.float64]) -> NDArray[Any]:
-    """Average a picture over as many texels as a pixel of the map covers, against aliasing."""
+    """Average a picture over the texels that a pixel of the map covers, to avoid aliasing."""
     from PIL import Image
 
     height, width = picture.shape[:2]

@@ -21,27 +21,33 @@ from voxflat.maps.textures.subdivision import subdivide
 
 @dataclass(frozen=True, eq=False)
 class TexturedSurface(Recorded):
-    """A surface with a picture on it: what `FlatMap.textured` and `FlatPage.textured` return.
+    """A surface with a picture on it, as returned by `FlatMap.textured` and `FlatPage.textured`.
+
+    3-D programs display the saved files with the picture.
 
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm, scanner RAS where it is known how to come there.
+        Positions, RAS+ mm, in scanner RAS if the transform is known.
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
-        The place (s, t) of each point in the picture, from 0 to 1; beyond where the picture repeats.
+        The place (s, t) of each point in the picture, from 0 to 1; values outside repeat the picture.
     picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
-        Colours, perhaps with opacity. Row 0 is the top, t = 1.
+        Colours, optionally with opacity. Row 0 is the top, t = 1.
     repeat : bool
-        Whether the picture goes on beyond its borders.
+        Whether the picture is repeated beyond its borders.
     source : Path or None
-        The picture's file.
+        File of the picture.
     texture_faces : ndarray of int64, shape (F, 3), or None
-        The corners of each triangle as rows of `texture_coordinates`, where these have seams, at which a point has
-        several; None where they are those of `faces`.
+        Corners of each triangle as rows of `texture_coordinates`, if these have seams, where a point has several. None
+        if they equal `faces`.
     provenance : dict
-        What made it.
+        Record of how it was made.
+
+    See Also
+    --------
+    FlatMap.textured : Return the surface with a picture on it.
 
     Examples
     --------
@@ -66,16 +72,35 @@ class TexturedSurface(Recorded):
 
     @property
     def colours(self) -> NDArray[np.uint8]:
-        """The picture's colour at each texture coordinate, linear between texels, shape (N, 3) or (N, 4)."""
+        """The colour of the picture at each texture coordinate, shape (N, 3) or (N, 4).
+
+        Interpolation is linear between texels.
+
+        See Also
+        --------
+        TexturedSurface.subdivided : Split triangles that are too coarse for colours at their corners.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.textured(np.full((8, 8, 3), 255, np.uint8)).colours.shape
+        (441, 3)
+        """
         return np.round(values_at(self.picture, self.texture_coordinates, self.repeat)).astype(np.uint8)
 
     def opened(self) -> "TexturedSurface":
-        """Return the surface with a point for each texture coordinate: cut open where the texture has seams.
+        """Return the surface cut open along the seams of the texture.
+
+        The result has one point for each texture coordinate.
 
         Returns
         -------
         TexturedSurface
-            Itself if there are none.
+            The cut surface, or this object if there are no seams.
+
+        See Also
+        --------
+        FlatPage.textured : Return a surface whose texture has seams.
 
         Examples
         --------
@@ -91,26 +116,32 @@ class TexturedSurface(Recorded):
         return replace(self, points=points, faces=self.texture_faces, texture_faces=None)
 
     def subdivided(self, tolerance: float = 16.0) -> "TexturedSurface":
-        """Split triangles where colours at their corners cannot carry the picture (Zigelman et al. 2002, section IV).
+        """Split triangles that are too coarse to show the picture by colours at their corners.
 
-        New points lie on sides of the triangles: the surface keeps its shape, its first N points and its texture
-        coordinates, and has no cracks. Triangles are bisected at their side that is longest in the picture (Rivara
-        1984), so that there no angle becomes less than half of the least one before.
+        As in section IV of Zigelman et al. 2002. New points lie on edges of the triangles: the surface keeps its shape,
+        its first N points and its texture coordinates, and has no cracks. Triangles are bisected at the edge that is
+        longest in the picture (Rivara 1984), so that no angle there becomes smaller than half of the smallest angle
+        before.
 
         Parameters
         ----------
         tolerance : float
-            How much, of 255, the picture may differ within a triangle from what its corners' colours give. Triangles no
-            longer than a texel are kept.
+            Greatest difference, of 255 grey levels, between the picture and the interpolated colours within a triangle.
+            Triangles no longer than a texel are kept.
 
         Returns
         -------
         TexturedSurface
+            The surface with more triangles.
 
         Raises
         ------
         InputError
             If the tolerance is not positive, or the picture is so fine that there would be too many triangles.
+
+        See Also
+        --------
+        TexturedSurface.colours : Colours at the points.
 
         Examples
         --------
@@ -126,26 +157,32 @@ class TexturedSurface(Recorded):
         return replace(whole, points=points, faces=faces, texture_coordinates=coordinates)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the surface with its picture; all files are complete before the first takes its place.
+        """Save the surface with its picture.
+
+        All files are complete before the first one is put into place.
 
         Parameters
         ----------
         path : path
-            ``.obj`` (with an ``.mtl`` and a ``.png`` beside), ``.vtp`` (with a ``.png`` beside), ``.glb`` (one file of
-            glTF 2.0, in metres with y up as it demands), or ``.ply`` with the colours at the points and no picture, for
-            which `subdivided` is made. With seams, OBJ keeps the surface's points; the others double them there.
-            A ``.png`` beside holds `provenance`.
+            ``.obj`` writes an ``.mtl`` and a ``.png`` next to it, ``.vtp`` a ``.png``. ``.glb`` is one file of glTF
+            2.0, which is in metres with y up as the format requires. ``.ply`` has colours at the points and no picture;
+            see `subdivided`. At seams, OBJ keeps the points of the surface; the other formats duplicate them. The
+            ``.png`` includes `provenance`.
         sidecar : bool
-            Write `provenance` to ``<path>.json``, too.
+            Also write `provenance` to ``<path>.json``.
         overwrite : bool
-            Replace files beside that voxflat did not write.
+            Replace existing files that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the ending is another, a file would replace one that was read, or one beside is not of voxflat.
+            If the ending is not supported, or a file would replace an input file or one that voxflat did not write.
         OSError
             If a file cannot be written.
+
+        See Also
+        --------
+        TexturedSurface.subdivided : Split triangles before saving as ``.ply``.
 
         Examples
         --------
@@ -154,25 +191,25 @@ class TexturedSurface(Recorded):
         >>> textured.save("hill_textured.glb")
         """
         path = checked_path(path)
-        with naming(path, "can this format hold it?"):
+        with naming(path, "choose another format"):
             write = by_ending(path, _WRITERS, "written")
         others = files_beside(path)
         names = [path, *others]
         for name in names:
             if self.source is not None and name.exists() and self.source.exists() and name.samefile(self.source):
-                raise InputError(f"cannot write {path}: {name} is the picture itself; choose another name")
+                raise InputError(f"cannot write {path}: {name} is the picture itself. Choose another name")
             check_not_read(name, self.provenance)
         for name in others:
             check_beside(path, name, overwrite=overwrite)
-        with ExitStack() as files:  # they take their places in reverse: the surface last, when what it names is there
+        with ExitStack() as files:  # put into place in reverse: the surface after the files that it names
             files.enter_context(saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite))
             temporary = [files.enter_context(atomic_path(name)) for name in names]
-            with naming_file(path), naming(path, "can this format hold it?"):
+            with naming_file(path), naming(path, "choose another format"):
                 write(temporary, self, [name.name for name in names])
 
 
 def files_beside(path: Path) -> list[Path]:
-    """Return the files that are written beside a textured surface."""
+    """Return the additional files that are written with a textured surface."""
     return [beside(path, ending) for ending in _BESIDE.get(path.suffix.lower(), ())]
 
 
@@ -181,7 +218,7 @@ _Files = list[Path]
 
 def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     _, library, picture = names
-    # without -clamp on, which VTK takes for part of the file's name
+    # no -clamp on, which VTK would read as part of the file name
     lines = ["# voxflat", "newmtl texture", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 1", f"map_Kd {picture}"]
     if surface.picture.shape[2] == 4:
         lines.append(f"map_d {picture}")

@@ -1,4 +1,4 @@
-"""The judge: what flat maps, ours or other tools', do to a surface."""
+"""Measure the distortion of flat maps, made by voxflat or any other tool."""
 
 import textwrap
 from collections.abc import Mapping
@@ -29,32 +29,38 @@ from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.manifold import Manifold
 
-_SAME = 1e-3  # lengths of edges that agree so far, with their usual length: files hold float32
-_MOST_SOURCES = 2**31  # more than any surface has points: all of them
+_SAME = 1e-3  # tolerance for edge lengths, relative to their median: files hold float32
+_MOST_SOURCES = 2**31  # more than the points of any surface: use all
 
 _USUAL_SOURCES = 300
 _FEWEST_SOURCES = 6
 _USUAL_WORK = 4e8
-"""Exact distances from one source take time in proportion to the number of points to the power of 1.5. This much work
-took 60 s of CPU time on a bumpy sheet, half a minute on two cores, and less on a cortex."""
+"""The time for exact distances from one source is proportional to the number of points to the power of 1.5. This work
+took 60 s of CPU time on a bumpy surface, half a minute on two cores, and less on a cortex."""
 
 _KEPT_SHARE = 4  # a quarter of the free memory
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedMap:
-    """A flat map beside the surface that it was judged on.
+    """A flat map with the part of the surface on which it was measured.
+
+    A `Comparison` holds one for each map.
 
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
         Places in the plane, mm.
     vertex_ids : ndarray of int64, shape (N,)
-        The vertex of the surface's input that each one is; for voxels the vertex of the surface.
+        Vertex number of each place in the surface's input; for voxels, the vertex of the surface.
     faces : ndarray of uint32, shape (F, 3)
         Triangles.
     distortion : Distortion
-        What the map does to the surface.
+        Distortion of the map.
+
+    See Also
+    --------
+    compare : Measure several maps of a surface.
 
     Examples
     --------
@@ -75,14 +81,20 @@ class JudgedMap:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Recorded):
-    """Several flat maps of one surface, judged from the same sources.
+    """Several flat maps of one surface, measured from the same sources.
+
+    `voxflat.compare` returns it.
 
     Parameters
     ----------
     maps : dict of str to JudgedMap
-        By the names that they were given.
+        The maps by name.
     provenance : dict
-        What made it.
+        Record of how they were measured.
+
+    See Also
+    --------
+    compare : Measure several maps of a surface.
 
     Examples
     --------
@@ -99,11 +111,22 @@ class Comparison(Recorded):
         return f"<Comparison of {len(self.maps)} maps: {names}>"
 
     def __getitem__(self, name: str) -> Distortion:
-        """Return what a map does to the surface."""
+        """Return the distortion of a map."""
         return self.maps[name].distortion
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of each map by its name, ready for JSON: undefined ones are None.
+        """Return the figures of each map, ready for JSON.
+
+        Undefined figures are None.
+
+        Returns
+        -------
+        dict
+            The results of `Distortion.figures`, by the names of the maps.
+
+        See Also
+        --------
+        Comparison.table : The figures as text.
 
         Examples
         --------
@@ -115,7 +138,18 @@ class Comparison(Recorded):
         return {name: judged.distortion.figures() for name, judged in self.maps.items()}
 
     def table(self) -> str:
-        """Return the figures as a table of text, a map a column.
+        """Return a table of the figures as text.
+
+        There is one column per map.
+
+        Returns
+        -------
+        str
+            The table.
+
+        See Also
+        --------
+        Comparison.figures : The figures for JSON.
 
         Examples
         --------
@@ -139,43 +173,44 @@ def measure(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Distortion:
-    """Measure a flat map of a surface, whoever made it.
+    """Measure the distortion of a flat map of a surface, made by any tool.
 
     Distances are measured on the surface as it was cut for the map: over the map's triangles, and not across its seams.
 
     Parameters
     ----------
-    surface : Surface, or anything that `voxflat.surface` takes
+    surface : Surface, or any input of `voxflat.surface`
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
-        The map: a FreeSurfer patch (``lh.cortex.patch.flat``), GIFTI or another mesh file of the surface's vertices in
-        the same order, a map of voxflat (.npz), the texture coordinates of an .obj, .ply or .vtp, or places in the
-        plane, mm. Its triangles, or those of the surface with a place for all corners, are judged; a third coordinate
-        must be constant. With ``vertices``, which vertex of the surface each place is, a cut may have doubled some.
-        Where an .obj has several texture coordinates at a vertex the surface is cut.
+        The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
+        in the same order; a map of voxflat (.npz); the texture coordinates of an .obj, .ply or .vtp; or places in the
+        plane, mm. Its own triangles are measured, or those of the surface with a place for all corners. A third
+        coordinate must be constant. ``vertices`` gives the vertex of the surface for each place, so that cuts may
+        duplicate vertices. If a vertex of an .obj has several texture coordinates, the surface is cut there.
     sources : int, optional
-        How many random points distances are measured from. By default 300, or fewer where exact distances on a large
-        surface would take more than half a minute on two cores: 69 at 32,000 points, 6 from 160,000 points on, and
-        fewer where maps with different cuts are compared. From few sources the standard errors are rough estimates,
-        and so are the errors of single points in a heat map: give 300 for a figure that you publish.
+        Number of random points from which distances are measured. By default 300, or fewer if exact distances on a
+        large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 from 160,000 points on,
+        and fewer if maps with different cuts are compared. Few sources give rough standard errors and rough errors of
+        single points in a heat map; use 300 for figures to be published.
     reference : {"exact", "graph"}, optional
-        How distances are measured, as in `geodesic`. By default "exact" for meshes, whatever their size, and "graph"
-        for surfaces of voxels, whose triangles are an estimate themselves.
+        How distances are measured, as in `Surface.geodesic`. By default "exact" for meshes of any size, and "graph" for
+        surfaces of voxels, whose triangles are themselves an estimate.
     on_surface : bool
-        Judge on the given surface as it is. By default a map of voxflat is judged on the geometry that it was made on,
-        which it knows: one made midway to the pial surface is not measured on the white one. That is logged.
+        Measure on the given surface. By default a map of voxflat is measured on the geometry on which it was made: a
+        map made midway to the pial surface is not measured on the white surface. A warning reports this.
     seed : int
-        Of the choice of sources.
+        Seed of the choice of sources.
     threads : int, optional
-        How many threads work; by default one for each core.
+        Number of threads; by default one per core.
     memory_limit : int, optional
-        Bytes that may be used; by default what is free.
+        Maximum number of bytes to use; by default the free memory.
     progress : callable, optional
         As in `voxflat.flatten`.
 
     Returns
     -------
     Distortion
+        The distortion of the map.
 
     Raises
     ------
@@ -183,6 +218,10 @@ def measure(
         If the map does not belong to the surface, or is not flat.
     Cancelled
         If `progress` returned False.
+
+    See Also
+    --------
+    compare : Measure several maps of a surface.
 
     Examples
     --------
@@ -209,28 +248,45 @@ def compare(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Measure several flat maps of a surface from the same sources.
+    """Measure the distortion of several flat maps of a surface from the same sources.
 
-    The sources are random vertices that all maps have. Maps of the same triangles with the same cuts share their
-    distances, which are measured once.
+    The sources are random vertices that all maps have. Distances are measured only once for maps with the same
+    triangles and cuts.
 
     Parameters
     ----------
+    surface : Surface, or any input of `voxflat.surface`
+        The surface. All maps are measured on the same geometry.
     maps : dict of str to map
-        The maps, each as in `measure`, by their names.
-    surface, sources, reference, on_surface, seed, threads, memory_limit, progress
-        As in `measure`. All maps are judged on one geometry.
+        The maps by name, each as in `measure`.
+    sources : int, optional
+        As in `measure`.
+    reference : {"exact", "graph"}, optional
+        As in `measure`.
+    on_surface : bool
+        As in `measure`.
+    seed : int
+        As in `measure`.
+    threads, memory_limit : int, optional
+        As in `measure`.
+    progress : callable, optional
+        As in `measure`.
 
     Returns
     -------
     Comparison
+        The distortion of each map.
 
     Raises
     ------
     InputError
-        As in `measure`, or if no vertex is in all maps, or maps were made on different geometries.
+        As in `measure`; also if the maps have no vertex in common, or were made on different geometries.
     Cancelled
         If `progress` returned False.
+
+    See Also
+    --------
+    measure : Measure a single map.
 
     Examples
     --------
@@ -241,12 +297,12 @@ def compare(
     """
     threads, seed = checked_threads(threads), checked_seed(seed)
     if sources is not None and (not is_whole(sources) or sources < 1):
-        raise InputError(f"sources is {shown(sources)}; give a whole number, at least 1")
+        raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
     checked_kind(maps, "collection of maps", "items", "maps by their names")
     if not maps:
-        raise InputError("there is no map to measure; give at least one")
+        raise InputError("maps is empty. Pass at least one map to measure")
     whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}
@@ -258,7 +314,7 @@ def compare(
     groups = _grouped(list(matched.values()))
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
-    # others are computed twice
+    # rows beyond this limit are computed twice
     kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
@@ -278,7 +334,7 @@ def compare(
 
 
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:
-    """Put maps of the same triangles and cuts together, each with which of its vertices the first map's are."""
+    """Group maps with the same triangles and cuts, each with the order of its vertices in the first map."""
     groups: list[list[tuple[Matched, NDArray[np.int64]]]] = []
     for one in matched:
         for group in groups:
@@ -301,25 +357,25 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
     for vertices, _ in known[1:]:
         common = np.intersect1d(common, vertices)
     if len(common) == 0:
-        raise InputError("no vertex is in all maps; measure them one by one")
+        raise InputError("the maps have no vertex in common. Measure them one by one")
     chosen = common[_core.reference_sources(len(common), count, seed)]
     return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
 
 
 def _usual_sources(points: list[int], reference: str) -> int:
-    """Return from how many sources maps are measured by default; `points` has the size of each group of maps."""
+    """Return the default number of sources; `points` has the size of each group of maps."""
     if reference == "graph":
         return _USUAL_SOURCES
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:
-    """Return what the surface is like as the map cuts it; it is a manifold, or would have been refused."""
+    """Return the topology of the surface as cut by the map, which is a manifold at this point."""
     found = one.core.topology()
     components = len(found["components"])
     if components > 1:
         called = f"the map {name}" if name else "the map"
-        raise InputError(f"{called} has {components} pieces, between which there are no distances; give one of them")
+        raise InputError(f"{called} has {components} pieces, between which distances are not defined. Pass one piece")
     return {
         "components": components,
         "euler": found["euler"],
@@ -330,27 +386,27 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A surface where maps say that it lies."""
+    """A surface with the vertex positions that the maps use."""
 
-    surface: Manifold  # the given one, its vertices moved to where the maps have them
-    known: NDArray[np.bool_] | None = None  # vertices of the whole that the maps have; None: of the given geometry
-    said_by: str = ""  # the name of the map that says so
+    surface: Manifold  # the given surface, with vertices at the maps' positions
+    known: NDArray[np.bool_] | None = None  # the maps' vertices of the whole surface; None: given geometry
+    said_by: str = ""  # name of the map that defines the geometry
 
     def check(self, name: str, matched: Matched) -> None:
-        """Refuse a map with vertices of which it is not known where they lie."""
+        """Raise an error for a map that has vertices of unknown position."""
         if self.known is None:
             return
         unknown = matched.vertices[~self.known[matched.vertices]]
         if len(unknown):
             raise InputError(
-                f"{_called(self.said_by)} was made on another geometry than the given surface's, and {_called(name)} "
-                f"has {len(np.unique(unknown))} vertices more, whose places there are not known: give the surface that "
-                "it was made on (with its pial surface), or judge all on the given one (on_surface)"
+                f"{_called(self.said_by)} was made on another geometry than that of the given surface, and "
+                f"{_called(name)} has {len(np.unique(unknown))} vertices of unknown position there. Pass the surface "
+                "that the map was made on (with its pial surface), or pass on_surface to use the given one"
             )
 
 
 def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
-    """Return the surface on which maps are judged: the given one, unless ours were made on another geometry."""
+    """Return the surface on which maps are measured: the given one, or the one on which maps of voxflat were made."""
     ours = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and not flat.is_voxels}
     places = {name: vertices_of(whole, flat) for name, flat in ours.items()}
     moved = [name for name, flat in ours.items() if not _agree(flat, flat.points, whole.points[places[name]])]
@@ -365,14 +421,14 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
             expected = np.where(both[:, None], points[at], flat.points)
             if name not in moved or not _agree(flat, flat.points, expected):
                 raise InputError(
-                    f"{_called(first)} was made on {_made_on(ours[first])}, {_called(name)} on {_made_on(flat)}, which "
-                    "is another geometry: measure them one by one, or judge both on the given surface (on_surface)"
+                    f"{_called(first)} was made on {_made_on(ours[first])}, but {_called(name)} on {_made_on(flat)}, a "
+                    "different geometry. Measure them one by one, or pass on_surface to use the given surface for both"
                 )
         points[at] = flat.points
         known[whole.vertices[at]] = True
     log.warning(
-        "%s was made on another geometry than the given surface's (%s): all figures are of that one; on_surface judges "
-        "on the given one",
+        "%s was made on another geometry than that of the given surface (%s). All figures refer to the geometry of the "
+        "map. Pass on_surface to use the given surface",
         _called(first),
         _made_on(ours[first]),
     )
@@ -380,7 +436,7 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
 
 
 def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Tell whether a map's triangles have the same edges in both places, wherever these lie."""
+    """Return whether a map's triangles have the same edge lengths for both sets of positions."""
     ends = flat.faces, np.roll(flat.faces, 1, axis=1)
     lengths = [np.linalg.norm(points[ends[0]] - points[ends[1]], axis=2) for points in (one, other)]
     return bool(np.abs(lengths[0] - lengths[1]).max() <= _SAME * np.median(lengths[0]))

@@ -1,11 +1,13 @@
-"""Where a map lies in space when it is laid near its surface."""
+"""Place a flat map near its surface in space."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-def laid(plane: NDArray[np.float64], surface: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lay a map near its surface: turned and moved, such that the sum of the squares of all ways is least."""
+def aligned(
+    plane: NDArray[np.float64], surface: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rotate and move a map to its surface, minimising the squared distances of corresponding points."""
     flat, middle = plane - plane.mean(axis=0), surface.mean(axis=0)
     left, _, right = np.linalg.svd((surface - middle).T @ flat)
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
