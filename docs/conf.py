@@ -18,7 +18,7 @@ author = "The voxflat developers"
 copyright = "2026, the voxflat developers"
 version = release = voxflat.__version__
 root_doc = "index"
-exclude_patterns = "benchmarks cluster joss packaging paper templates tutorials gallery pictures _build".split()
+exclude_patterns = ["benchmarks", "cluster", "joss", "paper", "templates", "tutorials", "gallery", "pictures", "_build"]
 templates_path = ["_templates"]
 extensions = [
     "sphinx.ext.autodoc",
