@@ -76,14 +76,16 @@ def test_a_globe_of_the_size_of_pyvistas_is_mapped_and_keeps_its_texture_coordin
 
 
 def test_a_volume_whose_far_corner_lies_beyond_is_refused():
-    with pytest.raises(voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume lies at .* beyond 1e11 mm"):
+    with pytest.raises(
+        voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume lies at .* farther from the origin than 1e11 mm"
+    ):
         voxflat.surface(SHEET, spacing=(2e10, 1e10, 1e10)).flatten(Voxflat(sources=9))
 
 
 def test_the_edges_that_are_too_short_are_named():
     points, faces = mesh()
     points[8] = points[7] + [1e-12, 1e-13, 2e-13]
-    with pytest.raises(voxflat.InputError, match=r"the edge of vertices 7 and 8 is 1\.\d+e-12 mm long"):
+    with pytest.raises(voxflat.InputError, match=r"the edge between vertices 7 and 8 is 1\.\d+e-12 mm long"):
         voxflat.surface((points, faces), repair="none")
 
 

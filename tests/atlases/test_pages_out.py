@@ -119,4 +119,4 @@ class TestPyVista:
         page = image.voxflat.patches(bound=1.3, label=1)
         assert page.point_data["voxel_ids"].shape == (page.n_points, 3)
         assert page.cell_data["isometric"].max() <= 1.3
-        refused("leave it out", page.voxflat.patches, scalars="labels")
+        refused("Omit scalars", page.voxflat.patches, scalars="labels")

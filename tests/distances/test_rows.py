@@ -136,7 +136,7 @@ class TestFlatten:
     def test_of_no_disk_is_refused_before_rows_are_measured(self, tmp_path):
         ring = SHEET.copy()
         ring[5:25, 5:15] = 0
-        refused("no disk", voxflat.flatten, ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
+        refused("not a disk", voxflat.flatten, ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
         assert not (tmp_path / "store" / "rows.npy").exists()
 
 
@@ -157,7 +157,7 @@ voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.arg
 """
     store = tmp_path / "store"
     done = subprocess.run([sys.executable, "-B", "-c", limited, store], capture_output=True, text=True, check=False)
-    said = rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'"
+    said = rf"OSError: \[Errno 27\] cannot write: File too large.*free space.*: '{store}/rows.npy'"
     assert re.search(said, done.stderr)
     refused("Measure again with the same store", voxflat.open_rows, store)
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=store), expected)
@@ -250,7 +250,9 @@ def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
 def test_a_journal_without_its_first_line_is_refused(stored):
     spoil(stored.store / "journal.jsonl", 0, b"garbage")
     before = (stored.store / "rows.npy").read_bytes()
-    with pytest.raises(InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
+    with pytest.raises(
+        InputError, match=r"journal.jsonl is not a journal of these distance rows.* or delete this store"
+    ):
         SURFACE.geodesic(SOURCES, store=stored.store)
     assert (stored.store / "rows.npy").read_bytes() == before
     refused(r"journal.jsonl is damaged .* or delete this one", voxflat.open_rows, stored.store)
@@ -326,7 +328,9 @@ def test_a_directory_that_is_not_writable_is_refused(tmp_path):
 def test_a_store_in_use_is_refused(stored):
     with (stored.store / "lock").open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(BlockingIOError, match=f"in use by process {os.getpid()}: wait until that ends") as told:
+        with pytest.raises(
+            BlockingIOError, match=f"in use by process {os.getpid()}. Wait until that process ends"
+        ) as told:
             SURFACE.geodesic(SOURCES, store=stored.store)
     assert told.value.filename == str(stored.store)
     SURFACE.geodesic(SOURCES, store=stored.store)  # a lock file that nobody holds is stale

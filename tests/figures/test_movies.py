@@ -141,7 +141,12 @@ def test_nothing_is_written_half(film, tmp_path, name):
 
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    refused(r"needs imageio_ffmpeg: pip install 'voxflat\[movie\]'", figures.save_movie, film, tmp_path / "a.mp4")
+    refused(
+        r"requires imageio_ffmpeg. Install it with pip install 'voxflat\[movie\]'",
+        figures.save_movie,
+        film,
+        tmp_path / "a.mp4",
+    )
     with pytest.raises(InputError, match=r"a.avi: cannot write a movie .* Use a name that ends in .mp4 or .gif"):
         figures.save_movie(film, tmp_path / "a.avi")
 
@@ -159,7 +164,7 @@ def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatc
         ({"underlay": "sulc"}, "underlay is 'sulc'"),
         ({"colour_map": "nothing"}, "no colour map 'nothing'"),
         ({"limits": (3, 2)}, "Pass a lower limit"),
-        ({"time_step": -1}, "the time step is -1"),
+        ({"time_step": -1}, "time_step is -1"),
     ],
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):

@@ -1,4 +1,4 @@
-"""What a user's hand does in napari's window: menus, buttons, boxes, file dialogs, the mouse over a canvas."""
+"""A simulated user of napari's window: menus, buttons, boxes, file dialogs, and the mouse over a canvas."""
 
 from napari_window import PATIENCE
 from qtpy.QtCore import QPoint, QPointF, Qt, QTimer
@@ -23,7 +23,7 @@ class Hand:
         QApplication.processEvents()
 
     def press(self, button):
-        """Press a button that can be seen."""
+        """Press a visible button."""
         assert button.isVisible(), button.text()
         assert button.isEnabled(), button.text()
         self._qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
@@ -40,7 +40,7 @@ class Hand:
         self._qtbot.waitUntil(lambda: box.currentIndex() == row)
 
     def type(self, field, text):
-        """Type a text in place of what a field holds, and press Return."""
+        """Replace the text of a field, and press Return."""
         assert field.isVisible()
         edit = field.findChild(QLineEdit)
         edit.selectAll()
@@ -48,7 +48,7 @@ class Hand:
         self._qtbot.keyClick(edit, Qt.Key.Key_Return)
 
     def answer(self, path, kind=None):
-        """Name a file, and its kind by how that begins, in the dialog that the next step opens."""
+        """Enter a file, and the beginning of its kind, in the dialog that the next step opens."""
 
         def type_name():
             dialog = QApplication.activeModalWidget()
@@ -76,7 +76,7 @@ class Hand:
         self._qtbot.mouseClick(widget, Qt.MouseButton.LeftButton, pos=at)
 
     def wheel(self, widget, clicks):
-        """Turn the wheel over a widget's middle: by so many clicks towards what is seen, or away from it."""
+        """Turn the wheel over the middle of a widget, by a number of clicks that is positive to zoom in."""
         at = QPointF(widget.rect().center())
         for _ in range(abs(clicks)):
             turned = QPoint(0, 120 if clicks > 0 else -120)
@@ -105,7 +105,7 @@ def move(qtbot, widget, at):
 
 
 def _entry(menu, text):
-    """Return an action of a menu by its text, without the marks of keys and what shows that a dialog follows."""
+    """Return an action of a menu by its text, without key marks and the ellipsis of a dialog."""
     found = [action for action in menu.actions() if action.text().replace("&", "").rstrip(".…") == text.rstrip(".…")]
     texts = [action.text() for action in menu.actions()]
     assert found, f"{text!r} is not among {texts}"

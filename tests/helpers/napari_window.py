@@ -1,19 +1,21 @@
-"""What tests of the napari plugin put into its window, and how they press its buttons."""
+"""Sample data and actions for tests of the napari plugin."""
 
 import numpy as np
 from napari.layers import Labels
 from qtpy.QtCore import QCoreApplication, QPoint, Qt, QThreadPool
 from scipy.spatial import ConvexHull
 
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
 DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
-FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no exchanged axes
+FLIP = np.array(
+    [[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]]
+)  # napari does not show permuted axes
 
 
 def cap(size=24):
-    """A curved sheet, one voxel thick: an open surface."""
+    """A curved open surface, one voxel thick."""
     labels = np.zeros((size, size, size), dtype=np.uint8)
     i, j = np.mgrid[2 : size - 2, 2 : size - 2]
     height = size - 4 - ((i - size / 2) ** 2 + 0.5 * (j - size / 3) ** 2) / size
@@ -52,18 +54,18 @@ def choose_whole(widget):
 
 
 PATIENCE = 120_000
-"""How long a test waits for what must come, ms: on a busy machine all takes long."""
+"""Timeout of the tests, ms, long enough for a busy machine."""
 
 
 def run(widget, qtbot, timeout=PATIENCE):
     """Flatten, and wait until all layers are there."""
     widget.start.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
-    qtbot.waitUntil(lambda: Workbench.of(widget._viewer).is_settled, timeout=timeout)
+    qtbot.waitUntil(lambda: ViewerState.of(widget._viewer).is_settled, timeout=timeout)
 
 
 def run_whole(widget, qtbot):
-    """Flatten all of a surface; of labels all of what `cap` makes, once it is known that it is there."""
+    """Flatten a complete surface; for the labels of `cap`, once they are listed."""
     if isinstance(widget.form.surface.layer, Labels):
         qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
     choose_whole(widget)
@@ -78,27 +80,27 @@ def click_middle(canvas, qtbot):
 
 
 def map_dock(viewer, qtbot):
-    """The dock *Flat map*, once it shows what is chosen."""
+    """The dock *Flat map*, once it is up to date."""
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")
     wait_for_picture(dock, qtbot)
     return dock
 
 
 def wait_for_picture(dock, qtbot):
-    """Wait until the dock *Flat map* shows what is chosen."""
+    """Wait until the dock *Flat map* is up to date."""
     qtbot.waitUntil(lambda: dock.is_drawn, timeout=PATIENCE)
 
 
 def open_file(viewer, qtbot, path):
-    """Open a file by voxflat, and wait until all layers are there; return those that are new."""
+    """Open a file with voxflat, wait until all layers are there, and return the new ones."""
     before = set(viewer.layers)
     viewer.open(str(path), plugin="voxflat")
-    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled, timeout=PATIENCE)
     return [layer for layer in viewer.layers if layer not in before]
 
 
 def wait_until_drawn(viewer, qtbot):
-    """Wait until the window is on the screen and its canvas is drawn anew, as it is laid out by then."""
+    """Wait until the window is on the screen, and its canvas has been redrawn."""
     with qtbot.waitExposed(viewer.window._qt_window, timeout=PATIENCE):
         pass
     drawn = []
@@ -109,6 +111,6 @@ def wait_until_drawn(viewer, qtbot):
 
 
 def wait_for_threads(qtbot):
-    """Wait until no thread works, and what the last one emitted has arrived."""
+    """Wait until no thread is running, and the signals of the last one have arrived."""
     qtbot.waitUntil(lambda: QThreadPool.globalInstance().activeThreadCount() == 0, timeout=PATIENCE)
     QCoreApplication.processEvents()

@@ -105,7 +105,7 @@ class TestInputs:
 
     @pytest.mark.parametrize("label", [3.5, "1", np.nan])
     def test_a_label_is_a_whole_number(self, bent, label):
-        refused(r"the label is .*; give a whole number", grossmann2002, bent, label=label)
+        refused(r"the label is .*Pass a whole number", grossmann2002, bent, label=label)
 
     def test_the_input_is_left_alone(self, bent):
         frozen = bent.copy()

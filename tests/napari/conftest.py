@@ -1,4 +1,4 @@
-"""napari's window, and what happens in it."""
+"""Fixtures of the tests in napari's window."""
 
 import gc
 from functools import cache
@@ -9,25 +9,25 @@ from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
 
 
 def pytest_collection_modifyitems(items):
-    """Mark all tests of this folder: they open windows, and napari's imports alone take seconds."""
+    """Mark all tests of this folder as slow: they open windows, and importing napari alone takes seconds."""
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
             item.add_marker("slow")
 
 
 @pytest.fixture(autouse=True)
-def what_is_imported_is_no_garbage():
-    """Whenever layers are taken away napari collects garbage, through half a million objects of modules each time."""
+def exclude_modules_from_garbage_collection():
+    """Freeze imported objects: napari collects garbage whenever layers are removed, through half a million of them."""
     import matplotlib.pyplot  # noqa: F401
     import napari  # noqa: F401
     from napari._qt.qt_main_window import Window  # noqa: F401
 
-    gc.freeze()  # before each test: much is imported when it is first used
+    gc.freeze()  # before each test, because many modules are imported late
 
 
 @pytest.fixture(scope="session", autouse=True)
 def windows_open_quickly():
-    """Spare what each window does anew (plugins, screen, settings, welcome), and what moves while jobs run."""
+    """Skip what each window repeats (plugins, screen, settings, welcome), and animations while jobs run."""
     from napari._qt.containers import _layer_delegate
     from napari._qt.dialogs import qt_activity_dialog
     from napari._qt.widgets.qt_welcome import QtWelcomeWidget
@@ -51,7 +51,7 @@ def windows_open_quickly():
 
 @pytest.fixture
 def open_widget(make_napari_viewer):
-    """A function that opens napari's window with layers and a widget of ours."""
+    """A function that opens napari's window with layers and a widget of voxflat."""
 
     def opened(*layers, show=False, name="Flatten surface"):
         viewer = make_napari_viewer(show=show)
@@ -83,7 +83,7 @@ def flattened(open_widget, qtbot):
 
 @pytest.fixture
 def messages():
-    """What napari notified of."""
+    """The notifications of napari."""
     from napari.utils.notifications import notification_manager
 
     notification_manager.records.clear()

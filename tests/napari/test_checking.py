@@ -1,4 +1,4 @@
-"""Layers → Measure: what keeps a surface from being flattened, and how good maps are."""
+"""*Layers → Measure*: defects of surfaces, and the quality of maps."""
 
 import numpy as np
 from napari.layers import Labels
@@ -25,14 +25,14 @@ def test_check_marks_the_handle(open_widget, qtbot):
     for name, value in found.rows()[1:]:
         assert name in told
         assert value in told
-    assert all(advice in told for advice in found.advice)
+    assert all(advice[1:] in told for advice in found.advice)
     assert len(found.handles) == 1
-    places = viewer.layers["places to look at in ring"]
+    places = viewer.layers["defects of ring"]
     assert_allclose(places.data[0], found.handles[0]["centre"])
     assert places.features["finding"][0].startswith("handle")
 
 
-def test_figures_of_a_run_and_of_another_tools_patch(open_widget, qtbot, tmp_path):
+def test_measures_of_a_run_and_of_a_patch_of_another_tool(open_widget, qtbot, tmp_path):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     _, measured = viewer.window.add_plugin_dock_widget("voxflat", "Measure map")
     assert measured.table.toPlainText().startswith("No flat map")

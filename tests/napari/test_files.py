@@ -1,4 +1,4 @@
-"""Files that napari opens and saves by voxflat: read back by others."""
+"""Files that napari opens and saves with voxflat, compared with other readers."""
 
 import gzip
 import os
@@ -23,7 +23,7 @@ from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
 
 CENTRE = np.array([3.0, -20.0, 15.0])  # of the volume, scanner RAS
@@ -31,7 +31,7 @@ CENTRE = np.array([3.0, -20.0, 15.0])  # of the volume, scanner RAS
 
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory):
-    """A folder as FreeSurfer makes it: a bumpy surface in tkRAS, what lies on it, and a patch of it."""
+    """A FreeSurfer folder: a bumpy surface in tkRAS, values on it, and a patch of it."""
     points, faces, values = bumps()
     home = tmp_path_factory.mktemp("subject")
     surf, label = home / "surf", home / "label"
@@ -109,7 +109,7 @@ def test_surfaces_are_seen_upright_from_their_side(viewer, last_of, tmp_path, qt
 @pytest.mark.parametrize("before", ["nothing", "a volume", "a volume that is gone"])
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_front_is_on_the_side_of_which_a_hemisphere_is(viewer, last_of, tmp_path, qtbot, side, before):
-    """Left ones have it at the left; else it would be a mirror's image."""
+    """Left hemispheres face left; otherwise the view would be mirrored."""
     if before != "nothing":
         nib.save(nib.Nifti1Image(ramp((5, 6, 7)).astype(np.float32), np.eye(4)), tmp_path / "t1.nii")
         last_of(tmp_path / "t1.nii")
@@ -162,7 +162,7 @@ CONFORMED = np.array([[-1.0, 0, 0, 20], [0, 0, 1.5, -30], [0, -2.0, 0, 40], [0, 
     ],
 )
 def test_volumes_open_where_they_lie(viewer, last_of, qtbot, messages, tmp_path, name, data, kind):
-    """napari asks who reads NIfTI, which its own reader claims, too, and cannot read."""
+    """napari asks which plugin reads NIfTI, because its own reader claims the format, but cannot read it."""
     make = nib.MGHImage if name.endswith("mgz") else nib.Nifti1Image
     nib.save(make(data, CONFORMED), tmp_path / name)
     layer = last_of(tmp_path / name)
@@ -197,7 +197,7 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     shutil.copy(subject / "surf" / "lh.thickness", tmp_path)
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
     assert not viewer.layers
-    assert "open that first" in messages[-1].message
+    assert "Open its surface first" in messages[-1].message
     points, faces, _ = bumps()
     viewer.add_surface((points[:-1], faces[(faces < len(points) - 1).all(axis=1)]), name="other")
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
@@ -206,7 +206,7 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     assert_allclose(last_of(tmp_path / "lh.thickness").vertices, points + np.array([1, 2, 3]))
 
 
-def test_hostile_files_are_told_in_a_line(subject, viewer, messages, tmp_path):
+def test_damaged_files_give_one_line_messages(subject, viewer, messages, tmp_path):
     whole = (subject / "surf" / "lh.white").read_bytes()
     huge = b"\xff\xff\xfea\n\n" + np.array([2**31 - 1, 2**31 - 1], ">i4").tobytes()
     xml = b'<?xml version="1.0"?><!DOCTYPE GIFTI [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><GIFTI>&b;</GIFTI>'
@@ -224,7 +224,7 @@ def test_hostile_files_are_told_in_a_line(subject, viewer, messages, tmp_path):
 
 
 def write_as(path, values, points, faces):
-    """Write what files of such a name hold: a volume, a surface, or what lies on one."""
+    """Write a file of the kind that its name indicates: a volume, a surface, or values on one."""
     name = path.name
     if name.endswith((".voxflat", ".npz")):
         voxflat.flatten((points, faces)).save(path)
@@ -287,7 +287,7 @@ def test_each_ending_in_the_manifest_is_written(tmp_path):
             assert Path(path).stat().st_size > 0, ending
 
 
-def test_files_of_others_are_declined(tmp_path):
+def test_other_files_are_declined(tmp_path):
     np.savez(tmp_path / "a.npz", data=np.ones(3))
     nib.save(nib.MGHImage(np.ones((4, 5, 6), np.float32), np.eye(4)), tmp_path / "voxels.mgh")
     for name in ("x.area", "x.orig", "x.volume"):
@@ -304,9 +304,9 @@ def test_an_opened_map_is_the_current_run(viewer, last_of, tmp_path):
     for name in ("a", "b"):
         flat_map.save(tmp_path / f"{name}.voxflat")
         last_of(tmp_path / f"{name}.voxflat")
-    runs = Workbench.of(viewer).runs
+    runs = ViewerState.of(viewer).runs
     assert [run.name for run in runs] == ["a", "b"]
-    assert Workbench.of(viewer).current is runs[1]
+    assert ViewerState.of(viewer).current is runs[1]
     for run, names in zip(runs, (["a distortion"], ["b distortion"]), strict=True):
         assert [keywords["name"] for _, keywords, _ in run.layers.layers] == names
         assert_array_equal(run.flat_map.uv, flat_map.uv)
@@ -341,7 +341,7 @@ def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):
     assert Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
 
 
-def test_the_palettes_commands_ask_for_the_file(subject, viewer, last_of, qtbot, tmp_path, monkeypatch):
+def test_commands_of_the_palette_ask_for_a_file(subject, viewer, last_of, qtbot, tmp_path, monkeypatch):
     from napari._app_model import get_app_model
 
     points, faces, _ = bumps()
@@ -357,15 +357,15 @@ def test_the_palettes_commands_ask_for_the_file(subject, viewer, last_of, qtbot,
     reading = ("read_surface", "read_volume", "read_flat_map", "read_flat_map")  # the last time nothing is chosen
     for command in ("write_flat_map", "write_flat_image", *reading):
         get_app_model().commands.execute_command(f"voxflat.{command}").result()
-        qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
+        qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled)
     assert all(path.is_file() for path in paths)
     assert [layer.name for layer in viewer.layers[1:]] == ["lh.white", "ones", "map distortion [1]"]
     assert not answers
 
 
-def test_layers_of_no_map_are_not_saved_as_one(viewer, tmp_path):
+def test_layers_without_a_map_are_not_saved_as_one(viewer, tmp_path):
     viewer.add_layer(Labels(cap(), name="sheet"))
-    with pytest.raises(voxflat.VoxflatError, match="of no flat map"):
+    with pytest.raises(voxflat.VoxflatError, match="not belong to a flat map"):
         viewer.layers.save(str(tmp_path / "a.voxflat"), plugin="voxflat")
     assert not list(tmp_path.iterdir())
 
@@ -379,10 +379,10 @@ def test_napari_does_not_wait_for_a_pipe(tmp_path, name):
 
 
 ENDINGS = (".gii", ".gii.gz", ".white", ".vtp", ".ply", ".stl", "map.npz", ".voxflat")
-"""Of what napari opens by voxflat alone."""
+"""The files that napari opens only with voxflat."""
 
 
-def test_the_window_lives_to_the_end(make_napari_viewer, qtbot, tmp_path, messages):
+def test_a_session_from_files_to_files(make_napari_viewer, qtbot, tmp_path, messages):
     entries = corpus(tmp_path / "corpus", ENDINGS)
     assert len(entries) > 8
     viewer, refused = make_napari_viewer(), 0

@@ -1,4 +1,4 @@
-"""The napari plugin in a real window: what it offers and what it computes."""
+"""The napari plugin in a real window: its menus, its form and its results."""
 
 import re
 import subprocess
@@ -21,7 +21,7 @@ import voxflat
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 
 def test_manifest_is_valid_and_its_commands_resolve():
@@ -31,7 +31,7 @@ def test_manifest_is_valid_and_its_commands_resolve():
 
 
 def texts_of_menu(menu, *path):
-    """The entries of a menu, of ours without what napari puts behind them."""
+    """The entries of a menu, without the suffix that napari adds."""
     for title in path:
         menu = next(action.menu() for action in menu.actions() if action.text().replace("&", "") == title)
         menu.aboutToShow.emit()
@@ -47,11 +47,11 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
     assert "Demo cortex (MNI152) (voxflat)" in texts_of_menu(viewer.window.file_menu, "Open Sample")
 
 
-NO_NAMES = {"(voxflat)", "Point", "Points and Shapes"}  # on the page: what napari adds, what one does, napari's layers
+NO_NAMES = {"(voxflat)", "Point", "Points and Shapes"}  # on the page: a suffix of napari, an action, layers of napari
 
 
 def test_what_the_page_names_is_in_the_window(flattened):
-    """What docs/napari.md and README.md print in italics or bold, rows of the form and keys of docks."""
+    """The names in italics or bold in docs/napari.md and README.md, the rows of the form, and the keys of docks."""
     points, faces, _ = bumps(9)
     viewer, widget, _ = flattened(Surface((points, faces), name="lh.white"))
     docks = {name: viewer.window.add_plugin_dock_widget("voxflat", name)[1] for name in DOCKS}
@@ -86,7 +86,7 @@ def test_what_the_page_names_is_in_the_window(flattened):
     assert told == {name: found for name, found in bound.items() if found}
 
 
-def test_napari_reads_no_more_than_the_manifest_when_it_starts():
+def test_napari_reads_only_the_manifest_at_startup():
     code = (
         "import sys; from npe2 import PluginManager; manager = PluginManager(); manager.discover(); "
         "assert 'voxflat' in manager; sys.exit('voxflat' in sys.modules)"
@@ -94,8 +94,8 @@ def test_napari_reads_no_more_than_the_manifest_when_it_starts():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_docks_open_without_what_only_their_threads_need():
-    """The imports of the first dock are the window's to wait for: matplotlib, dask and scipy took two seconds."""
+def test_opening_docks_does_not_import_slow_modules():
+    """The window waits for the imports of the first dock: matplotlib, dask and scipy took two seconds."""
     code = """
 import sys, time, napari
 from qtpy.QtWidgets import QApplication
@@ -121,10 +121,12 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
 
     viewer = make_napari_viewer()
     first = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")[1].form
-    (seed,) = viewer.open_sample("voxflat", "demo_cortex")  # at once; the rest as it is read
+    (seed,) = viewer.open_sample("voxflat", "demo_cortex")  # immediately; the others after they are read
     assert not seed.visible  # alone it would fill the view
     window = viewer.window._qt_viewer
-    assert {*"ÅÉÑŐjgpqy"} <= {*window._font_manager.get_font(window._overlay_font)._glyphs}  # drawn before a text is
+    assert {*"ÅÉÑŐjgpqy"} <= {
+        *window._font_manager.get_font(window._overlay_font)._glyphs
+    }  # drawn before the first text
     qtbot.waitUntil(lambda: [bar.desc for bar in progress._all_instances] == ["Demo cortex"])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3, timeout=PATIENCE)
     t1, labels, _ = viewer.layers
@@ -185,7 +187,7 @@ def test_the_form_follows_the_kind_of_layer(open_widget):
     points, faces, values = bumps()
     viewer, widget = open_widget(Image(np.linspace(0, 10, 125).reshape(5, 5, 5), name="T1"))
     form = widget.form
-    assert form.threshold.value() == pytest.approx(5)  # amid the contrast limits
+    assert form.threshold.value() == pytest.approx(5)  # between the contrast limits
     assert form.threshold.isVisibleTo(widget)
     assert not form.label.isVisibleTo(widget)
     viewer.add_surface((points, faces, values), name="mesh")
@@ -275,8 +277,8 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     path = str(tmp_path / "map")
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
-    viewer.window._qt_viewer._qt_open([f"{path}.voxflat"], stack=False)  # as File → Open does: no other reader is asked
-    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
+    viewer.window._qt_viewer._qt_open([f"{path}.voxflat"], stack=False)  # as File → Open does, without other readers
+    qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled)
     opened = viewer.layers[-1]
     assert opened.name == "map distortion"
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)

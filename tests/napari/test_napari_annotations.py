@@ -1,4 +1,4 @@
-"""What is drawn in the volume, on the map; and what is on the map, outlined in the volume."""
+"""Annotations of the volume on the map, and the outline of the map in the volume."""
 
 import composed
 import numpy as np
@@ -13,29 +13,29 @@ from qtpy.QtCore import Qt
 import voxflat
 from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 
 RADIUS = 20.0
 
 
-def sheet_of(points, faces, **how):
-    return Sheet.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
+def prepared_map_of(points, faces, **how):
+    return PreparedMap.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
 
 
 @pytest.fixture(scope="module")
 def plane():
-    """A flat sheet at the height 7, 2 mm apart, whose map is itself, turned."""
+    """A flat grid at height 7 with a spacing of 2 mm, whose map is the same grid, rotated."""
     points, faces, _ = bumps(15)
     points[:, 2] = 7
-    return sheet_of(points, faces)
+    return prepared_map_of(points, faces)
 
 
 @pytest.fixture(scope="module")
 def ball():
-    """A sphere, which was cut open."""
-    return sheet_of(*sphere(250, RADIUS))
+    """A sphere that was cut open."""
+    return prepared_map_of(*sphere(250, RADIUS))
 
 
 def paths(*lines):
@@ -52,9 +52,9 @@ inside = st.floats(0, 28)
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(inside, inside, st.floats(-9, 9)), min_size=2, max_size=5))
-@example([(0.0, 0.0, 0.0), (0.0, 1e-308, 0.0)])  # a step so small that to divide by it overflows
-def test_above_a_plane_places_are_its_own(plane, corners):
-    """Points go straight down, lines stay straight, and what is too high is left out and counted."""
+@example([(0.0, 0.0, 0.0), (0.0, 1e-308, 0.0)])  # a step so small that dividing by it overflows
+def test_points_above_a_plane_are_projected_onto_it(plane, corners):
+    """Points are projected vertically, lines stay straight, and points that are too high are counted."""
     corners = np.array(corners)
     points = corners + np.array([0, 0, 7])
     colours = np.arange(4 * len(points), dtype=np.uint8).reshape(-1, 4)
@@ -64,31 +64,31 @@ def test_above_a_plane_places_are_its_own(plane, corners):
     flat = np.column_stack([points[:, :2], np.full(len(points), 7)])
     assert_allclose(found.dots, plane.places(flat)[near], atol=1e-6)
     assert_allclose(plane.run.flat_map.look_up(found.dots).points[:, :2], corners[near, :2], atol=1e-6)
-    assert (f"{(~near).sum()} of {len(near)} points" in found.left_out) == (not near.all())
+    assert (f"{(~near).sum()} of {len(near)} points" in found.excluded) == (not near.all())
 
     low = flat + np.array([0, 0, 3])
     found = on_map(plane, [paths(low)])
-    assert found.left_out == ""
+    assert found.excluded == ""
     assert_allclose(sum(map(length, found.lines)), length(low), rtol=0.005, atol=0.02)
 
 
 def test_lines_that_leave_the_surface(plane):
-    """Only what is near is shown, of however long a line, and it is told."""
+    """Only the near parts of a line are shown, however long it is, and a message reports the others."""
     long, beside, far = [[-1e9, 14, 7], [1e9, 14, 7]], [[-30, -30, 7], [-40, 90, 7]], [[0, 0, 1e6], [9, 9, 1e6]]
     found = on_map(plane, [paths(long), paths(beside, far)])
     (line,) = found.lines
     first, last = line[[0, -1]]
     assert_allclose(np.linalg.norm(last - first), 28, atol=0.1)
-    assert "all or parts of 3 of 3 shapes" in found.left_out
+    assert "all or parts of 3 of 3 shapes" in found.excluded
     nothing = on_map(plane, [])
-    assert (len(nothing.dots), nothing.lines, nothing.left_out) == (0, [], "")
+    assert (len(nothing.dots), nothing.lines, nothing.excluded) == (0, [], "")
 
 
-def test_a_line_is_broken_at_a_cut(ball):
+def test_a_line_is_split_at_a_cut(ball):
     turn = np.linspace(0, 2 * np.pi, 60)
     ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     found = on_map(ball, [paths(ring, np.roll(ring, 1, axis=1))])
-    assert found.left_out == ""
+    assert found.excluded == ""
     assert len(found.lines) > 2  # a closed surface is cut at least once around
     steps = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in found.lines])
     assert steps.max() < 4 * ball.spacing
@@ -129,10 +129,10 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     points, faces, values = bumps(13)
     place = {"scale": (2000.0, 500.0, 3000.0), "translate": (5e3, -4e3, 7e3), "units": "um"}
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps", **place))
-    assert not dock.left_out.isVisible()
+    assert not dock.excluded.isVisible()
     spots, shift = points[[30, 100, 120]], np.array([1, 0, 0])
     foci = viewer.add_points(spots, name="foci", face_color=["red", "red", "lime"], **place)
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
 
     def expected(spots):
         return flat_map.points_to_map(spots * [2, 0.5, 3] + [5, -4, 7])[0]
@@ -144,13 +144,13 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     same(dots(dock, qtbot), spots)
     foci.add([points[90], points[90] + [0, 0, 100]])
     same(dots(dock, qtbot), np.array([*spots, points[90]]))
-    assert dock.left_out.isVisible()
-    assert "1 of 5 points" in dock.left_out.text()
+    assert dock.excluded.isVisible()
+    assert "1 of 5 points" in dock.excluded.text()
     foci.selected_data = {3, 4}
     foci.remove_selected()
     foci.data = foci.data + shift
     same(dots(dock, qtbot), spots + shift)
-    assert not dock.left_out.isVisible()
+    assert not dock.excluded.isVisible()
     foci.translate = np.array(foci.translate) - [2000, 0, 0]
     same(dots(dock, qtbot), spots)
     foci.shown = [True, False, True]
@@ -174,7 +174,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     dock.click.setCurrentText("marks a point")
     dock._on_map_clicked(*expected(points[100]))
     wait_for_picture(dock, qtbot)
-    marked = viewer.layers["points of the map"]
+    marked = viewer.layers["map points"]
     marked.selected_data = {0}
     marked.remove_selected()
     dock._on_map_clicked(*expected(points[90]))
@@ -183,7 +183,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     foci.visible = False
     run(widget, qtbot)
     wait_for_picture(dock, qtbot)
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     same(dots(dock, qtbot), points[[90]])
     dock._on_map_clicked(*expected(points[30]))
     wait_for_picture(dock, qtbot)
@@ -192,11 +192,11 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     same(dots(dock, qtbot), points[[90, 30]])
 
 
-def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
+def test_annotations_of_the_displayed_time(flattened, qtbot):
     points, faces, values = bumps(13)
     film = Image(np.zeros((3, 30, 30, 9), dtype=np.uint8), name="film")
     viewer, _, dock = flattened(Surface((points, faces, values), name="bumps"), film)
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     viewer.add_points([[0, *points[30]], [2, *points[100]]], name="seen at times")
     viewer.add_layer(Shapes([[[2, *points[30]], [2, *points[34]]]], shape_type="line", name="then"))
     viewer.add_layer(Points([[3, 3]], name="flat"))
@@ -204,7 +204,7 @@ def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
         viewer.dims.set_point(0, time)
         assert_allclose(dots(dock, qtbot), flat_map.points_to_map(points[spots].reshape(-1, 3))[0], atol=1e-6)
         assert len(dock.canvas.annotations.lines) == lines
-    assert not dock.left_out.isVisible()
+    assert not dock.excluded.isVisible()
 
 
 def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
@@ -214,7 +214,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     chosen, ranges = set(viewer.layers.selection), viewer.dims.range
     dock.outlined.click()
     wait_for_picture(dock, qtbot)
-    layer = viewer.layers["ball, the part on the map"]
+    layer = viewer.layers["ball map outline"]
     assert set(viewer.layers.selection) == chosen
     assert viewer.dims.range == ranges  # the sliders' steps are what they were
 
@@ -247,7 +247,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
 
     run(widget, qtbot)  # the next map's
     wait_for_picture(dock, qtbot)
-    assert len(seen()[0]) == len(edges(dock.sheet)[1])
+    assert len(seen()[0]) == len(edges(dock.prepared)[1])
     canvas = canvas_widget(dock)
     for where in (canvas, dock.canvas):  # keys work in both
         qtbot.keyClick(where, Qt.Key.Key_O, Qt.KeyboardModifier.ShiftModifier)
@@ -262,10 +262,10 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
         qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
         assert dock.click.currentText() != before
     wait_for_picture(dock, qtbot)
-    viewer.layers.remove("ball, the part on the map")
-    viewer.dims.ndisplay = 2  # someone took it out: it stays away
+    viewer.layers.remove("ball map outline")
+    viewer.dims.ndisplay = 2  # the user removed it: it stays away
     wait_for_picture(dock, qtbot)
-    assert "ball, the part on the map" not in viewer.layers
+    assert "ball map outline" not in viewer.layers
     viewer.window.remove_dock_widget(dock)
 
 
@@ -284,8 +284,8 @@ def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_
     assert [layer.visible for layer in viewer.layers][listed:] == [True, True]
     dock.on_surface.click()
     dock.outlined.click()
-    assert [layer.visible for layer in viewer.layers][listed:] == [False, False]  # one that goes takes napari long
-    for layer in viewer.layers[listed:]:  # the eye in the list is the same switch
+    assert [layer.visible for layer in viewer.layers][listed:] == [False, False]  # removing a layer is slow in napari
+    for layer in viewer.layers[listed:]:  # the eye in the list does the same
         layer.visible = True
     assert dock.on_surface.isChecked()
     assert dock.outlined.isChecked()

@@ -1,4 +1,4 @@
-"""Cuts by hand: clicked on the surface in 3D, undone and redone, weighed, saved, loaded, and used."""
+"""Drawn cuts: clicks on the surface in 3D, undo and redo, evaluating, saving, loading and using them."""
 
 import json
 
@@ -16,7 +16,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog
 
 import voxflat
 from voxflat._napari.editing.drawing import Drawing
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.surfaces.standard.template import read_template
 
@@ -30,7 +30,7 @@ STEPS = st.one_of(
 
 
 @given(st.lists(STEPS, max_size=12))
-def test_whatever_is_done_can_be_undone_and_redone(steps):
+def test_every_step_can_be_undone_and_redone(steps):
     drawing = Drawing(WHOLE)
     for name, *values in steps:
         if name == "remove" and values[0] >= len(drawing.cuts):
@@ -50,7 +50,7 @@ def test_whatever_is_done_can_be_undone_and_redone(steps):
         assert (drawing.cuts, drawing.is_open) == state
 
 
-def test_a_cut_is_the_shortest_way_from_stop_to_stop():
+def test_a_cut_is_the_shortest_path_between_points():
     drawing = Drawing(WHOLE)
     for stop in (12, 312, 318):
         drawing.add_stop(stop)
@@ -69,7 +69,7 @@ def test_a_cut_is_the_shortest_way_from_stop_to_stop():
 
 
 def press(dock, qtbot, *names):
-    """Press buttons, and wait until what each began has come to its end."""
+    """Press buttons, and wait until the task of each has finished."""
     for name in names:
         assert getattr(dock, name).isEnabled()
         getattr(dock, name).click()
@@ -77,12 +77,12 @@ def press(dock, qtbot, *names):
 
 
 def draw(dock, *stops):
-    """Add stops, as clicks on the surface do."""
+    """Add points, as clicks on the surface do."""
     for stop in stops:
         dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
 
 
-def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
+def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"), show=True)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
@@ -113,9 +113,9 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
         qtbot.keyClick(where, Qt.Key.Key_Z, control | shift)
         assert dock.drawing.cuts[0].stops == stops
 
-    press(dock, qtbot, "weigh")
+    press(dock, qtbot, "evaluate")
     assert dock.cuts.item(0, 2).text().endswith(" %")
-    assert "off with all cuts" in dock.status.text()
+    assert "error with all cuts" in dock.status.text()
     path = tmp_path / "cuts.json"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
     dock.save.click()
@@ -145,10 +145,10 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     viewer.window.remove_dock_widget(dock)
     assert [layer.name for layer in viewer.layers if layer.name in ("cuts", "stops of cuts")] == []
     assert viewer.layers["ball"].visible
-    assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
+    assert len(ViewerState.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
 
 
-def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
+def test_standard_cuts_show_the_excluded_part_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     lab.write(tmp_path)
     ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])
@@ -162,13 +162,13 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
     left_out = expected.left_out
     assert 0 < len(left_out) < 400
     assert_array_equal(dock.drawing.left_out, left_out)
-    seen = viewer.layers["lh.white, to be cut"].vertex_colors
+    seen = viewer.layers["lh.white (cuts)"].vertex_colors
     assert (seen[left_out, 0] > seen[left_out, 2]).all()
 
     dock.undo.click()
     assert len(dock.drawing.left_out) == 0
     assert (seen[left_out, 0] > seen[left_out, 2]).all()
-    seen = viewer.layers["lh.white, to be cut"].vertex_colors
+    seen = viewer.layers["lh.white (cuts)"].vertex_colors
     assert (seen[:, 0] == seen[:, 2]).all()
     dock.redo.click()
 
@@ -176,7 +176,7 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, name=name: (str(tmp_path / name), ""))
         press(dock, qtbot, button)
     assert json.loads((tmp_path / "cuts.json").read_text())["drop"] == left_out.tolist()
-    assert "the same cuts for every brain" in dock.status.text(), dock.status.text()
+    assert "the same cuts on every brain" in dock.status.text(), dock.status.text()
     assert [line.name for line in read_template(tmp_path / "mine.json").cuts] == [cut.name for cut in expected.cuts]
     again = voxflat.surface(tmp_path / "lh.white").cut(cuts=tmp_path / "mine.json", relax=False)
     for one, other in zip(expected.cuts, again.cuts, strict=True):
@@ -189,16 +189,16 @@ def test_standard_cuts_tell_what_they_leave_out_and_make_a_template(make_napari_
         assert_array_equal(one.ids, other)
 
 
-def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp_path, monkeypatch, messages):
+def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_path, monkeypatch, messages):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
-    bench = Workbench.of(viewer)
-    assert not widget.form.go_on.isVisibleTo(widget)
+    state = ViewerState.of(viewer)
+    assert not widget.form.continues.isVisibleTo(widget)
     run(widget, qtbot)
-    first = bench.current.flat_map
-    assert widget.form.go_on.isVisibleTo(widget)
+    first = state.current.flat_map
+    assert widget.form.continues.isVisibleTo(widget)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
-    press(dock, qtbot, "begin", "of_map")
+    press(dock, qtbot, "begin", "from_map")
     told = first.metadata
     own = [*told["cuts"], *(cut["ids"] for cut in told["automatic_cuts"])]
     assert [path.tolist() for path in dock.drawing.paths()] == own
@@ -213,17 +213,17 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     dock.again.click()
     assert not messages
     dock.again.click()
-    assert ["is at work" in message.message for message in messages] == [True]
+    assert ["is still running" in message.message for message in messages] == [True]
     messages.clear()
-    qtbot.waitUntil(lambda: bench.current.flat_map is not first and bench.is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: state.current.flat_map is not first and state.is_settled, timeout=PATIENCE)
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
-    second = bench.current.flat_map
+    second = state.current.flat_map
     paths = [np.asarray(path) for path in [*own, dock.drawing.paths()[-1]]]
     expected = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(start=first), cuts=paths)
     assert_array_equal(second.uv, expected.uv)
     assert second.metadata["start"] is True
     assert len(second) > len(first)  # both sides of the new cut
-    assert widget.form.go_on.isChecked()
+    assert widget.form.continues.isChecked()
 
     # the script goes on from the same map
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
@@ -233,7 +233,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     exec(compile(script.replace("ball.voxflat", str(tmp_path / "again.voxflat")), "script", "exec"), {})
     assert_array_equal(voxflat.load(tmp_path / "again.voxflat").uv, second.uv)
 
-    # what cannot be gone on from is said, and the map stays
+    # a map from which one cannot continue is reported, and stays
     dock.undo.click()
     dock.remove.setEnabled(True)
     dock.cuts.setCurrentCell(0, 0)
@@ -241,36 +241,36 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     dock.again.click()
     qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=PATIENCE)
     assert "start" in widget.status.text()
-    assert bench.current.flat_map is second
+    assert state.current.flat_map is second
     viewer.layers.remove("ball")
-    assert not widget.form.go_on.isChecked()
+    assert not widget.form.continues.isChecked()
 
 
-def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
-    """A single stop is no cut, and has no gain; cuts that were changed meanwhile are not told those of others."""
+def test_surfaces_too_small_to_evaluate_and_gains_beside_their_cuts(open_widget, qtbot):
+    """A single point is not a cut, and has no gain; changed cuts do not show the gains of the previous ones."""
     viewer, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
 
     def gains():
         return [dock.cuts.item(row, 2).text() for row in range(dock.cuts.rowCount())]
 
     press(dock, qtbot, "begin")
-    draw(dock, 5)  # the first cut is but a stop
+    draw(dock, 5)  # the first cut is a single point
     dock._do(Drawing.end_cut)
     draw(dock, 0, 20)
-    press(dock, qtbot, "weigh")
+    press(dock, qtbot, "evaluate")
     assert gains() == ["", "unknown"]
     assert "too small" in dock.status.text()
-    dock._on_weighed((0.1, [0.02]))
+    dock._on_evaluated((0.1, [0.02]))
     assert gains() == ["", "+2.0 %"]
-    assert "10.0 % off" in dock.status.text()
-    dock.weigh.click()
+    assert "all cuts: 10.0 %" in dock.status.text()
+    dock.evaluate.click()
     draw(dock, 30)  # as a click on the surface meanwhile
     qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
     assert gains() == ["", ""]
-    assert "weigh them again" in dock.status.text()
+    assert "Evaluate them again" in dock.status.text()
 
     dock.begin.click()  # and closed while its layers come, one by one
-    qtbot.waitUntil(lambda: dock._scene is not None and "tiny, to be cut" in viewer.layers, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: dock._layers is not None and "tiny (cuts)" in viewer.layers, timeout=PATIENCE)
     assert not dock.begin.isEnabled()
     viewer.window.remove_dock_widget(dock)
     (tiny,) = viewer.layers
@@ -287,7 +287,7 @@ def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monk
     assert dock.status.text() not in ("", "making the template…")
     assert not (tmp_path / "t.json").exists()
     viewer.bind_key("Shift-N", print)
-    _, flat = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")  # which leaves the user's key alone
+    _, flat = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")  # the key binding of the user is kept
     for one in (dock, flat):
         viewer.window.remove_dock_widget(one)
     assert [*viewer.keymap.values()] == [print]

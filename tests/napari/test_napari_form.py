@@ -1,4 +1,4 @@
-"""The form of *Flatten surface*: what it chooses by itself, what can be chosen, and what the plan says of it."""
+"""The form of *Flatten surface*: its defaults, its choices, and its plan."""
 
 import subprocess
 import sys
@@ -12,12 +12,12 @@ from numpy.testing import assert_array_equal
 from scipy import ndimage
 
 import voxflat
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.demo import DEPTH
 
 
 def newest_map(viewer):
-    return Workbench.of(viewer).current.flat_map
+    return ViewerState.of(viewer).current.flat_map
 
 
 def test_parts_are_those_of_the_library(open_widget, qtbot):
@@ -94,7 +94,7 @@ def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
     assert_array_equal(newest_map(viewer).uv, expected.uv)
 
 
-def test_the_surface_follows_what_the_user_would_mean_until_the_user_chooses(open_widget, qtbot):
+def test_the_surface_follows_the_selection_until_the_user_chooses(open_widget, qtbot):
     points, faces, _ = bumps(9)
     cube = np.zeros((9, 9, 9), np.uint8)
     cube[2:7, 2:7, 2:7] = 1
@@ -148,7 +148,7 @@ def test_a_window_closed_during_a_run_ends_the_program_quietly(after):
     assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
 
 
-def test_what_is_usual(open_widget):
+def test_defaults(open_widget):
     points, faces = sphere()
     head = np.zeros((70, 80, 60), np.uint8)
     head[10:60, 10:60, 10:50] = 1
@@ -156,7 +156,7 @@ def test_what_is_usual(open_widget):
     viewer.add_image(head.astype(np.float32), affine=np.diag([1.5, 1.5, 1.5, 1]), units="mm", name="T1")
     form = widget.form
     assert form.sampled.layer is viewer.layers["T1"]
-    assert form.sample_depth.value() == DEPTH  # right at the border of white matter T1 is the same everywhere
+    assert form.sample_depth.value() == DEPTH  # T1 is constant along the border of white matter
     viewer.layers.remove("head")
     viewer.add_labels(head, scale=(200, 200, 200), units="micrometer", name="embryo")
     form.surface.choose(viewer.layers["embryo"])
@@ -166,6 +166,6 @@ def test_what_is_usual(open_widget):
     assert "Opens a closed surface along automatic cuts" in form.plan.text()
     assert f"{len(points):,}\u00a0points" in form.plan.text()
     form.sample_depth.setValue(1.25)
-    form.sample_depth.editingFinished.emit()  # someone chose it
+    form.sample_depth.editingFinished.emit()  # as the user does
     form.surface.choose(viewer.layers["embryo"])
     assert form.sample_depth.value() == 1.25

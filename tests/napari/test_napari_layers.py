@@ -1,4 +1,4 @@
-"""What the napari plugin takes from layers: volumes, meshes and seed points, in mm and RAS+."""
+"""Conversion of layers to volumes, meshes and seed points, in mm and RAS+."""
 
 import nibabel as nib
 import numpy as np
@@ -64,7 +64,9 @@ def test_world_axes_agree_with_nibabel(world):
 
 
 def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
-    labels = np.maximum.accumulate(cap()[:, :, ::-1], axis=2)[:, :, ::-1]  # a hill, which unlike a sheet has an outside
+    labels = np.maximum.accumulate(cap()[:, :, ::-1], axis=2)[
+        :, :, ::-1
+    ]  # a solid hill, which unlike a surface of one voxel has an outside
     top = np.array([12, 8, np.flatnonzero(labels[12, 8])[-1]])
     reverse = [2, 1, 0]
     lps = np.diag([-1.0, -1, 1, 1]) @ AFFINE
@@ -106,8 +108,8 @@ def test_vertices_agree_with_the_layer_and_outside_stays_outside(transform, worl
     assert mesh.origin["world_axes"] == world
 
 
-def test_what_a_file_says_of_its_side_and_space_is_known_of_the_layer(tmp_path):
-    """So that maps have their marks, and files of the other side are refused."""
+def test_the_layer_keeps_the_hemisphere_and_space_of_its_file(tmp_path):
+    """Maps then have their legend, and files of the other hemisphere are refused."""
     points, faces, _ = bumps(4)
     named = {"units": "mm", "metadata": {"surface_file": str(tmp_path / "rh.white")}}
     read = LayerMesh.of(Surface((points, faces), **named)).read()
@@ -121,7 +123,7 @@ def test_what_a_file_says_of_its_side_and_space_is_known_of_the_layer(tmp_path):
 def test_kept_are_vertices_with_a_value():
     points, faces, values = bumps(4)
     values[:] = 0
-    refused("no value that is not 0", LayerMesh.of(Surface((points, faces, values))).kept)
+    refused("are 0 or NaN. Choose another part", LayerMesh.of(Surface((points, faces, values))).kept)
     values[:3] = (2, np.nan, -1)
     assert np.flatnonzero(LayerMesh.of(Surface((points, faces, values))).kept()).tolist() == [0, 2]
 
@@ -162,7 +164,7 @@ def test_seed_of_a_mesh_is_the_nearest_vertex_in_use():
     assert describe(cursor, layer) == "vertex 300, 0.2 mm away"
     cursor.data = world[[300]] * 1000
     assert describe(cursor, layer) == "vertex 300"
-    assert describe(Points(ndim=3), layer) == "no point inside the layer"
+    assert describe(Points(ndim=3), layer) == "no point within the layer"
     assert nearest_vertex(layer, world[-1]) != len(points) - 1
     assert seed_of(Points(ndim=3), layer) is None
     assert seed_of(Points(ndim=2), layer) is None

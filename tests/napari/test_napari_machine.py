@@ -1,6 +1,6 @@
-"""Whatever is done in napari's window, in whatever order: no exception, no crash, and what is offered is what is there.
+"""Random sequences of actions in napari's window: no exception, no crash, and consistent choices.
 
-`make test` tries few sequences, always the same; `make bench-napari` 200 others (`--sequences`).
+`make test` runs a few sequences, always the same ones; `make bench-napari` runs 200 others (`--sequences`).
 """
 
 import sys
@@ -29,7 +29,7 @@ import voxflat
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.map_viewer.contents import suits
 from voxflat._napari.map_viewer.dock import FlatMapDock
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 RUNS = DOCKS[:2]
 FEW, STEPS = (3, 16), 25  # sequences in `make test` and actions in each; actions in each of more
@@ -243,7 +243,7 @@ class Window(RuleBasedStateMachine):
 
     @rule()
     def be_patient(self):
-        """Wait until nothing is under way; then what is offered is what is there."""
+        """Wait until no task is running, then check that the choices match the layers."""
         self._find_docks()
         self.qtbot.waitUntil(lambda: self._is_idle, timeout=PATIENCE)
         self._find_docks()
@@ -252,11 +252,11 @@ class Window(RuleBasedStateMachine):
                 self._check_choice(choice)
         if "Flat map" in self.docks:
             self._check_map(self.docks["Flat map"])
-        bench = Workbench.of(self.viewer)
-        maps = [run.flat_map for run in bench.runs]
+        state = ViewerState.of(self.viewer)
+        maps = [run.flat_map for run in state.runs]
         ours = [layer for layer in self.viewer.layers if layer.metadata.get("voxflat") is not None]
         assert all(any(layer.metadata["voxflat"] is one for one in maps) for layer in ours)
-        for run, listed in bench._runs.items():
+        for run, listed in state._runs.items():
             assert all(layer.metadata["voxflat"] is run.flat_map for layer in listed.layers)
 
     @property
@@ -265,7 +265,7 @@ class Window(RuleBasedStateMachine):
         works = any(getattr(dock, "_worker", None) is not None for dock in self.docks.values())
         draws = any(isinstance(dock, FlatMapDock) and not dock.is_drawn for dock in self.docks.values())
         pool = QThreadPool.globalInstance().activeThreadCount()
-        return not (works or draws or pool) and Workbench.of(self.viewer).is_settled
+        return not (works or draws or pool) and ViewerState.of(self.viewer).is_settled
 
     def _check_choice(self, choice):
         offered = [layer for layer in choice._layers if layer is not None]
@@ -275,17 +275,17 @@ class Window(RuleBasedStateMachine):
         assert choice.layer is None or choice.layer in self.viewer.layers
 
     def _check_map(self, dock):
-        bench = Workbench.of(self.viewer)
-        assert dock._run is bench.current
-        assert dock.runs.count() == len(bench.runs)
+        state = ViewerState.of(self.viewer)
+        assert dock._run is state.current
+        assert dock.runs.count() == len(state.runs)
         offered = [one for one in dock.contents._offered if isinstance(one, Layer)]
-        run = bench.current
+        run = state.current
         assert offered == [layer for layer in reversed(self.viewer.layers) if run is not None and suits(layer, run)]
-        assert (dock.sheet is None) == (run is None), dock.text.text()
+        assert (dock.prepared is None) == (run is None), dock.text.text()
 
     @invariant()
     def nothing_went_wrong(self):
-        """No exception reached Qt or napari; what voxflat says is a line."""
+        """No exception reached Qt or napari, and messages of voxflat are single lines."""
         QApplication.processEvents()
         if self.errors:
             _, error, _ = self.errors[0]
@@ -314,13 +314,13 @@ class Window(RuleBasedStateMachine):
             self.nothing_went_wrong()
 
     def _find_docks(self):
-        """Look which docks are open: a first map opens one by itself."""
+        """Update the open docks: the first map opens one automatically."""
         self.docks = {}
         for name, dock in self.viewer.window.dock_widgets.items():
             self.docks |= {own: dock for own in DOCKS if name.startswith(own)}
 
     def _one_of(self, kind, number):
-        """Return one of the fields of our docks that can be used now."""
+        """Return one of the fields of the docks that is enabled."""
         self._find_docks()
         parts = [part for dock in self.docks.values() for part in dock.findChildren(kind)]
         usable = [part for part in parts if part.isEnabled() and part.isVisibleTo(part.window())]

@@ -1,4 +1,4 @@
-"""The dock *Flat map* in napari's real window: what it shows, and its link with the viewer."""
+"""The dock *Flat map* in a real window: its contents, and its link with the viewer."""
 
 import gc
 import re
@@ -30,7 +30,7 @@ import voxflat
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
 
@@ -41,13 +41,13 @@ def to_map(dock, qtbot, u, v):
 
 @pytest.mark.parametrize("unit", ["mm", "micrometer"])
 def test_map_and_volume_are_linked(flattened, qtbot, unit):
-    """A mesh in another unit and with other axes than RAS: both ways lead to the places that the map knows."""
+    """Lookups in both directions, for a mesh with another unit and axes other than RAS."""
     points, faces, values = bumps()
     factor = {"mm": 1.0, "micrometer": 1000.0}[unit]
     place = {"scale": factor * SCALE, "translate": factor * CORNER, "units": unit}
     volume = Image(np.random.default_rng(0).random((60, 60, 30)).astype(np.float32), name="v", **place)
     viewer, _, dock = flattened(volume, Surface((points, faces, values), name="bumps", **place))
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     world = factor * (points * SCALE + CORNER)
     u, v = flat_map.uv[int(np.flatnonzero(flat_map.ids == 12 * 25 + 12)[0])]
 
@@ -108,7 +108,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     assert not dock.canvas.ring.isVisible()
 
 
-def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(open_widget, qtbot):
+def test_the_view_does_not_change_and_layers_are_added_hidden(open_widget, qtbot):
     sheet, t1 = Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1")
     viewer, widget = open_widget(sheet, t1, show=True)
     viewer.dims.ndisplay = 3
@@ -133,12 +133,12 @@ def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(open_widget, qtbo
     wait_for_threads(qtbot)
 
 
-def test_what_the_map_shows(flattened, qtbot):
-    """Measures; layers, that come and change their looks; depths; time points of what is larger than memory."""
+def test_contents_of_the_map(flattened, qtbot):
+    """Measures, layers that are added and change their display, depths, and time points of large series."""
     along = np.indices((24, 24, 24))[2].astype(np.float32)
     series = da.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
     viewer, _, dock = flattened(Image(along, name="k"), Labels(cap(), name="sheet"))
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     names = [dock.contents.itemText(n) for n in range(dock.contents.count())]
     assert names == ["Distances", "Areas", "Angles", "sheet", "k", "Folds only"]
 
@@ -148,24 +148,24 @@ def test_what_the_map_shows(flattened, qtbot):
         return dock.picture
 
     heat = shown("Distances")
-    assert_allclose(heat.data, 100 * flat_map.heat_map(dock.sheet.pixel_size).data, rtol=1e-5)
-    assert heat.scale.title == dock.strip.scale.title == "mean relative error of distances (%)"
+    assert_allclose(heat.data, 100 * flat_map.heat_map(dock.prepared.pixel_size).data, rtol=1e-5)
+    assert heat.scale.title == dock.legend.scale.title == "mean relative error of distances (%)"
     areas = shown("Areas")
     low, high = areas.scale.limits
     assert low == -high < 0
     assert areas.scale.title == "area, log2(flat / surface)"
     assert 0 < np.nanmedian(shown("Angles").data) < 45
     assert shown("Folds only") is None
-    assert dock.strip.scale is None
+    assert dock.legend.scale is None
 
     on_surface = shown("k")
-    expected = flat_map.image(along, dock.sheet.pixel_size, interpolation="linear").data
+    expected = flat_map.image(along, dock.prepared.pixel_size, interpolation="linear").data
     assert_allclose(on_surface.data, expected, rtol=1e-5)
     viewer.layers["k"].contrast_limits = (3, 30)
     viewer.layers["k"].colormap = "viridis"
     wait_for_picture(dock, qtbot)
-    assert dock.strip.scale.limits == (3, 30)
-    assert_array_equal(dock.strip.scale.colours[0, :3], [68, 1, 84])
+    assert dock.legend.scale.limits == (3, 30)
+    assert_array_equal(dock.legend.scale.colours[0, :3], [68, 1, 84])
     labels = shown("sheet")
     assert set(np.unique(labels.data[np.isfinite(labels.data)])) <= {0, 3}
 
@@ -187,7 +187,7 @@ def test_what_the_map_shows(flattened, qtbot):
         return dock.text.text()
 
     qtbot.waitUntil(lambda: "voxel" in told(), timeout=PATIENCE)  # docks are laid out in turns of Qt's own
-    assert "distances ±" in dock.text.text()
+    assert "distance error" in dock.text.text()
     viewer.theme = "light"
     assert dock.canvas.backgroundBrush().color().lightness() > 200
 
@@ -210,11 +210,11 @@ def widgets_in(viewer):
     return len(viewer.window._qt_window.findChildren(QWidget))
 
 
-def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
+def test_a_run_replaces_the_earlier_one_or_both_are_kept(flattened, qtbot):
     points, faces, values = bumps(13)
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
     layers = list(viewer.layers)
-    workbench = Workbench.of(viewer)
+    state = ViewerState.of(viewer)
     widget.form.options.sources.setValue(40)
     run(widget, qtbot)
     widgets = widgets_in(viewer)
@@ -222,8 +222,8 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
         run(widget, qtbot)
     wait_for_picture(dock, qtbot)
     assert list(viewer.layers) == layers  # the same, with other data
-    assert viewer.layers["bumps distortion"].metadata["voxflat"] is workbench.current.flat_map
-    assert dock.sheet.run is workbench.current
+    assert viewer.layers["bumps distortion"].metadata["voxflat"] is state.current.flat_map
+    assert dock.prepared.run is state.current
     qtbot.waitUntil(lambda: widgets_in(viewer) <= widgets, timeout=PATIENCE)
     assert not dock.runs.isVisible()
 
@@ -237,41 +237,41 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     dock.runs.setCurrentIndex(0)
     dock.runs.activated.emit(0)
     wait_for_picture(dock, qtbot)
-    assert dock.sheet.run is workbench.runs[0]
-    assert widget.results.flat_map is workbench.runs[0].flat_map
+    assert dock.prepared.run is state.runs[0]
+    assert widget.results.flat_map is state.runs[0].flat_map
 
     # closing docks loses nothing
     viewer.window.remove_dock_widget(dock)
     viewer.window.remove_dock_widget(widget)
     again = map_dock(viewer, qtbot)
     assert again is not dock
-    assert again.sheet.run is workbench.runs[0]
+    assert again.prepared.run is state.runs[0]
     assert again.keep.isChecked()
     assert again.runs.count() == 2
     _, form = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
     assert form.results.title.text() == "Map of <b>bumps</b>"
-    workbench.remove(workbench.runs[0])
+    state.remove(state.runs[0])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3)
 
 
-def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_viewer, qtbot):
+def test_layers_have_controls_unless_they_are_not_added(make_napari_viewer, qtbot):
     points, faces, _ = bumps(9)
     layers = map_layers(voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)), "it")
     viewer = make_napari_viewer()
-    workbench, controls = Workbench.of(viewer), viewer.window._qt_viewer.controls
-    workbench.add(Run(layers, "it"))
+    state, controls = ViewerState.of(viewer), viewer.window._qt_viewer.controls
+    state.add(Run(layers, "it"))
     qtbot.waitUntil(lambda: len(controls.widgets) > len(viewer.layers))  # they are made ahead
-    workbench.remove(workbench.current)
+    state.remove(state.current)
     assert len(controls.widgets) == 0
-    workbench.add(Run(layers, "it"))
-    qtbot.waitUntil(lambda: workbench.is_settled)
+    state.add(Run(layers, "it"))
+    qtbot.waitUntil(lambda: state.is_settled)
     assert set(controls.widgets) == {*viewer.layers} == {viewer.layers["it distortion"]}
     assert controls.count() == 2  # and the empty one
     viewer.layers.selection = {*viewer.layers}
     assert controls.currentWidget() is controls.widgets[viewer.layers[0]]
 
 
-def test_docks_open_as_tabs_and_stay_where_one_puts_them(make_napari_viewer, qtbot):
+def test_docks_open_as_tabs_and_stay_where_they_are_moved(make_napari_viewer, qtbot):
     viewer = make_napari_viewer(show=True)
     window = viewer.window._qt_window
     window.resize(1366, 768)
@@ -297,15 +297,15 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     dock.opacity.setValue(1)
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
-    layer = viewer.layers["bumps in the map's colours"]
+    layer = viewer.layers["bumps in map colours"]
     world = layer.vertices[layer.faces].mean(axis=1)
     assert_allclose(np.sort(world, axis=0), np.sort((points * SCALE)[faces].mean(axis=1), axis=0), atol=1e-9)
-    scale, ids = dock.picture.scale, dock.sheet.run.flat_map.ids
+    scale, ids = dock.picture.scale, dock.prepared.run.flat_map.ids
     expected = scale.paint(values[ids][None])[0] / 255
     assert np.median(np.abs(layer.vertex_colors - expected)) < 0.02
     dock.contents.setCurrentIndex(0)
     wait_for_picture(dock, qtbot)
-    assert viewer.layers["bumps in the map's colours"] is layer
+    assert viewer.layers["bumps in map colours"] is layer
     assert np.median(np.abs(layer.vertex_colors - expected)) > 0.05
     dock.on_surface.click()
     assert not layer.visible
@@ -318,12 +318,12 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     choose(widget.form.patch, "values")  # the next map, of fewer points, takes the layer over
     run(widget, qtbot)
     wait_for_picture(dock, qtbot)
-    assert len(layer.vertices) == len(dock.sheet.points) < len(points)
+    assert len(layer.vertices) == len(dock.prepared.points) < len(points)
     assert layer.vertex_colors.shape == (len(layer.vertices), 4)
-    assert layer.metadata["voxflat"] is dock.sheet.run.flat_map
+    assert layer.metadata["voxflat"] is dock.prepared.run.flat_map
     assert [layer.visible, viewer.layers["bumps"].visible] == [True, False]
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
-    assert "bumps in the map's colours" not in viewer.layers
+    assert "bumps in map colours" not in viewer.layers
     assert viewer.layers["bumps"].visible
 
 
@@ -332,21 +332,21 @@ def click(dock, qtbot, *places):
         qtbot.mouseClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
 
 
-def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
+def test_drawings_on_a_map_of_voxels(flattened, qtbot):
     viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=(2.0, 2.0, 2.0), units="mm"))
-    flat_map = dock.sheet.run.flat_map
+    flat_map = dock.prepared.run.flat_map
     u, v = flat_map.uv.mean(axis=0)
     dock.click.setCurrentText("marks a point")
     click(dock, qtbot, (u, v), (u + 6, v))
     wait_for_picture(dock, qtbot)
     expected = flat_map.look_up([(u, v), (u + 6, v)]).points
-    assert_allclose(viewer.layers["points of the map"].data, expected, atol=3 / dock.canvas.scale_factor)
+    assert_allclose(viewer.layers["map points"].data, expected, atol=3 / dock.canvas.scale_factor)
 
     dock.click.setCurrentText("draws a region")
     click(dock, qtbot, *[(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)])
     qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
     wait_for_picture(dock, qtbot)
-    regions = viewer.layers["regions of the map"]
+    regions = viewer.layers["map regions"]
     inside = np.abs(flat_map.uv - (u, v)).max(axis=1) < 7.5
     outside = np.abs(flat_map.uv - (u, v)).max(axis=1) > 8.5
     assert regions.data[tuple(flat_map.ids[inside].T)].all()
@@ -358,10 +358,10 @@ def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
         click(dock, qtbot, (u - reach, v), (u + reach, v))
         wait_for_picture(dock, qtbot)
     over = float(dock.text.text().split()[0])
-    assert viewer.layers["way over the surface"].shape_type == ["path"]
+    assert viewer.layers["shortest path"].shape_type == ["path"]
     assert len(dock.canvas.annotations.lines) == 1
     assert abs(over - 18) < 2
-    way = viewer.layers["way over the surface"].data[0]
+    way = viewer.layers["shortest path"].data[0]
     assert_allclose(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), over, atol=0.1)
 
 
@@ -375,10 +375,10 @@ def test_a_page_of_patches(open_widget, qtbot):
         dock.contents.setCurrentIndex(n)
         wait_for_picture(dock, qtbot)
         assert dock.picture.pixels[..., 3].any()
-    u, v = dock.sheet.run.flat_map.page().corners[7].mean(axis=0)
-    spot = dock.sheet.spot(u, v)
+    u, v = dock.prepared.run.flat_map.page().corners[7].mean(axis=0)
+    spot = dock.prepared.spot(u, v)
     assert_allclose(spot.point, points[faces[7]].mean(axis=0), atol=1e-6)
-    assert_allclose(dock.sheet.place(spot.point), (u, v), atol=1e-6)
+    assert_allclose(dock.prepared.place(spot.point), (u, v), atol=1e-6)
     wait_for_threads(qtbot)
 
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import voxflat
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Space, read_mesh
 
 
@@ -37,7 +37,7 @@ def test_mesh_result_is_that_of_the_library(open_widget, qtbot):
     assert np.linalg.norm(places - points[ids], axis=-1)[ids >= 0].max() < 3
 
 
-def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
+def test_the_form_gives_the_same_map_as_the_other_interfaces(open_widget, qtbot, tmp_path):
     """The mesh and options of `test_the_same_map_through_every_door`: the same arrays, bit by bit."""
     mesh = read_mesh(doors.write_mesh(tmp_path / "bowl.vtp"))
     viewer, widget = open_widget(Surface((mesh.points, mesh.faces), name="bowl"))
@@ -45,7 +45,7 @@ def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
     for name, value in doors.OPTIONS.items():
         getattr(widget.form.options, name).setValue(value)
     run(widget, qtbot)
-    found, own = Workbench.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
+    found, own = ViewerState.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
     for name in ("uv", "ids", "faces", "points"):
         assert getattr(found, name).tobytes() == getattr(own, name).tobytes()
     assert found.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()
@@ -53,7 +53,7 @@ def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["bumps", "bowl"])
-def test_patch_of_the_values_that_are_not_0(open_widget, qtbot, name):
+def test_patch_of_nonzero_values(open_widget, qtbot, name):
     if name == "bumps":
         points, faces, values = bumps()
     else:  # which is relaxed
@@ -86,7 +86,7 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
     assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7
 
 
-def test_closed_surface_is_cut_open_and_says_so(open_widget, qtbot):
+def test_closed_surface_is_cut_open_with_a_warning(open_widget, qtbot):
     points, faces = sphere(100)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
     run_whole(widget, qtbot)

@@ -11,7 +11,7 @@ from napari_window import PATIENCE, bumps, choose, open_file, run, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
-from voxflat._napari.results import listed
+from voxflat._napari.results import layer_list
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_a_label_and_a_volume(open_widget, qtbot, world):
     assert np.nanmax(np.abs(image[inside] - ids[inside][:, 0])) < 2.5
 
 
-def test_an_atlas_takes_the_place_of_one_with_fewer_points(open_widget, qtbot):
+def test_an_atlas_replaces_one_with_fewer_points(open_widget, qtbot):
     viewer, widget = open_widget(Surface(sphere(), name="ball"))
     assert viewer.dims.ndisplay == 2  # napari looks up the colours of the points in the slice
     limit(widget, "count", 12)
@@ -118,11 +118,11 @@ def test_an_atlas_takes_the_place_of_one_with_fewer_points(open_widget, qtbot):
     assert_array_equal(viewer.layers["ball C"].data, surface.metadata["voxflat"].heat_map().data)
 
 
-def test_a_layer_that_fails_keeps_no_other_one(open_widget, qtbot, monkeypatch):
+def test_a_layer_that_fails_does_not_stop_the_others(open_widget, qtbot, monkeypatch):
     viewer, widget = open_widget(Surface(sphere(), name="ball"))
     limit(widget, "count", 12)
     run(widget, qtbot)
-    fill, failures = listed._fill, []
+    fill, failures = layer_list._fill, []
 
     def fails_once(layer, data):
         if not failures:
@@ -130,7 +130,7 @@ def test_a_layer_that_fails_keeps_no_other_one(open_widget, qtbot, monkeypatch):
             raise RuntimeError("no such layer")
         fill(layer, data)
 
-    monkeypatch.setattr(listed, "_fill", fails_once)
+    monkeypatch.setattr(layer_list, "_fill", fails_once)
     limit(widget, "count", 100)
     with qtbot.captureExceptions() as caught:
         run(widget, qtbot)
@@ -149,7 +149,7 @@ def test_only_the_chosen_limit_is_asked(open_widget):
         assert [name for name, field in fields.items() if field.isVisibleTo(widget)] == [chosen]
 
 
-def test_bad_input_is_one_line(open_widget, qtbot, messages):
+def test_bad_input_gives_a_one_line_message(open_widget, qtbot, messages):
     viewer, widget = open_widget(Surface(sphere()))
     limit(widget, "count", 1)
     run(widget, qtbot)
@@ -168,7 +168,7 @@ def test_cancel_is_prompt(open_widget, qtbot):
     widget.stop.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
     assert time.perf_counter() - before < 1
-    assert widget.status.text() == "cancelled"
+    assert widget.status.text() == "Cancelled"
     assert [layer.name for layer in viewer.layers] == ["bumps"]
 
 

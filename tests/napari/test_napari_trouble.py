@@ -1,4 +1,4 @@
-"""What goes wrong, is cancelled or taken away meanwhile: the window says so and stays alive."""
+"""Errors, cancelling, and layers removed during a run: messages appear, and the window stays responsive."""
 
 import time
 
@@ -37,7 +37,7 @@ def large():
 
 
 def start_large(widget, qtbot, large, sources=6000, radius=60):
-    """Start what takes seconds, and wait until the core is amid it."""
+    """Start a long run, and wait until the core is working."""
     choose(widget.form.patch, "disk")
     widget.form.seed.set_point(tuple(int(n) for n in np.argwhere(large)[0]))
     widget.form.radius.setValue(radius)
@@ -47,7 +47,7 @@ def start_large(widget, qtbot, large, sources=6000, radius=60):
 def start(widget, qtbot, sources):
     widget.form.options.sources.setValue(sources)
     widget.start.click()
-    qtbot.waitUntil(lambda: widget._worker.stage[1] > 0, timeout=PATIENCE)  # the bar looks four times a second
+    qtbot.waitUntil(lambda: widget._worker.stage[1] > 0, timeout=PATIENCE)  # the bar is updated four times per second
 
 
 POINTS, FACES, _ = bumps()
@@ -64,7 +64,7 @@ BAD_LAYERS = [
 ]
 
 
-def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages):
+def test_bad_input_gives_a_one_line_message_and_adds_no_layer(open_widget, qtbot, messages):
     viewer, widget = open_widget()
     for layer, message in BAD_LAYERS:
         viewer.layers.clear()
@@ -88,7 +88,7 @@ def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages):
     assert "good distortion" in viewer.layers
 
 
-def test_a_closed_surface_is_refused_by_the_papers_method(open_widget, qtbot, messages):
+def test_a_closed_surface_is_refused_by_grossmann2002(open_widget, qtbot, messages):
     _, widget = open_widget(Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)))
     choose(widget.form.method, "grossmann2002")
     choose_whole(widget)
@@ -102,9 +102,9 @@ def test_a_closed_surface_is_refused_by_the_papers_method(open_widget, qtbot, me
 def test_missing_choices_are_named(open_widget, messages):
     viewer, widget = open_widget()
     widget.start.click()
-    assert "nothing to flatten" in messages[-1].message
+    assert "No surface to flatten" in messages[-1].message
     viewer.add_labels(cap())
-    for part, missing in (("disk", "no seed point"), ("polygon", "no polygon"), ("mask", "no mask")):
+    for part, missing in (("disk", "No seed point"), ("polygon", "No polygon"), ("mask", "No mask")):
         choose(widget.form.patch, part)
         widget.start.click()
         assert missing in messages[-1].message
@@ -127,7 +127,7 @@ def test_a_bug_comes_with_its_traceback(open_widget, qtbot, messages, monkeypatc
 
 
 def begin(open_widget, qtbot, large, kind, few):
-    """Begin to flatten a layer called it: some seconds of work, or a second or two of few."""
+    """Begin to flatten a layer: seconds of work, or a second or two if `few`."""
     if kind == "mesh":
         viewer, widget = open_widget(Surface(dome(50 if few else 150), name="it"))
         choose_whole(widget)
@@ -145,7 +145,7 @@ def test_cancel_is_prompt(open_widget, qtbot, large, kind):
     widget.stop.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
     assert time.perf_counter() - before < 1  # some 0.02 s where the machine has nothing else to do
-    assert widget.status.text() == "cancelled"
+    assert widget.status.text() == "Cancelled"
     assert list(viewer.layers) == layers
     widget.form.radius.setValue(15)
     widget.form.options.sources.setValue(50)
@@ -154,7 +154,7 @@ def test_cancel_is_prompt(open_widget, qtbot, large, kind):
 
 
 @pytest.mark.parametrize("kind", ["volume", "mesh"])
-def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large, kind):
+def test_removing_the_layer_during_a_run_is_safe(open_widget, qtbot, large, kind):
     viewer, _ = begin(open_widget, qtbot, large, kind, few=True)
     viewer.layers.clear()
     qtbot.waitUntil(lambda: "it distortion" in viewer.layers, timeout=PATIENCE)
@@ -177,7 +177,7 @@ def test_window_stays_alive(open_widget, qtbot, large):
 
 
 @pytest.mark.parametrize("close", ["window", "dock"])
-def test_closing_meanwhile_cancels(open_widget, qtbot, large, close, messages, monkeypatch):
+def test_closing_during_a_run_cancels_it(open_widget, qtbot, large, close, messages, monkeypatch):
     run, endings = Job.run, []
 
     def watched(job, progress):
@@ -203,8 +203,8 @@ def test_closing_meanwhile_cancels(open_widget, qtbot, large, close, messages, m
         viewer.add_labels(cap())  # nothing listens any more
 
 
-def test_pages_in_colours_come_while_the_viewer_shows_3d(open_widget, qtbot, tmp_path):
-    """napari cannot add a hidden picture in colours then."""
+def test_rgb_pages_are_added_in_3d(open_widget, qtbot, tmp_path):
+    """napari cannot add a hidden RGB image in 3D."""
     points, faces, _ = bumps(9)
     voxflat.surface((points, faces)).patches(count=2).save(tmp_path / "atlas.voxflat")
     viewer, widget = open_widget(Surface((points, faces), name="grid"), name="Flatten in patches")
@@ -215,7 +215,7 @@ def test_pages_in_colours_come_while_the_viewer_shows_3d(open_widget, qtbot, tmp
     qtbot.waitUntil(lambda: not any(page.visible for page in pages), timeout=PATIENCE)
 
 
-def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
+def test_all_layers_are_removed_and_others_added(open_widget, qtbot):
     """From 3D, with the map's dock open."""
     viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
     viewer.dims.ndisplay = 3
@@ -230,7 +230,7 @@ def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
     wait_until_drawn(viewer, qtbot)
 
 
-def test_figures_say_of_which_map_they_are(open_widget, qtbot):
+def test_results_name_their_map(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     run_whole(widget, qtbot)
     assert widget.results.title.text() == "Map of <b>sheet</b>"
@@ -238,7 +238,7 @@ def test_figures_say_of_which_map_they_are(open_widget, qtbot):
     widget.form.surface.choose(viewer.layers["empty"])
     run(widget, qtbot)
     assert "every voxel is 0" in widget.status.text()
-    assert widget.results.title.text() == "Still the earlier one: Map of <b>sheet</b>"
+    assert widget.results.title.text() == "Previous result: Map of <b>sheet</b>"
 
 
 def test_two_docks_fit_a_small_screen(open_widget, qtbot):

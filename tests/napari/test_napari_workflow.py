@@ -1,6 +1,6 @@
-"""From files to a trusted map and back, in the real window, with menus and clicks only.
+"""From files to a map and back, in the real window, with menus and clicks only.
 
-With ``--pictures FOLDER`` (``make pictures``) the pictures of docs/napari.md are kept, and the demo's cortex runs, too.
+``--pictures FOLDER`` (``make pictures``) saves the pictures of docs/napari.md, and flattens the complete demo cortex.
 """
 
 from itertools import product
@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh
 
 FSAVERAGE2 = 162  # whose vertices are the first of fsaverage5's
@@ -28,13 +28,13 @@ THEMES = ("dark", "light")
 
 @pytest.fixture
 def pictures(request, tmp_path):
-    """Where pictures of the window go."""
+    """The folder for pictures of the window."""
     return request.config.getoption("pictures") or tmp_path / "pictures"
 
 
 @pytest.fixture
 def window(make_napari_viewer, qtbot):
-    """A function that opens a window of some size and theme, and says who uses it."""
+    """A function that opens a window of a size and theme, and returns the viewer and a simulated user."""
 
     def opened(size, theme):
         viewer = make_napari_viewer(show=True)
@@ -49,7 +49,7 @@ def window(make_napari_viewer, qtbot):
 
 @pytest.fixture
 def look(request, tmp_path):
-    """A function that sees that all of what is used is in the window, in another of its looks each time."""
+    """A function that checks that widgets are fully visible, in another size and theme each time."""
     in_all = request.config.getoption("pictures") is not None
     seen = []
 
@@ -75,7 +75,7 @@ def look(request, tmp_path):
 
 @pytest.fixture
 def hemisphere(request):
-    """A function that reads points and triangles of fsaverage5's left hemisphere, without pictures of a coarser one."""
+    """A function that reads the left hemisphere of fsaverage5, or of a coarser mesh without `--pictures`."""
 
     def read(name):
         points, faces = nib.load(fsaverage5(f"{name}_left")).agg_data(("pointset", "triangle"))
@@ -93,7 +93,7 @@ def hemisphere(request):
 
 @pytest.fixture
 def subject(tmp_path, hemisphere):
-    """A left hemisphere in a folder as FreeSurfer makes it."""
+    """A FreeSurfer folder with a left hemisphere."""
     surf = tmp_path / "subject" / "surf"
     surf.mkdir(parents=True)
     space = Space("tkRAS", VolumeGeometry.conformed())
@@ -122,15 +122,15 @@ def flatten(hand, viewer):
     widget = dock(viewer, "Flatten surface")
     hand.press(widget.start)
     hand.wait(widget.start.isEnabled)
-    assert Workbench.of(viewer).current is not None, widget.status.text()
+    assert ViewerState.of(viewer).current is not None, widget.status.text()
     flat = dock(viewer, "Flat map")
     hand.wait(lambda: flat.is_drawn)
     return flat
 
 
 def point_at(hand, flat, row):
-    """Point into a triangle at a vertex, which may lie on the border, until the line below says what is there."""
-    flat_map = flat.sheet.run.flat_map
+    """Point into a triangle at a vertex until the line below the map describes the place."""
+    flat_map = flat.prepared.run.flat_map
     u, v = flat_map.uv[flat_map.faces[(flat_map.faces == row).any(axis=1)][0]].mean(axis=0)
 
     def told():
@@ -141,8 +141,8 @@ def point_at(hand, flat, row):
 
 
 def parts_of(flat):
-    """What of the dock *Flat map* is always to be seen."""
-    return flat.canvas, flat.strip, flat.text, flat.contents, flat.on_surface, flat.outlined, flat.whole, flat.keep
+    """The widgets of the dock *Flat map* that must always be visible."""
+    return flat.canvas, flat.legend, flat.text, flat.contents, flat.on_surface, flat.outlined, flat.whole, flat.keep
 
 
 def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
@@ -160,7 +160,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
     flat = flatten(hand, viewer)
-    flat_map = Workbench.of(viewer).current.flat_map
+    flat_map = ViewerState.of(viewer).current.flat_map
     assert flat_map.metadata["cuts_by"] == "standard"
     expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
     assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
@@ -169,7 +169,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.wait(lambda: flat.is_drawn)
     hand.wheel(canvas_widget(flat), -5)  # beside the dock less is to be seen
     point_at(hand, flat, len(flat_map) // 2)
-    assert (flat.sheet.side, {one.letter for one in flat.sheet.directions}) == ("L", {"A", "S"})
+    assert (flat.prepared.side, {one.letter for one in flat.prepared.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
     look(hand, viewer, "map", *parts_of(flat))
     hand.choose(flat.contents, "lh.thickness")
@@ -193,7 +193,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     for shift in (-30, 30):
         hand.click(canvas, QPoint(canvas.width() // 2 + shift, canvas.height() // 2))
     assert len(cuts.drawing.cuts) == found + 1
-    hand.press(cuts.weigh)
+    hand.press(cuts.evaluate)
     hand.wait(cuts.begin.isEnabled)
     assert all("%" in cuts.cuts.item(row, 2).text() for row in range(found))
     hand.picture(pictures / "napari_cuts.png")
@@ -222,7 +222,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.wait(saved.is_file)
     viewer.layers.clear()
     open_files(hand, viewer, saved)
-    assert_array_equal(Workbench.of(viewer).current.flat_map.uv, flat_map.uv)
+    assert_array_equal(ViewerState.of(viewer).current.flat_map.uv, flat_map.uv)
     again = dock(viewer, "Flat map")
     hand.wait(lambda: again.is_drawn)
 
@@ -241,6 +241,6 @@ def test_the_demo_cortex(window, pictures, look, request):
     flat = flatten(hand, viewer)
     assert flat.contents.currentText() == "T1"
     hand.wheel(canvas_widget(flat), -1)
-    point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
+    point_at(hand, flat, len(flat.prepared.run.flat_map) // 2)
     hand.picture(pictures / "napari.png")
     look(hand, viewer, "demo", *parts_of(flat))

@@ -1,4 +1,4 @@
-"""Copy as Python gives the script that makes the same map, bit by bit, without a window."""
+"""*Copy as Python* gives a script that computes the same map, bit by bit, without a window."""
 
 import subprocess
 import sys
@@ -21,13 +21,13 @@ from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh, write_volume
 
 
 def from_file(make, path):
-    """A layer as a reader of napari would give it."""
+    """A layer as a reader of napari would add it."""
     with layer_source(path=str(path)):
         return make()
 
 
 def jobs(folder):
-    """Jobs of all kinds, by the name of what is flattened."""
+    """Jobs of all kinds, by the name of the flattened layer."""
     points, faces, values = bumps()
     write_volume(folder / "t1.npz", np.random.default_rng(0).random((24, 24, 24)), FLIP)
     t1 = voxflat.io.read_volume(folder / "t1.npz")
@@ -108,7 +108,7 @@ def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tm
     viewer.layers["sheet"].data_setitem((np.array([0]),) * 3, 9)
     messages.clear()
     widget.results.copy.click()
-    assert "changed since" in messages[-1].message
+    assert "have changed since" in messages[-1].message
     viewer.layers["sheet distortion"].metadata["voxflat"].save(tmp_path / "map.voxflat")
     open_file(viewer, qtbot, tmp_path / "map.voxflat")
-    assert not widget.results.copy.isVisibleTo(widget)  # nobody knows how it was made
+    assert not widget.results.copy.isVisibleTo(widget)  # its script is unknown

@@ -183,10 +183,10 @@ FLAT = {
     },
 }
 REFUSED = {
-    "Mobius": "more than two triangles meet at the edge of vertices",
+    "Mobius": "more than two triangles meet at the edge between vertices",
     "Boy": "has only one side, like a Möbius strip",
     "Klein": "has only one side, like a Möbius strip",
-    "Figure8Klein": "more than two triangles meet at the edge of vertices",
+    "Figure8Klein": "more than two triangles meet at the edge between vertices",
     "CrossCap": r"has no area .*mesh\.clean\(\)",
     "Roman": r"has no area .*mesh\.clean\(\)",
 }

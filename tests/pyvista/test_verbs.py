@@ -344,7 +344,12 @@ def test_a_film_goes_there_and_back(flat, tmp_path):
 
         assert imageio_ffmpeg.count_frames_and_secs(tmp_path / "unfold.mp4")[0] == 6
     else:
-        refused("needs imageio_ffmpeg: pip install", morph.save, tmp_path / "unfold.mp4", window_size=(96, 96))
+        refused(
+            "requires imageio_ffmpeg. Install it with pip install",
+            morph.save,
+            tmp_path / "unfold.mp4",
+            window_size=(96, 96),
+        )
     assert {path.name for path in tmp_path.iterdir()} <= {"unfold.gif", "unfold.mp4"}
 
 

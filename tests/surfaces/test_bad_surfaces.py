@@ -51,10 +51,13 @@ MESHES = {
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
     "no triangle": ((square()[0], np.zeros((0, 3), int)), r"no (triangle|face)"),
     "quads": ((square()[0], np.array([[0, 1, 8, 7]])), r"\(1, 4\)"),
-    "an edge of three": (fin(), r"more than two triangles meet at the edge of vertices 0 and 8 \(1 such edges\)"),
+    "an edge of three": (fin(), r"more than two triangles meet at the edge between vertices 0 and 8 \(1 such edges\)"),
     "a vertex of two fans": ((square()[0], np.array([[0, 7, 8], [8, 16, 9]])), r"touches itself at vertex 8 \(1 such"),
     "a corner twice": (changed(faces=lambda f: put(f, (5, 1), int(f[5, 0]))), r"triangle 5 has no area"),
-    "no area": (changed(points=lambda p: p[[0, *range(1, 8), 0, *range(9, 49)]]), r"has no area \(\d+ such\)"),
+    "no area": (
+        changed(points=lambda p: p[[0, *range(1, 8), 0, *range(9, 49)]]),
+        r"has no area \(\d+ such triangles\)",
+    ),
     "a triangle twice": (changed(faces=lambda f: np.vstack([f, f[4]])), r"triangle \d+ has the same corners"),
     "a Möbius strip": (mobius(), r"only one side, like a Möbius strip"),
     "text": ((np.array([["a", "b", "c"]]), np.array([[0, 0, 0]])), r"<U1"),
@@ -118,7 +121,7 @@ def test_options(options, message):
 
 
 def test_a_ring_without_cuts_is_refused():
-    refused(r"no disk: it has 1 component\(s\), 2 boundary loop", voxflat.flatten, hole(), cuts=[])
+    refused(r"not a disk: it has 1 component\(s\), 2 boundary loop", voxflat.flatten, hole(), cuts=[])
 
 
 def hole():

@@ -57,8 +57,8 @@ def test_a_polygon_of_voxels():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"polygon": [1, 2]}, "at least 3 corners; 2 are given"),
-        ({"polygon": [1, 2, 3]}, "enclose nothing"),
+        ({"polygon": [1, 2]}, "at least 3 corners, but 2 are given"),
+        ({"polygon": [1, 2, 3]}, "do not enclose a region"),
         ({"polygon": [1, 2, 999]}, "vertex 999 is not on the surface"),
         ({"polygon": [[1, 2, 3]]}, "must be vertex numbers"),
         ({"polygon": [0.5, 1.0, 2.0]}, "whole numbers"),

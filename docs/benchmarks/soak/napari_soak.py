@@ -30,7 +30,7 @@ from voxflat._napari.layers.sampled import Overlay
 from voxflat._napari.map_viewer.dock import open_flat_map
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 
 _MACHINE = Path(__file__).parents[3] / "tests" / "napari" / "test_napari_machine.py"
 
@@ -87,21 +87,21 @@ def cancels(times: int, points: int) -> None:
         start = time.perf_counter()
         if seconds is not None:
             widget.stop.click()
-        while not (widget.start.isEnabled() and Workbench.of(viewer).is_settled):
+        while not (widget.start.isEnabled() and ViewerState.of(viewer).is_settled):
             live(0.005)
         return time.perf_counter() - start
 
     run(None)
     whole = run(None)  # the first also opens the map's dock
-    for run_of in Workbench.of(viewer).runs:
-        Workbench.of(viewer).remove(run_of)
+    for run_of in ViewerState.of(viewer).runs:
+        ViewerState.of(viewer).remove(run_of)
     live(1)
     before, chance, took, done = left(viewer), random.Random(0), [], 0
     for _ in range(times):
         took.append(run(chance.uniform(0, whole)))
-        if Workbench.of(viewer).current is not None:  # it was just done
+        if ViewerState.of(viewer).current is not None:  # it was just done
             done += 1
-            Workbench.of(viewer).remove(Workbench.of(viewer).current)
+            ViewerState.of(viewer).remove(ViewerState.of(viewer).current)
     live(1)
     after = left(viewer)
     print(f"{times} cancels within {whole:.1f} s of a run, {done} too late; the longest took {max(took):.2f} s")
@@ -119,11 +119,11 @@ def maps(times: int, points: int) -> None:
     viewer.window.resize(1600, 960)
     viewer.add_surface((vertices, faces, values), name="sheet", units="mm")
     viewer.add_image(np.random.default_rng(0).random((200, 200, 60), dtype=np.float32), name="volume", units="mm")
-    dock, workbench, taken = open_flat_map(viewer), Workbench.of(viewer), []
+    dock, state, taken = open_flat_map(viewer), ViewerState.of(viewer), []
     for _ in range(times):
-        workbench.add(Run(map_layers(copy.deepcopy(flat_map), "sheet", Overlay("sheet", values)), "sheet"))
+        state.add(Run(map_layers(copy.deepcopy(flat_map), "sheet", Overlay("sheet", values)), "sheet"))
         live(0.1)
-        while not (workbench.is_settled and dock.is_drawn):
+        while not (state.is_settled and dock.is_drawn):
             live(0.02)
         taken.append(megabytes())
     for what, values in zip(("resident", "allocated"), zip(*taken, strict=True), strict=True):

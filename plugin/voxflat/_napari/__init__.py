@@ -1,9 +1,9 @@
-"""The napari plugin: *Layers → Transform → Flatten surface*, the demo cortex, and files that are opened and saved.
+"""The napari plugin: docks to flatten surfaces and show their maps, the demo cortex, and readers and writers of files.
 
-`layers` takes napari's layers to volumes, meshes and places in mm; `job` is one flattening, which `worker` runs in
-another thread; `scripts` says it in Python; `results` takes maps and atlases to layers and to words; `workbench` keeps
-the runs of a viewer, whatever dock is open, and `gl_context` the viewer from crashing as layers go; `map_viewer` is the
-dock that shows them, linked with the viewer; `forms` asks what to do; `widgets` are the docks of forms and figures.
-`editing` draws cuts, `checking` tells of surfaces and maps in tables. `samples` opens data, and `files` what lies on a
-disk, or saves it. `layers`, `job`, `scripts` and most of `results` need no Qt. `napari.yaml` names what napari offers.
+`layers` converts napari's layers to volumes, meshes and points in mm. `job` describes one flattening, which `worker`
+runs in another thread and `scripts` writes as Python. `results` converts maps and atlases to layers and text.
+`viewer_state` holds the runs of a viewer, and `gl_context` prevents crashes when layers are removed. `forms` are the
+forms, `widgets` the docks that flatten, `map_viewer` the dock with the map, `editing` the dock that draws cuts, and
+`checking` the docks with tables. `samples` opens sample data; `files` reads and writes files. `layers`, `job`,
+`scripts` and most of `results` do not use Qt. `napari.yaml` lists what the plugin contributes to napari.
 """

@@ -1,4 +1,4 @@
-"""The widgets of *Layers → Measure*: what keeps a surface from being flattened, and how good maps are."""
+"""The widgets of *Layers → Measure*: defects of surfaces, and the quality of maps."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,13 +10,13 @@ from napari import Viewer
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
+from voxflat._napari.docks import TaskDock
 from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
-from voxflat._napari.results.report import table
-from voxflat._napari.tabs import WorkingDock
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.results.report import sentence, table
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError
@@ -29,12 +29,12 @@ _PLACES = {
     "symbol": "ring",
     "face_color": "#ff4d4d",
     "border_color": "#ff4d4d",
-    "blending": "translucent_no_depth",  # in 3D they are seen through the surface
+    "blending": "translucent_no_depth",  # so that they are visible through the surface in 3D
 }
 
 
-class Findings(WorkingDock):
-    """A button to find out, which cancels while that is done, and a table of what was found, below what is asked."""
+class Findings(TaskDock):
+    """Base of the widgets: a button that starts the work or cancels it, and a table with the results."""
 
     def __init__(self, action: str, above: QWidget | None = None) -> None:
         super().__init__()
@@ -49,21 +49,21 @@ class Findings(WorkingDock):
                 layout.addWidget(part)
 
     def look(self) -> None:
-        """Start to find out; errors are told."""
+        """Start the work; errors are shown."""
         raise NotImplementedError
 
-    def _tell_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
-        """Show names and what was found, row by row, in lines as wide as the dock, then what to know and what to do."""
+    def _show_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
+        """Show a table of names and values, and below it the advice, in lines that fit the dock."""
         cells = "".join(
             f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
             f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
             for name, value in rows
         )
-        told = "".join(f"<li>{escape(line)}</li>" for line in advice)
-        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{told}</ul>")
+        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in advice)
+        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")
 
-    def _say(self, message: str) -> None:
-        """Show a text, or a table of it, column below column."""
+    def _show_message(self, message: str) -> None:
+        """Show text in a fixed-width font, so that columns are aligned."""
         self.table.setCurrentFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.table.setPlainText(message)
 
@@ -83,7 +83,7 @@ class Findings(WorkingDock):
 
 
 class CheckForm(LayerForm):
-    """Asks which surface is checked."""
+    """Lets the user choose the surface to check."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -98,21 +98,21 @@ class CheckForm(LayerForm):
         self._on_surface()
 
     def _on_sampled(self) -> None:
-        """Nothing is shown on a map here."""
+        """Do nothing: this form does not show a map."""
 
 
 class CheckSurface(Findings):
-    """Says what keeps a surface from being flattened, and marks where."""
+    """Reports the defects that affect the flattening of a surface, and marks where they are."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         self.form = CheckForm(napari_viewer)
         super().__init__("Check", self.form)
         self._viewer = napari_viewer
-        Workbench.of(napari_viewer)  # for what it sees to while layers go
+        ViewerState.of(napari_viewer)  # which prevents crashes when layers are removed
         self._origin: dict[str, str] = {}
 
     def look(self) -> None:
-        """Start to check; errors are told."""
+        """Start the check; errors are shown."""
         try:
             source, foreground = self.form.source()
         except VoxflatError as error:
@@ -127,8 +127,8 @@ class CheckSurface(Findings):
 
     def _show(self, found: Check) -> None:
         rows = dict(found.rows())
-        self._tell_rows([("input", self._origin["layer"]), *list(rows.items())[1:]], found.advice)
-        name = f"places to look at in {self._origin['layer']}"
+        self._show_rows([("input", self._origin["layer"]), *list(rows.items())[1:]], found.advice)
+        name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)
         places, texts = _places(found)
@@ -144,17 +144,17 @@ def _checked(source: LayerVolume | LayerMesh, foreground: dict[str, Any], progre
 
 
 def _places(found: Check) -> tuple[list[Any], list[str]]:
-    """Return where handles and the thinnest place are, RAS+ mm, and what each is."""
+    """Return where the handles and the thinnest place are, RAS+ mm, and a description of each."""
     places = [handle["centre"] for handle in found.handles]
-    texts = [f"handle, {handle['length']:.1f} mm around" for handle in found.handles]
+    texts = [f"handle, {handle['length']:.1f} mm long loop" for handle in found.handles]
     if found.thin is not None and found.thin["place"] is not None:
         places.append(found.thin["place"])
-        texts.append(f"thinnest place, {found.thin['worst']:.2f} mm")
+        texts.append(f"thinnest place, {found.thin['worst']:.2f} mm thick")
     return places, texts
 
 
 class MeasureMap(Findings):
-    """Tells all figures of the selected layer's map, or of the current run; another tool's flat patch is measured."""
+    """Shows all measures of the map of the selected layer, or of the current run; measures patches of other tools."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__("Measure")
@@ -162,20 +162,20 @@ class MeasureMap(Findings):
         self.look()
 
     def look(self) -> None:
-        """Tell the figures, or start to measure."""
+        """Show the measures, or start to measure a patch."""
         layer = self._viewer.layers.selection.active
         about: dict[str, Any] = {} if layer is None else layer.metadata
-        run = Workbench.of(self._viewer).current
+        run = ViewerState.of(self._viewer).current
         flat_map = about.get("voxflat", None if run is None else run.flat_map)
         if "patch_file" in about:
             self._find(partial(_measured, about["surface_file"], about["patch_file"]), self._show)
         elif flat_map is not None:
-            self._say(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
+            self._show_message(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
         else:
-            self._say("No flat map: flatten, open one, or select a flat patch.")
+            self._show_message("No flat map. Flatten a surface, open a flat map, or select a flat patch.")
 
     def _show(self, found: Distortion) -> None:
-        self._say(found.table())
+        self._show_message(found.table())
 
 
 def _measured(surface: str, patch: str, progress: Progress) -> Distortion:

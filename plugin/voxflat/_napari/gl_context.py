@@ -1,9 +1,9 @@
-"""What goes with a layer is deleted where the viewer draws, which napari does not see to.
+"""Delete the OpenGL objects of removed layers in the context of the canvas, which napari does not ensure.
 
-When a layer goes napari (0.9) has vispy (0.16, 0.17) delete its programs, buffers and textures at once, in whatever
-context of OpenGL is current: between two frames Qt's own, in which it puts the window together. Mesa's renderer in
-software, which shares no compiled shaders between contexts, then draws one of the next frames without a vertex shader,
-which ends the process.
+When a layer is removed, napari (0.9) makes vispy (0.16, 0.17) delete its programs, buffers and textures immediately, in
+whatever OpenGL context is current: between two frames that is the context in which Qt composes the window. Mesa's
+software renderer, which does not share compiled shaders between contexts, then draws one of the next frames without a
+vertex shader, which ends the process.
 """
 
 import weakref
@@ -14,7 +14,7 @@ from napari import Viewer
 
 
 def keep_canvas_current(viewer: Viewer) -> None:
-    """Make the canvas's context current before each layer of a viewer, not its proxy, goes, while both live."""
+    """Make the context of the canvas current before each removal of a layer; `viewer` must not be a proxy."""
     qt_viewer = getattr(getattr(viewer, "window", None), "_qt_viewer", None)
     canvas = getattr(getattr(qt_viewer, "canvas", None), "native", None)
     if not hasattr(canvas, "makeCurrent"):
@@ -24,8 +24,8 @@ def keep_canvas_current(viewer: Viewer) -> None:
 
     def make_current(_: Any) -> None:
         canvas = kept()
-        with suppress(RuntimeError):  # Qt may have deleted it, as the window closes
-            if canvas is not None and canvas.isValid():  # valid once it was shown
+        with suppress(RuntimeError):  # Qt may have deleted the canvas when the window closed
+            if canvas is not None and canvas.isValid():  # valid after it was first shown
                 canvas.makeCurrent()
 
-    viewer.layers.events.removing.connect(make_current)  # napari deletes at `removed`, before what others do there
+    viewer.layers.events.removing.connect(make_current)  # napari deletes at `removed`, before other callbacks

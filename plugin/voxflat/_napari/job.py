@@ -1,4 +1,4 @@
-"""One flattening: what is asked for, and the way from volumes and meshes to layers."""
+"""A flattening job: its parameters, and the steps from volumes and meshes to layers."""
 
 import importlib
 from collections.abc import Mapping
@@ -24,22 +24,22 @@ from voxflat.pipeline.surface import surface
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All that a flattening needs; it knows no layer, so it runs in any thread. What is not told is as in `Surface`."""
+    """All parameters of a flattening; it refers to no layer, so it can run in any thread. Defaults as in `Surface`."""
 
     surface: LayerVolume | LayerMesh
     method: str = "voxflat"
     label: int | None = None
     threshold: float | None = None
-    keep: LayerVolume | NDArray[Any] | None = None  # of a volume a mask of its shape
+    keep: LayerVolume | NDArray[Any] | None = None  # a mask of the same shape for a volume
     seed_point: Seed | None = None
     radius: float | None = None
-    polygon: NDArray[np.float64] | None = None  # (k, 3): corners, RAS+ mm; the nearest places are meant
+    polygon: NDArray[np.float64] | None = None  # (k, 3): corners, RAS+ mm; moved to the nearest vertices
     pial: LayerMesh | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)  # the method's, and those of `Surface.flatten`
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the method and of `Surface.flatten`
     pixel_size: float | None = None  # mm
     shown: Shown | None = None
-    values: Overlay | None = None  # a mesh's own, which its flat surface has, too
-    start: FlatMap | None = None  # the map to go on from
+    values: Overlay | None = None  # the values of the mesh
+    start: FlatMap | None = None  # the map to start from
 
     def run(self, progress: Progress) -> FlatLayers:
         """Flatten."""
@@ -69,7 +69,7 @@ class Job:
         return part.flatten(method, **how, progress=progress)
 
     def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:
-        """Split the options into the method with its own, what is left out, and other keywords of `Surface.flatten`."""
+        """Split the options into the method, the excluded vertices, and keywords of `Surface.flatten`."""
         kind = METHODS[self.method]
         own = {name: value for name, value in self.options.items() if name in kind.__dataclass_fields__}
         how = {name: value for name, value in self.options.items() if name not in own}
@@ -80,13 +80,13 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class PatchesJob:
-    """All that flattening in patches needs, as `Job`."""
+    """All parameters of a flattening in patches, as `Job`."""
 
     surface: LayerVolume | LayerMesh
     limit: dict[str, Any]  # one of max_angle, bound and count, as in `Surface.patches`
     label: int | None = None
     threshold: float | None = None
-    glue: float | None = None  # within which bound on C, if they are glued at all
+    glue: float | None = None  # the bound on C; None if patches are not glued
     pixel_size: float | None = None  # mm
     shown: Shown | None = None
 
@@ -103,7 +103,7 @@ class PatchesJob:
 
 
 def _draw(progress: Progress, what: str) -> None:
-    """Go on to drawing, and have imported what the dock will draw with: later the window waits for Python's lock."""
+    """Report the drawing stage, and import the modules that the dock needs, which would block the window later."""
     _tell(progress, f"drawing the {what}")
     importlib.import_module("voxflat.figures")
 

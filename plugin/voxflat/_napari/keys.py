@@ -1,4 +1,4 @@
-"""Keys of a dock: they work in the viewer and in the dock itself, for as long as it is open."""
+"""Keyboard shortcuts of a dock, which work in the viewer and in the dock while it is open."""
 
 from collections.abc import Callable, Mapping
 
@@ -11,12 +11,12 @@ from qtpy.QtWidgets import QWidget
 
 
 def key_text(key: int) -> str:
-    """Return how a key of app-model's `KeyMod` and `KeyCode` is called on this system, such as Ctrl+Z."""
+    """Return the name of a key of app-model's `KeyMod` and `KeyCode` on this system, such as Ctrl+Z."""
     return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
 
 
 class Keys:
-    """Binds keys in the dock and over napari's canvas; what someone else has bound in the viewer stays theirs."""
+    """Binds keys in the dock and over napari's canvas; existing key bindings of the viewer are kept."""
 
     def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:
         self._viewer = viewer
@@ -30,14 +30,14 @@ class Keys:
                 self._bound.append(key)
 
     def release(self) -> None:
-        """Give the viewer's keys back."""
+        """Remove the key bindings from the viewer."""
         for key in self._bound:
             self._viewer.bind_key(key, None)
         self._bound = []
 
 
 def _for_viewer(act: Callable[[], object]) -> Callable[[Viewer], None]:
-    def pressed(viewer: Viewer) -> None:  # napari asks for its name
+    def pressed(viewer: Viewer) -> None:  # a function, because napari reads its name
         act()
 
     return pressed

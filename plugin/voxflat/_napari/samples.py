@@ -1,4 +1,4 @@
-"""Sample data: the human cortex, to be flattened."""
+"""Sample data: a human cortex to flatten."""
 
 import importlib
 import threading
@@ -18,16 +18,16 @@ from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
 PARTS = ("", "left hemisphere", "right hemisphere", "cerebellum and brain stem")
-"""What the labels of the sample's white matter are called."""
+"""Names of the labels of the white matter."""
 
 SEED_POINT = (-38.0, -22.0, 55.0)
-"""Scanner RAS, mm: the left central cortex, across from the demo's."""
+"""A seed point in the left central cortex, scanner RAS, mm; the demo uses its counterpart on the right."""
 
 _SAMPLE = ("voxflat", "demo_cortex")
 
 
 def demo_cortex() -> list[LayerData]:
-    """Open the MNI152 template: a seed point, to which a thread adds T1 and white matter; without a viewer all."""
+    """Open the MNI152 template: a seed point, to which a thread adds T1 and white matter; all without a viewer."""
     from napari import current_viewer
 
     viewer = current_viewer()
@@ -40,23 +40,23 @@ def demo_cortex() -> list[LayerData]:
 
 
 def _cortex(progress: Progress) -> list[LayerData]:
-    """Read T1 and white matter in its parts."""
+    """Read T1, and white matter labelled by part."""
     from voxflat.demo import THRESHOLD, demo_cortex
     from voxflat.surfaces.hemispheres import hemisphere
 
-    def tell(done: int) -> bool:
+    def report(done: int) -> bool:
         if progress("reading the template", done, 4) is False:
             raise Cancelled("cancelled while reading the template")
         return True
 
-    tell(0)
+    report(0)
     white_matter, t1, _ = demo_cortex()
-    tell(2)
+    report(2)
     labels = np.where(white_matter.data > THRESHOLD, 3, 0).astype(np.uint8)
     for label, side in enumerate(("left", "right"), 1):
-        half = hemisphere(white_matter, side, threshold=THRESHOLD, progress=lambda *_, at=label: tell(1 + at))
+        half = hemisphere(white_matter, side, threshold=THRESHOLD, progress=lambda *_, at=label: report(1 + at))
         labels[half.data > 0] = label
-        tell(2 + label)
+        report(2 + label)
     place: dict[str, Any] = {"affine": white_matter.affine, "units": ("mm",) * 3}
     parts = {"index": range(len(PARTS)), "name": PARTS}
     return [
@@ -66,23 +66,23 @@ def _cortex(progress: Progress) -> list[LayerData]:
 
 
 def _make_ready(viewer: Viewer) -> None:
-    """Have made what napari's first layers need, in another thread or bit by bit, while the window is drawn."""
+    """Prepare what the first layers need, in a thread or in small steps, while the window is drawn."""
     from qtpy.QtCore import QCoreApplication, QEventLoop
 
-    from voxflat._napari.garbage import put_off_collections
+    from voxflat._napari.garbage_collection import defer_collections
 
-    put_off_collections()
+    defer_collections()
 
     def load() -> None:
-        with suppress(ImportError):  # another napari may need others
+        with suppress(ImportError):  # other versions of napari may need other modules
             importlib.import_module("pandas")
-            importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the table of units
-            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # of the polygon that labels have
+            importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the definitions of units
+            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # for the polygons of Labels
 
     thread = threading.Thread(target=load, daemon=True)
     thread.start()
 
-    def live() -> None:  # what the user does meanwhile waits
+    def live() -> None:  # user input is postponed
         QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
         thread.join(0.005)
 
@@ -90,30 +90,30 @@ def _make_ready(viewer: Viewer) -> None:
     while next(glyphs, False) or thread.is_alive():
         live()
     if not viewer.layers:
-        viewer.dims.ndim = 3  # makes the sliders
+        viewer.dims.ndim = 3  # creates the sliders
         live()
 
 
 def _glyphs(viewer: Viewer) -> Iterator[bool]:
-    """Draw, one at a time, the letters by which vispy measures a font when a first text comes, as that of Points."""
+    """Draw, one at a time, the letters with which vispy measures a font for the first text, such as that of Points."""
     qt_viewer = getattr(getattr(getattr(viewer, "__wrapped__", viewer), "window", None), "_qt_viewer", None)
     fonts: Any = getattr(qt_viewer, "_font_manager", None)
     face = getattr(qt_viewer, "_overlay_font", None)
-    if type(fonts).__name__ == "QtFontManager" and face is not None:  # vispy's own needs a context of OpenGL
+    if type(fonts).__name__ == "QtFontManager" and face is not None:  # that of vispy needs an OpenGL context
         font = fonts.get_font(face)
         for letter in "ÅÉÑŐjgpqy":
             yield font[letter] is not None
 
 
 def _add_when_read(viewer: Viewer) -> None:
-    """Read in another thread, add the layers below the seed point, then show it."""
+    """Read the data in another thread, add the layers below the seed point, then show the seed point."""
     from napari.layers import Layer
     from napari.utils.notifications import show_error
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.viewer_parts import show_sagittal
-    from voxflat._napari.results.listed import drop_controls, insert, make_controls
-    from voxflat._napari.timers import BREATH
+    from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
+    from voxflat._napari.timers import PAUSE
     from voxflat._napari.worker import JobWorker
 
     there, earlier = weakref.ref(viewer), weakref.WeakSet(viewer.layers)
@@ -121,19 +121,19 @@ def _add_when_read(viewer: Viewer) -> None:
     arrived: list[Layer] = []
     steps: deque[Callable[[Viewer], None]] = deque()
 
-    def go_on() -> None:
-        """Take a step, and come back for the next one when the window has lived."""
+    def proceed() -> None:
+        """Take a step, and schedule the next one after the window has processed events."""
         shown = there()
         if shown is None:
             return
-        if not any(layer.source.sample == _SAMPLE for layer in shown.layers):  # closed meanwhile
+        if not any(layer.source.sample == _SAMPLE for layer in shown.layers):  # the sample was removed in the meantime
             for layer in arrived:
                 if layer not in shown.layers:
                     drop_controls(shown, layer)
             return
         steps.popleft()(shown)
         if steps:
-            QTimer.singleShot(BREATH, go_on)
+            QTimer.singleShot(PAUSE, proceed)
 
     def show_seed(shown: Viewer) -> None:
         for layer in shown.layers:
@@ -147,10 +147,10 @@ def _add_when_read(viewer: Viewer) -> None:
         worker.start()
 
     def add(found: list[LayerData]) -> None:
-        """Add the layers, a step at a time."""
+        """Add the layers, one step at a time."""
         steps.extend(partial(make, data=data) for data in found)
-        steps.extend((choose, look, show_seed))  # the seed point last: alone it would fill the view
-        QTimer.singleShot(0, go_on)
+        steps.extend((choose, look, show_seed))  # the seed point last, because alone it would fill the view
+        QTimer.singleShot(0, proceed)
 
     def make(shown: Viewer, data: LayerData) -> None:
         layer = Layer.create(*hidden(data))
@@ -173,4 +173,4 @@ def _add_when_read(viewer: Viewer) -> None:
         shown.dims.set_point(range(3), SEED_POINT)
 
     steps.append(read)
-    QTimer.singleShot(BREATH, go_on)
+    QTimer.singleShot(PAUSE, proceed)

@@ -1,4 +1,4 @@
-"""What a run did, as a Python script that does it again without a window."""
+"""Python scripts that repeat a run without a window."""
 
 import hashlib
 import re
@@ -25,41 +25,41 @@ from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
 
-_WIDTH = 100  # of the script's lines, where it can be
+_WIDTH = 100  # of the lines of a script, where possible
 _PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
 
 
 class Recipe:
-    """Does a job, and says it in Python."""
+    """Runs a job, and writes it as a Python script."""
 
     def __init__(self, job: Job | PatchesJob) -> None:
         self._job = job
-        self._prints: list[str] = []
+        self._fingerprints: list[str] = []
 
     @property
     def name(self) -> str:
-        """Name of what is flattened."""
+        """The name of the flattened layer."""
         return self._job.surface.origin["layer"]
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Do the job, and remember what its data were."""
+        """Run the job, and record fingerprints of its data."""
         result = self._job.run(progress)
-        self._prints = _prints(self._job)
+        self._fingerprints = _fingerprints(self._job)
         return result
 
     def needs_folder(self) -> bool:
-        """Say whether data lie in no file, so that they must be saved beside the script."""
+        """Return whether data are not in a file, so that they must be saved beside the script."""
         return bool(_Script(self._job, None).unsaved)
 
     def script(self, folder: Path | None = None) -> str:
-        """Write a script with the run's bits; data in no file go to a folder. InputError if layers changed."""
-        if _prints(self._job) != self._prints:
-            raise InputError("layers of this run were changed since: flatten again, then copy")
+        """Return a script; data that are not in a file are saved in a folder. InputError if layers changed."""
+        if _fingerprints(self._job) != self._fingerprints:
+            raise InputError("Layers of this run have changed since. Flatten again, then copy the script")
         return _Script(self._job, folder).text()
 
 
 class _Script:
-    """Lines of a script, and the data that go with it."""
+    """The lines of a script, and the data that it needs."""
 
     def __init__(self, job: Job | PatchesJob, folder: Path | None) -> None:
         self._folder = folder
@@ -68,7 +68,7 @@ class _Script:
         self._lines: list[str] = []
         self._named: dict[int, str] = {}
         self.unsaved: list[str] = []
-        """Names of what lies in no file."""
+        """Names of the data that are not in a file."""
         self._title = job.surface.origin["layer"]
         if isinstance(job, Job):
             self._of_job(job)
@@ -77,7 +77,7 @@ class _Script:
 
     def text(self) -> str:
         """Return the script."""
-        about = f'"""What voxflat {__version__} made of {self._title!r} in napari."""'
+        about = f'"""Repeat the run of voxflat {__version__} on {self._title!r} in napari."""'
         standard, others = ([line for line in lines if line in self._imports] for lines in ((_PATH,), (_NUMPY, _TREE)))
         own = ["import voxflat", f"from voxflat.io import {', '.join(sorted(self._readers))}"]
         blocks = [standard, others, own, self._lines]
@@ -110,7 +110,7 @@ class _Script:
         self._result("flat_map", job.shown, job.pixel_size)
 
     def _method(self, job: Job, method: Method) -> str:
-        """Return a method as an argument: nothing for the default, its name, or an object with its options."""
+        """Return a method as an argument: empty for the default, its name, or an object with options."""
         changed = {name: value for name, value in job.options.items() if name in type(method).__dataclass_fields__}
         parts = [f"{name}={self._value(name, value)}" for name, value in changed.items()]
         if job.start is not None:
@@ -141,7 +141,7 @@ class _Script:
         self._lines.append(f"image.save({_file_name(shown.name) + '_flattened.png'!r})")
 
     def _call(self, result: str, function: str, first: str, given: dict[str, Any]) -> None:
-        """Call a function, with the arguments that are given."""
+        """Add a call of a function with arguments."""
         parts = [
             *([first] if first else []),
             *(f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None),
@@ -166,7 +166,7 @@ class _Script:
     # ---------------------------------------------------------------------------------------------- data
 
     def _surface(self, source: LayerVolume | LayerMesh, variable: str | None = None) -> str:
-        """Read what a layer holds: by its file if that holds the same, else by one of its own."""
+        """Add code that reads a layer, from its file if that has the same data, otherwise from a saved one."""
         known = self._named.get(id(source.place))
         if known is not None:
             return known
@@ -198,14 +198,14 @@ class _Script:
             self._lines.append(f"{variable} = Mesh({points}, {variable}.faces, {variable}.path{self._known(mesh)})")
             return
         path = ""
-        if mesh.path is not None:  # beside it its sphere may lie
+        if mesh.path is not None:  # the registered sphere may be beside it
             self._imports.add(_PATH)
             path = f", Path({str(mesh.path)!r})"
         saved = self._load(name, points=mesh.points, faces=mesh.faces)
         self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path}{self._known(mesh)})')
 
     def _known(self, mesh: Mesh) -> str:
-        """Return what else is known of a mesh, as arguments."""
+        """Return the structure and space of a mesh, as arguments."""
         known = "" if mesh.structure is None else f", structure={mesh.structure!r}"
         if mesh.space.name != "scanner":
             return known
@@ -213,7 +213,7 @@ class _Script:
         return f'{known}, space=Space("scanner")'
 
     def _overlay(self, shown: Overlay) -> str:
-        """Read values of a mesh."""
+        """Add code that reads values of a mesh."""
         values = shown.values
         if shown.path is None or not _holds(shown.path, values):
             return self._array(values, shown.name)
@@ -222,24 +222,24 @@ class _Script:
         return "shown"
 
     def _array(self, values: NDArray[Any], name: str) -> str:
-        """Return an expression for an array: as it is if it is short."""
+        """Return an expression for an array, a literal if it is short."""
         if values.size <= 12 and values.dtype.kind in "biuf" and np.isfinite(values).all():
             self._imports.add(_NUMPY)
             return f"np.array({values.tolist()!r}, dtype=np.{values.dtype.name})"
         return f'{self._load(name, values=values)}["values"]'
 
     def _map(self, flat_map: FlatMap) -> str:
-        """Save a map, and load it in the script."""
-        self.unsaved.append("the map to go on from")
+        """Save a map, and add code that loads it."""
+        self.unsaved.append("the map to start from")
         file = Path(f"{_file_name(self._title)}_start.voxflat")
         if self._folder is not None:
             file = self._folder.resolve() / file
             flat_map.save(file, overwrite=True)
-        self._lines += ["# the map that it goes on from was saved", f"start = voxflat.load({str(file)!r})"]
+        self._lines += ["# the map to start from", f"start = voxflat.load({str(file)!r})"]
         return "start"
 
     def _load(self, name: str, **arrays: NDArray[Any]) -> str:
-        """Save arrays, and load them in the script."""
+        """Save arrays, and add code that loads them."""
         self._imports.add(_NUMPY)
         self.unsaved.append(name)
         file = Path(f"{_file_name(name)}_{len(self.unsaved)}.npz")
@@ -248,16 +248,16 @@ class _Script:
             with atomic_path(file) as temporary, temporary.open("wb") as opened:
                 np.savez_compressed(opened, **arrays)  # type: ignore[arg-type]  # of its other parameters
         variable = f"saved_{len(self.unsaved)}"
-        self._lines += [f"# {name!r} lies in no file as it is: it was saved", f"{variable} = np.load({str(file)!r})"]
+        self._lines += [f"# saved, because no file holds the data of {name!r}", f"{variable} = np.load({str(file)!r})"]
         return variable
 
 
 class _Code(str):
-    """An expression, and not a text."""
+    """An expression, not a string literal."""
 
 
 def _is_in_file(source: Volume | Mesh) -> bool:
-    """Tell whether a file holds what a layer shows: it may have been edited, or read otherwise."""
+    """Return whether the file of a layer holds the same data, which may have been edited."""
     if source.path is None or not source.path.is_file():
         return False
     try:
@@ -271,7 +271,7 @@ def _is_in_file(source: Volume | Mesh) -> bool:
 
 
 def _holds(path: Path, values: NDArray[Any]) -> bool:
-    """Tell whether a file holds values of a mesh."""
+    """Return whether a file holds these values of a mesh."""
     try:
         return _same(read_overlay(path, len(values)).astype(values.dtype), values)
     except (InputError, OSError):
@@ -286,8 +286,8 @@ def _file_name(name: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name)
 
 
-def _prints(job: Job | PatchesJob) -> list[str]:
-    """Return fingerprints of all arrays of a job that may be edited in place."""
+def _fingerprints(job: Job | PatchesJob) -> list[str]:
+    """Return hashes of all arrays of a job, which may be edited in place."""
     held = (np.ascontiguousarray(array).reshape(-1).view(np.uint8).data for array in _arrays(job))
     return [hashlib.sha256(data).hexdigest() for data in held]
 

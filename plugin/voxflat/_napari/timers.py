@@ -1,16 +1,16 @@
-"""Time for the window to live: how long between two steps, and timers that are started again and again."""
+"""Timers that keep the window responsive: a pause between steps, and single-shot timers that can be restarted."""
 
 from collections.abc import Callable
 from typing import Any
 
 from qtpy.QtCore import QObject, QTimer
 
-BREATH = 10
-"""Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
+PAUSE = 10
+"""Pause between two steps, ms; without it Qt would run the next step before it draws the result of the last one."""
 
 
-def once(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
-    """Return a timer that, once started, acts after a pause, ms: several starts until then are one."""
+def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
+    """Return a timer that calls a function once, a pause in ms after the last start."""
     timer = QTimer(parent)
     timer.setSingleShot(True)
     timer.setInterval(pause)

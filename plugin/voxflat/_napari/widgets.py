@@ -1,4 +1,4 @@
-"""The widgets of *Layers → Transform* that flatten: a form, start and cancel, progress, and results."""
+"""The widgets of *Layers → Transform* that flatten: a form, buttons, progress and results."""
 
 import time
 from collections.abc import Mapping
@@ -20,6 +20,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from voxflat._napari.docks import TaskDock
 from voxflat._napari.forms.patches_form import PatchesForm
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map
@@ -28,16 +29,15 @@ from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.results.maps import C_MEANING
 from voxflat._napari.scripts import Recipe
-from voxflat._napari.tabs import WorkingDock
-from voxflat._napari.timers import BREATH, once
-from voxflat._napari.workbench import Workbench
-from voxflat._napari.worker import GLANCE
+from voxflat._napari.timers import PAUSE, single_shot
+from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.worker import POLL_INTERVAL
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
 
-class FlattenWidget(WorkingDock):
-    """Flattens what a form asks for in another thread, and shows what came out."""
+class FlattenWidget(TaskDock):
+    """Runs the flattening that a form describes in another thread, and shows the result."""
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
         super().__init__()
@@ -45,16 +45,16 @@ class FlattenWidget(WorkingDock):
         self._started = 0.0
         self._has_finished = True
         self._arriving: tuple[Run, str] | None = None
-        self._coming = once(self, BREATH, self._arrive)
+        self._coming = single_shot(self, PAUSE, self._arrive)
         self._timer = QTimer(self)
-        self._timer.setInterval(GLANCE)
+        self._timer.setInterval(POLL_INTERVAL)
         self._timer.timeout.connect(self._show_progress)
         self.form = form
         self.results = results
         self._make_actions(action)
         self._lay_out()
         self._show_work(None)
-        Workbench.of(viewer).changed.connect(self._show_current)
+        ViewerState.of(viewer).changed.connect(self._show_current)
         self._show_current()
 
     # ------------------------------------------------------------------------------------------ making
@@ -69,7 +69,7 @@ class FlattenWidget(WorkingDock):
         self.status.setWordWrap(True)
 
     def _lay_out(self) -> None:
-        """Put what is asked and what came out where it scrolls, and what one presses below, where it stays."""
+        """Place the form and the results in a scroll area, and the buttons below it, where they are always visible."""
         inside = QWidget()
         column = QVBoxLayout(inside)
         column.setContentsMargins(0, 0, 0, 0)
@@ -90,7 +90,7 @@ class FlattenWidget(WorkingDock):
     # --------------------------------------------------------------------------------------- flattening
 
     def flatten(self) -> None:
-        """Start flattening; `cancel` stops it."""
+        """Start the flattening; `cancel` stops it."""
         if self._worker is not None:
             return
         try:
@@ -104,11 +104,11 @@ class FlattenWidget(WorkingDock):
         self._work(self._recipe.run, self.start.text(), self._on_returned)
 
     def cancel(self) -> None:
-        """Stop flattening, if it is under way."""
+        """Cancel the flattening, if one is running."""
         if self._worker is not None:
             self._worker.quit()
             self.stop.setEnabled(False)
-            self.status.setText("cancelling…")
+            self.status.setText("Cancelling…")
 
     def _show_work(self, what: str | None) -> None:
         running = what is not None
@@ -126,45 +126,45 @@ class FlattenWidget(WorkingDock):
             return
         stage, done, total = self._worker.stage
         counted = total > 1
-        self.bar.setRange(0, total if counted else 0)  # 0 to 0 shows that it goes on
+        self.bar.setRange(0, total if counted else 0)  # the range 0 to 0 shows a busy indicator
         self.bar.setValue(done if counted else 0)
-        self.status.setText(f"{stage}…")
+        self.status.setText(f"{stage[:1].upper()}{stage[1:]}…")
 
     def _on_returned(self, result: FlatLayers) -> None:
         if self._worker is None or self._worker.abort_requested:
-            return  # cancelled when it was just done
+            return  # cancelled just as it finished
         seconds = time.perf_counter() - self._started
         self._timer.stop()
         run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
-        self._arriving = run, f"{report.summary(result.flat_map)} in {seconds:.1f} s"
-        if not Workbench.of(self._viewer).runs:
+        self._arriving = run, f"{report.summary(result.flat_map)} ({seconds:.1f} s)"
+        if not ViewerState.of(self._viewer).runs:
             open_flat_map(self._viewer)
         self._coming.start()
 
     def _arrive(self) -> None:
-        """Show the run, when the window has lived since its dock opened."""
+        """Show the run, after the window has processed the events of the new dock."""
         assert self._arriving is not None
         (run, summary), self._arriving = self._arriving, None
         if self._worker is not None and not self._worker.abort_requested:
-            Workbench.of(self._viewer).add(run)
+            ViewerState.of(self._viewer).add(run)
             self.status.setText(summary)
             self._viewer.status = summary
         self._end()
 
     def _show_current(self) -> None:
-        """Tell of the current run, if it is of this widget's kind."""
-        run = Workbench.of(self._viewer).current
-        if run is not None and isinstance(run.flat_map, FlatMap) == self.results.tells_of_maps:
+        """Show the current run, if it is of the kind that this widget shows."""
+        run = ViewerState.of(self._viewer).current
+        if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
 
     def _on_errored(self, error: Exception) -> None:
-        self._timer.stop()  # or the stage, shown once more, would take the place of the error
+        self._timer.stop()  # otherwise the stage would overwrite the error
         self.results.show_earlier()
         if isinstance(error, Cancelled):
             return
         if isinstance(error, VoxflatError | MemoryError | OSError):
             self._fail(error)
-        else:  # a bug: with its traceback
+        else:  # a bug: show the traceback
             self.status.setText(f"{type(error).__name__}: {error}")
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
@@ -173,15 +173,15 @@ class FlattenWidget(WorkingDock):
         self._end()
 
     def _end(self) -> None:
-        """Be ready for the next one, if the thread has ended and what it made has come."""
+        """Allow the next run, once the thread has ended and its result is shown."""
         if self._arriving is not None or not self._has_finished:
             return
         if self._worker is not None and self._worker.abort_requested:
-            self.status.setText("cancelled")
+            self.status.setText("Cancelled")
         self._worker = None
         self._show_work(None)
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         self.status.setText(message)
 
     # ------------------------------------------------------------------------------------------- ending
@@ -189,32 +189,32 @@ class FlattenWidget(WorkingDock):
     def _release(self) -> None:
         self.cancel()
         self.form.release()
-        Workbench.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
+        ViewerState.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
 
 
 class FlattenSurface(FlattenWidget):
-    """Flattens a mesh, or the surface of a label or of what lies above a threshold, in another thread."""
+    """Flattens a mesh, or the surface of a label or of the voxels above a threshold, in another thread."""
 
     form: SurfaceForm
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
-        Workbench.of(napari_viewer).asked_again.connect(self._on_asked_again)
+        ViewerState.of(napari_viewer).flatten_requested.connect(self._on_flatten_requested)
 
-    def _on_asked_again(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
+    def _on_flatten_requested(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
         if not self.start.isEnabled():
-            show_warning("Flatten surface is at work: wait for its map, or cancel it, then press Flatten again")
+            show_warning("Flatten surface is still running. Wait for its map, or cancel it, then press Flatten again")
             return
-        self.form.ask_again(layer, **foreground)
+        self.form.continue_from_shown_map(layer, **foreground)
         self.flatten()
 
     def _release(self) -> None:
         super()._release()
-        Workbench.of(self._viewer).asked_again.disconnect(self._on_asked_again, missing_ok=True)
+        ViewerState.of(self._viewer).flatten_requested.disconnect(self._on_flatten_requested, missing_ok=True)
 
 
 class FlattenPatches(FlattenWidget):
-    """Flattens a surface of any topology in patches whose distortion is certified, in another thread."""
+    """Flattens a surface of any topology in patches of certified distortion, in another thread."""
 
     form: PatchesForm
 
@@ -224,7 +224,7 @@ class FlattenPatches(FlattenWidget):
 
 
 class _Scroll(QScrollArea):
-    """Scrolls up and down only: it is as wide as what it holds."""
+    """A scroll area that scrolls vertically only, and is as wide as its contents."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Threads that work while napari stays alive, and may outlive its window; progress in napari's activity dock."""
+"""Background tasks that keep napari responsive, and show their progress in its activity dock."""
 
 import atexit
 from collections.abc import Callable
@@ -10,22 +10,22 @@ from napari.utils import cancelable_progress
 from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QApplication, QLabel, QMainWindow
 
-from voxflat._napari.garbage import put_off_collections
-from voxflat._napari.timers import BREATH
+from voxflat._napari.garbage_collection import defer_collections
+from voxflat._napari.timers import PAUSE
 from voxflat.arguments import Progress
 
-GLANCE = 250
-"""Between two looks at a worker, ms: whatever changes has the whole window put together anew."""
+POLL_INTERVAL = 250
+"""Interval between two updates of the progress, ms; every change redraws the complete window."""
 
-_TICK = 50  # ms between two looks at whether it was cancelled
-_CALM = 12  # %, four frames a second
+_CANCEL_INTERVAL = 50  # ms between two checks whether a task was cancelled
+_SPINNER_SPEED = 12  # %, four frames per second
 
 
-class Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
+class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     """Calls a function in a thread of Qt's pool.
 
-    napari waits for threads when it closes, but not for one that starts in that moment. Python then waits for it before
-    it ends. Such a thread finds its signals deleted; an exception that leaves `run` would end the process.
+    napari waits for threads when it closes, but not for one that starts at that moment; Python waits for that one
+    before it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
     """
 
     def __init__(self, function: Callable[[], Any]) -> None:
@@ -34,11 +34,11 @@ class Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
         _wait_at_exit()
 
     def work(self) -> Any:
-        """Call the function; called by the thread."""
+        """Call the function, in the thread."""
         return self._function()
 
     def run(self) -> None:
-        """Do the work and emit its signals; called by the thread."""
+        """Do the work and emit the signals, in the thread."""
         try:
             super().run()
         except RuntimeError:
@@ -55,44 +55,44 @@ class Errand(WorkerBase):  # type: ignore[misc]  # napari's type is Any
 
 @cache
 def _wait_at_exit() -> None:
-    """Have Python ask the threads to end, and wait for them, before it ends itself."""
+    """Make Python stop the threads, and wait for them, before it exits."""
     atexit.register(WorkerBase.await_workers)
 
 
-class Latest(QObject):
-    """Does one thing at a time in a thread; of what is asked for meanwhile, only the last."""
+class LatestTask(QObject):
+    """Runs one task at a time in a thread; of the tasks requested in the meantime, only the last one runs."""
 
     done = Signal(object)
-    """What was asked for last is done; with what it returned."""
+    """Emitted with the result of the task that was requested last."""
 
     failed = Signal(object)
-    """It ended with this error."""
+    """Emitted with the error of the task that was requested last."""
 
     def __init__(self, parent: QObject, done: Callable[[Any], None], failed: Any) -> None:
         super().__init__(parent)
         self.done.connect(done)
         self.failed.connect(failed)
-        self._worker: Errand | None = None
+        self._worker: BackgroundTask | None = None
         self._next: Callable[[], Any] | None = None
 
     @property
     def is_busy(self) -> bool:
-        """Whether something is under way."""
+        """Whether a task is running."""
         return self._worker is not None
 
     def ask(self, work: Callable[[], Any]) -> None:
-        """Do what touches no widget and no layer, after what is under way, of which nobody is told any more."""
+        """Run a task, which must not use widgets or layers, after the running one, whose result is discarded."""
         if self._worker is not None:
             self._next = work
             return
-        self._worker = worker = Errand(work)
+        self._worker = worker = BackgroundTask(work)
         worker.returned.connect(self._on_returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
         worker.start()
 
     def stop(self) -> None:
-        """Tell nobody of what is under way."""
+        """Discard the result of the running task."""
         self._next = None
         if self._worker is not None:
             self._worker.returned.disconnect(self._on_returned)
@@ -116,26 +116,26 @@ class Latest(QObject):
             self.ask(work)
 
 
-class JobWorker(Errand):
-    """Does work outside the GUI's thread, told in napari's activity dock; errors are emitted; `quit` cancels it."""
+class JobWorker(BackgroundTask):
+    """A task with progress in napari's activity dock; errors are emitted, and `quit` cancels it."""
 
     def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
         super().__init__(lambda: work(self._progress))
         self.title = title
         self.stage = ("starting", 0, 1)
-        """What is being done, and how much of how much of it is done; to be read by any thread at any time."""
+        """The current stage, the completed and the total number of steps; any thread may read it."""
 
     def start(self) -> None:
-        """Show the bar, and start the thread when the window has lived since; called in the GUI's."""
-        put_off_collections()
+        """Show the progress bar, then start the thread after the window has processed events; for the GUI thread."""
+        defer_collections()
 
         def show() -> None:
             if not self.abort_requested:
                 self._activity = _Activity(self)
                 self.finished.connect(self._activity.end)
-            QTimer.singleShot(BREATH, super(JobWorker, self).start)
+            QTimer.singleShot(PAUSE, super(JobWorker, self).start)
 
-        QTimer.singleShot(BREATH, show)
+        QTimer.singleShot(PAUSE, show)
 
     def _progress(self, stage: str, done: int, total: int) -> bool:
         self.stage = (stage, done, total)
@@ -143,10 +143,10 @@ class JobWorker(Errand):
 
 
 class _Activity(QObject):
-    """A worker's bar in napari's activity dock, from when it is made until `end`.
+    """The progress bar of a task in napari's activity dock, until `end`.
 
-    napari turns a wheel beside it 33 times a second, for which the window is put together each time: without a graphics
-    card that takes the better part of a core from the work. Meanwhile it turns 4 times a second.
+    napari animates a spinner beside it at 33 frames per second, each of which redraws the window. Without a graphics
+    card, that uses most of a core. While a task runs, the spinner is slowed down to 4 frames per second.
     """
 
     _count: ClassVar[int] = 0
@@ -156,19 +156,19 @@ class _Activity(QObject):
         self._worker = worker
         self._bar = cancelable_progress(total=0, desc=worker.title)
         _Activity._count += 1
-        _turn_wheels(_CALM)
+        _set_spinner_speed(_SPINNER_SPEED)
         self._looks = 0
         self._timer = QTimer(self)
-        self._timer.setInterval(_TICK)
+        self._timer.setInterval(_CANCEL_INTERVAL)
         self._timer.timeout.connect(self._look)
         self._timer.start()
 
     def _look(self) -> None:
-        put_off_collections()
+        defer_collections()
         if self._bar.is_canceled:
             self._worker.quit()
         self._looks += 1
-        if self._looks % (GLANCE // _TICK) == 0:
+        if self._looks % (POLL_INTERVAL // _CANCEL_INTERVAL) == 0:
             self._show()
 
     def _show(self) -> None:
@@ -178,24 +178,24 @@ class _Activity(QObject):
         if self._bar.desc != f"{described}: ":
             self._bar.set_description(described)
         if self._bar.total != (total if counted else 0):
-            self._bar.total = total if counted else 0  # 0 shows that it goes on
+            self._bar.total = total if counted else 0  # 0 shows a busy indicator
         if counted:
             self._bar.update(done - self._bar.n)
 
     def end(self) -> None:
-        """Take the bar away."""
+        """Remove the progress bar."""
         self._timer.stop()
         self._bar.close()
         _Activity._count -= 1
         if _Activity._count == 0:
-            _turn_wheels(100)
+            _set_spinner_speed(100)
 
 
-def _turn_wheels(percent: int) -> None:
-    """Set the speed of what turns in the status bars."""
+def _set_spinner_speed(percent: int) -> None:
+    """Set the speed of the spinners in the status bars."""
     for window in QApplication.topLevelWidgets():
         if isinstance(window, QMainWindow):
             bar = window.statusBar()
             for label in [] if bar is None else bar.findChildren(QLabel):
-                if (wheel := label.movie()) is not None:
-                    wheel.setSpeed(percent)
+                if (spinner := label.movie()) is not None:
+                    spinner.setSpeed(percent)

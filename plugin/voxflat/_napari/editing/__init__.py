@@ -1,1 +1,1 @@
-"""Cuts by hand: drawn on the surface in 3D, undone and redone, weighed, saved, and used by *Flatten surface*."""
+"""Drawing cuts on the surface in 3D: undo and redo, evaluating, saving, and using them in *Flatten surface*."""

@@ -23,16 +23,16 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
 )
 
+from voxflat._napari.docks import TaskDock
+from voxflat._napari.editing.cut_layers import CutLayers, places_in_world
+from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
-from voxflat._napari.editing.scene import Scene, places_in_world
-from voxflat._napari.editing.works import Found, cuts_of_map, find_cuts, make_surface, save_template, weigh_cuts
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
-from voxflat._napari.tabs import WorkingDock
-from voxflat._napari.workbench import DrawnCuts, Workbench
+from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
@@ -42,47 +42,43 @@ _UNDO, _REDO, _END_CUT = (
     KeyMod.Shift | KeyCode.KeyX,
 )
 _COLUMNS = ("cut", "length", "gain")
-_GAIN = "By how much distances are further off without the cut, in a sketch of the map"
+_GAIN = "Estimate how much larger the distance error would be without each cut"
 
 
-class DrawCuts(WorkingDock):
-    """Cuts a surface where someone clicks on it in 3D."""
+class DrawCuts(TaskDock):
+    """Lets the user draw cuts by clicking on the surface in 3D."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
         self._viewer = napari_viewer
-        self._layer: Layer | None = None  # what is cut
-        self._foreground: dict[str, Any] = {}  # and what of a volume is
+        self._layer: Layer | None = None  # the layer that is cut
+        self._foreground: dict[str, Any] = {}  # of a volume
         self.drawing: Drawing | None = None
-        self._scene: Scene | None = None
-        self._weighed: tuple[Drawn, ...] = ()
+        self._layers: CutLayers | None = None
+        self._evaluated: tuple[Drawn, ...] = ()
         self.form = CutsForm(napari_viewer)
-        self.begin = self._button("Begin", "Show the surface in 3D, and draw cuts on it", self._on_begin)
-        self.draw = self._button("Draw", "Click on the surface: a cut takes the shortest way from stop to stop", None)
+        self.begin = self._button("Begin", "Show the surface in 3D, to draw cuts on it", self._on_begin)
+        self.draw = self._button("Draw", "Click on the surface; the shortest path between clicked points is cut", None)
         self.draw.setCheckable(True)
         self.draw.toggled.connect(self._on_draw)
         self.end_cut = self._button(
-            "Next cut", f"The next click begins a new cut ({key_text(_END_CUT)})", self._on_end_cut
+            "Next cut", f"Begin a new cut with the next click ({key_text(_END_CUT)})", self._on_end_cut
         )
-        self.undo = self._button("Undo", f"Take the last step back ({key_text(_UNDO)})", self._on_undo)
-        self.redo = self._button("Redo", f"Do again what was undone last ({key_text(_REDO)})", self._on_redo)
-        self.remove = self._button("Remove", "Take the chosen cut away", self._on_remove)
-        self.standard = self._button("Standard", "Begin with cuts that are the same for every brain", self._standard)
-        self.automatic = self._button("Automatic", "Begin with cuts that suit this surface best", self._automatic)
-        self.of_map = self._button("Of the map", "Begin with the cuts of the map that is shown", self._of_map)
-        self.weigh = self._button("Weigh", f"{_GAIN}: some seconds a cut", self._on_weigh)
-        self.save = self._button("Save…", "As a file that cuts= and --cuts take", self._on_save)
-        self.load = self._button("Load…", "A file of cuts, or a template", self._on_load)
-        self.template = self._button(
-            "Save template…",
-            "As a file that makes the same cuts on every brain (cuts=, --cuts)",
-            self._on_save_template,
-        )
-        self.use = self._button("Use for Flatten surface", "Choose these cuts in the form", self._on_use)
+        self.undo = self._button("Undo", f"Undo the last step ({key_text(_UNDO)})", self._on_undo)
+        self.redo = self._button("Redo", f"Redo the step that was undone last ({key_text(_REDO)})", self._on_redo)
+        self.remove = self._button("Remove", "Remove the selected cut", self._on_remove)
+        self.standard = self._button("Standard", "Start with cuts that are the same for every brain", self._standard)
+        self.automatic = self._button("Automatic", "Start with cuts optimised for this surface", self._automatic)
+        self.from_map = self._button("From map", "Start with the cuts of the displayed map", self._from_map)
+        self.evaluate = self._button("Evaluate", f"{_GAIN}. Takes a few seconds per cut", self._on_evaluate)
+        self.save = self._button("Save…", "Save a file for cuts= in Python, or --cuts in the shell", self._on_save)
+        self.load = self._button("Load…", "Load a file of cuts, or a template", self._on_load)
+        self.template = self._button("Save template…", "Save these cuts for use on every brain", self._on_save_template)
+        self.use = self._button("Use for Flatten surface", "Select these cuts in the form", self._on_use)
         self.again = self._button(
             "Flatten again",
-            "With these cuts, from the map that is shown, so that the new one lies as it does; all of its cuts must be "
-            "among these",
+            "Flatten with these cuts, starting from the displayed map, so that the new map keeps its position. These "
+            "cuts must include all cuts of the displayed map",
             self._on_again,
         )
         self.cuts = QTableWidget(0, len(_COLUMNS))
@@ -99,7 +95,7 @@ class DrawCuts(WorkingDock):
         self.status.setWordWrap(True)
         self._lay_out()
         buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
-        Workbench.of(napari_viewer).changed.connect(self._enable)
+        ViewerState.of(napari_viewer).changed.connect(self._enable)
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
@@ -111,8 +107,8 @@ class DrawCuts(WorkingDock):
         return button
 
     def _lay_out(self) -> None:
-        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.of_map, self.load)
-        below = (self.remove, self.weigh, self.save, self.template, self.use, self.again)
+        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
+        below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)
         layout = QVBoxLayout(self)
         layout.addWidget(self.form)
         layout.addWidget(self.begin)
@@ -132,12 +128,12 @@ class DrawCuts(WorkingDock):
             return
         self._end()
         self._layer, self._foreground = layer, foreground
-        self._work(partial(make_surface, source, foreground), "making the surface", self._on_made)
+        self._work(partial(make_surface, source, foreground), "extracting the surface", self._on_made)
 
     def _on_made(self, made: tuple[Any, Any]) -> None:
         surface, curvature = made
         if self._layer is None or self._layer not in self._viewer.layers:
-            self.status.setText("The layer is gone: choose another, then press Begin.")
+            self.status.setText("The layer was removed. Choose another one, then press Begin.")
             return
         drawing = Drawing(surface)
         world = self.form.world.currentData()
@@ -145,27 +141,27 @@ class DrawCuts(WorkingDock):
         if shown_on is None:
             places = places_in_world(drawing, world)
             unit = None if str(self._layer.units[0]) == "pixel" else "mm"
-        else:  # such as the inflated surface, whose vertices are the same
+        else:  # such as the inflated surface, which has the same vertices
             vertices = np.asarray(shown_on.data_to_world(np.zeros(3)))  # its origin in the world
             places = np.array([shown_on.data_to_world(place) for place in np.eye(3)]) - vertices
             places = np.asarray(shown_on.vertices)[surface.vertices] @ places + vertices
             unit = str(shown_on.units[0])
             unit = None if unit == "pixel" else unit
         self.drawing = drawing
-        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name, world, self)
-        self._scene.appeared.connect(self._on_appeared)
+        self._layers = CutLayers(self._viewer, drawing, curvature, places, unit, self._layer.name, world, self)
+        self._layers.appeared.connect(self._on_appeared)
         self._enable()
 
     def _on_appeared(self) -> None:
-        if self._scene is None:
+        if self._layers is None:
             return
         canvas, units = canvas_widget(self), self._viewer.layers.units
         if canvas is not None:
-            ratio = 1.0 if units is None else unit_ratio(self._scene.surface.units, units[-3:])
+            ratio = 1.0 if units is None else unit_ratio(self._layers.surface.units, units[-3:])
             size = canvas.width(), canvas.height()
-            fill(self._viewer, ratio * self._scene.places, size, self.form.world.currentData())
+            fill(self._viewer, ratio * self._layers.places, size, self.form.world.currentData())
         self.draw.setChecked(True)
-        self._update("Click on the surface where a cut begins, then where it leads.")
+        self._update("Click on the surface where a cut begins, then where it continues.")
 
     # ------------------------------------------------------------------------------------------ drawing
 
@@ -177,12 +173,12 @@ class DrawCuts(WorkingDock):
             callbacks.remove(self._on_click)
 
     def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Add a stop where the mouse is pressed and released without a move in between."""
+        """Add a point where the mouse is clicked without being moved."""
         if not (yield from is_click(event)):
             return
-        if self._scene is None or not self._scene.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
+        if self._layers is None or not self._layers.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
             return
-        layer = self._scene.surface
+        layer = self._layers.surface
         place = in_units_of(layer, event.position, viewer.layers.units)
         start, end = layer.get_ray_intersections(place, event.view_direction, event.dims_displayed)
         vertex = None if start is None else first_vertex(layer, start, end)
@@ -213,7 +209,7 @@ class DrawCuts(WorkingDock):
             return
         self._update()
 
-    # ------------------------------------------------------------------------------------- found by others
+    # ------------------------------------------------------------------------------------- automatic cuts
 
     def _standard(self) -> None:
         self._find("standard")
@@ -230,38 +226,38 @@ class DrawCuts(WorkingDock):
         if self.drawing is not None:
             self._work(partial(find_cuts, self.drawing.surface, by), "finding cuts", self._on_found)
 
-    def _of_map(self) -> None:
-        flat_map = Workbench.of(self._viewer).map_of(self._layer)
+    def _from_map(self) -> None:
+        flat_map = ViewerState.of(self._viewer).map_of(self._layer)
         if self.drawing is not None and flat_map is not None:
             self._work(partial(cuts_of_map, self.drawing.surface, flat_map), "finding cuts", self._on_found)
 
     def _on_found(self, found: Found) -> None:
         self._do(lambda drawing: drawing.set_cuts(*found))
 
-    def _on_weigh(self) -> None:
+    def _on_evaluate(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
-            work = partial(weigh_cuts, self.drawing.surface, paths, self.drawing.left_out)
-            self._weighed = self.drawing.cuts
-            self._work(work, "weighing the cuts", self._on_weighed)
+            work = partial(evaluate_cuts, self.drawing.surface, paths, self.drawing.left_out)
+            self._evaluated = self.drawing.cuts
+            self._work(work, "evaluating the cuts", self._on_evaluated)
 
-    def _on_weighed(self, weighed: tuple[float, list[float]]) -> None:
-        """Tell what cuts are worth, unless they are others by now."""
-        if self.drawing is None or self.drawing.cuts != self._weighed:
-            self.status.setText("The cuts were changed meanwhile: weigh them again.")
+    def _on_evaluated(self, found: tuple[float, list[float]]) -> None:
+        """Show the gain of each cut, unless the cuts have changed."""
+        if self.drawing is None or self.drawing.cuts != self._evaluated:
+            self.status.setText("The cuts have changed since. Evaluate them again.")
             return
-        error, gains = weighed
-        rows = [row for row, cut in enumerate(self._weighed) if cut.is_complete]
+        error, gains = found
+        rows = [row for row, cut in enumerate(self._evaluated) if cut.is_complete]
         for row, gain in zip(rows, gains, strict=True):
             self.cuts.setItem(
                 row, 2, _cell(f"{100 * gain:+.1f} %".replace("-", "−") if np.isfinite(gain) else "unknown")
             )
         if np.isfinite(error):
-            told = f"Distances of a sketch of the map are {100 * error:.1f} % off with all cuts."
+            message = f"Estimated distance error with all cuts: {100 * error:.1f} %."
         else:
-            told = "With all cuts the surface is too small for a sketch of its map: what they gain is unknown."
+            message = "The surface with all cuts is too small to estimate the distance error, so gains are unknown."
         if np.isfinite(error) and not np.isfinite(gains).all():
-            told += " Without some of them it is too small for one: what these gain is unknown."
-        self.status.setText(told)
+            message += " Without some of the cuts the surface is too small, so their gains are unknown."
+        self.status.setText(message)
 
     # -------------------------------------------------------------------------------------------- using
 
@@ -271,7 +267,7 @@ class DrawCuts(WorkingDock):
             return
         try:
             self._as_cut_surface(self.drawing).save(path, overwrite=True)
-            show_info(f"saved {path}")
+            show_info(f"Saved {path}")
         except (VoxflatError, OSError) as error:
             self._fail(error)
 
@@ -281,10 +277,10 @@ class DrawCuts(WorkingDock):
             return
         names = [cut.name for cut in drawing.cuts if cut.is_complete]
         work = partial(save_template, drawing.surface, drawing.paths(), names, drawing.left_out, path)
-        self._work(work, "making the template", self._on_template)
+        self._work(work, "computing the template", self._on_template)
 
     def _on_template(self, path: Path) -> None:
-        self.status.setText(f"Saved {path}: the same cuts for every brain.")
+        self.status.setText(f"Saved {path}, which makes the same cuts on every brain.")
 
     def _asked_file(self, title: str, name: str) -> Path | None:
         path, _ = QFileDialog.getSaveFileName(self, title, name, "cuts (*.json)")
@@ -297,22 +293,22 @@ class DrawCuts(WorkingDock):
 
     def _on_use(self) -> None:
         if self.drawing is not None and self._layer is not None:
-            Workbench.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
-            self.status.setText(f"Flatten surface will cut '{self._layer.name}' so.")
+            ViewerState.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
+            self.status.setText(f"Flatten surface will use these cuts for '{self._layer.name}'.")
 
     def _on_again(self) -> None:
         self._on_use()
-        self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # unless it is open
-        Workbench.of(self._viewer).asked_again.emit(self._layer, self._foreground)
+        self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # opens it if needed
+        ViewerState.of(self._viewer).flatten_requested.emit(self._layer, self._foreground)
 
     # ------------------------------------------------------------------------------------------- working
 
     def _show_work(self, what: str | None) -> None:
         if what is not None:
-            self.status.setText(f"{what}…")
+            self.status.setText(f"{what[:1].upper()}{what[1:]}…")
         self._enable()
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         self.status.setText(message)
 
     def _update(self, status: str | None = None) -> None:
@@ -322,41 +318,41 @@ class DrawCuts(WorkingDock):
             assert self.drawing is not None
             for column, text in enumerate((self.drawing.title(cut), f"{self.drawing.length(cut):.0f} mm", "")):
                 self.cuts.setItem(row, column, _cell(text))
-        if self._scene is not None and self._scene.is_there:
-            self._scene.update()
+        if self._layers is not None and self._layers.is_there:
+            self._layers.update()
         if self.drawing is not None:
             total = sum(self.drawing.length(cut) for cut in cuts)
-            self.status.setText(status or f"{len(cuts)} cuts, {total:.0f} mm.")
+            self.status.setText(status or f"{len(cuts)} cut{'s' * (len(cuts) != 1)}, {total:.0f} mm in total.")
         self._enable()
 
     def _enable(self) -> None:
         drawing = self.drawing
-        idle = self._worker is None and not (self._scene is not None and self._scene.is_coming)
+        idle = self._worker is None and not (self._layers is not None and self._layers.is_coming)
         self.begin.setEnabled(idle)
         for button in (self.draw, self.standard, self.automatic, self.load):
             button.setEnabled(idle and drawing is not None)
-        is_mapped = Workbench.of(self._viewer).map_of(self._layer) is not None
-        self.of_map.setEnabled(idle and drawing is not None and is_mapped)
+        is_mapped = ViewerState.of(self._viewer).map_of(self._layer) is not None
+        self.from_map.setEnabled(idle and drawing is not None and is_mapped)
         self.again.setEnabled(idle and drawing is not None and bool(drawing.cuts) and is_mapped)
         self.end_cut.setEnabled(idle and drawing is not None and drawing.is_open)
         self.undo.setEnabled(idle and drawing is not None and drawing.can_undo)
         self.redo.setEnabled(idle and drawing is not None and drawing.can_redo)
-        for button in (self.remove, self.weigh, self.save, self.template, self.use):
+        for button in (self.remove, self.evaluate, self.save, self.template, self.use):
             button.setEnabled(idle and drawing is not None and bool(drawing.cuts))
 
     # -------------------------------------------------------------------------------------------- ending
 
     def _end(self) -> None:
         self.draw.setChecked(False)
-        if self._scene is not None:
-            self._scene.remove()
-        self._scene = self.drawing = self._layer = None
+        if self._layers is not None:
+            self._layers.remove()
+        self._layers = self.drawing = self._layer = None
         self._update()
 
     def _release(self) -> None:
         super()._release()
         self._keys.release()
-        Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
+        ViewerState.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
         self.form.release()
         self._end()
 

@@ -1,4 +1,4 @@
-"""What is cut by hand, and on which surface it is drawn."""
+"""The form of *Draw cuts*: what to cut, and on which surface to draw."""
 
 from napari import Viewer
 from napari.layers import Labels, Layer, Surface
@@ -10,7 +10,7 @@ from voxflat.errors import InputError
 
 
 class CutsForm(LayerForm):
-    """Asks what is cut."""
+    """Lets the user choose what to cut."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -28,10 +28,10 @@ class CutsForm(LayerForm):
         self._on_surface()
 
     def layer(self) -> Layer:
-        """Return the layer that is cut; raises InputError if there is none."""
+        """Return the layer to cut; raises InputError if there is none."""
         layer = self._chosen()
         if isinstance(layer, Labels) and self.label.label is None:
-            raise InputError(f"layer '{layer.name}' has no label to cut")
+            raise InputError(f"Layer '{layer.name}' has no labels. Paint one, or choose another layer")
         return layer
 
     def _on_surface(self) -> None:
@@ -40,10 +40,10 @@ class CutsForm(LayerForm):
         self._show_row(self.shown_on, self.shown_on.count() > 1)
 
     def _on_sampled(self) -> None:
-        """Nothing is shown on a map here."""
+        """Do nothing: this form does not show a map."""
 
     def _shown_rank(self, layer: Layer) -> int | None:
-        """Say how well a layer suits to be drawn on."""
+        """Return how suitable a layer is to draw on."""
         cut = self.surface.layer
         if "voxflat" in layer.metadata or layer is cut or not isinstance(layer, Surface) or layer.ndim != 3:
             return None

@@ -1,4 +1,4 @@
-"""Cuts while they are drawn: what there is, and what can be undone."""
+"""The drawn cuts, with undo and redo."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,7 @@ from voxflat.pipeline.cut_surface import whereabouts
 from voxflat.pipeline.surface import Surface
 
 Stops: TypeAlias = tuple[int, ...]
-"""The vertices that someone clicked on; between them a cut takes the shortest way along edges."""
+"""The clicked vertices of a cut; between them the cut follows the shortest path along edges."""
 
 
 @dataclass(frozen=True)
@@ -25,54 +25,54 @@ class Drawn:
 
     @property
     def is_complete(self) -> bool:
-        """Whether it leads somewhere: a single stop is no cut yet."""
+        """Whether the cut has at least two points."""
         return len(self.stops) > 1
 
 
 @dataclass(frozen=True)
 class _State:
     cuts: tuple[Drawn, ...] = ()
-    is_open: bool = False  # whether the next stop goes on with the last cut
+    is_open: bool = False  # whether the next point continues the last cut
     left_out: Stops = ()
 
 
 @dataclass(eq=False)
 class Drawing:
-    """Cuts on a whole surface, and every state that they were in."""
+    """Cuts on a complete surface, and the history of their states."""
 
     surface: Surface
     _done: list[_State] = field(default_factory=lambda: [_State()])
     _undone: list[_State] = field(default_factory=list)
     _ways: dict[tuple[int, int], NDArray[np.uint32]] = field(default_factory=dict)
-    _titles: dict[Drawn, str] = field(default_factory=dict)  # which looks at all points
+    _titles: dict[Drawn, str] = field(default_factory=dict)  # cached, because a title needs all points
 
     @property
     def cuts(self) -> tuple[Drawn, ...]:
-        """The cuts as they are now."""
+        """The current cuts."""
         return self._done[-1].cuts
 
     @property
     def is_open(self) -> bool:
-        """Whether the next stop goes on with the last cut."""
+        """Whether the next point continues the last cut."""
         return self._done[-1].is_open
 
     @property
     def left_out(self) -> NDArray[np.int64]:
-        """What no map shall show, such as the medial wall: vertices by what they are in the input."""
+        """The excluded vertices, such as the medial wall, by their ids in the input."""
         return np.asarray(self.surface.ids[np.array(self._done[-1].left_out, dtype=np.int64)])
 
     @property
     def can_undo(self) -> bool:
-        """Whether something was done."""
+        """Whether there is a step to undo."""
         return len(self._done) > 1
 
     @property
     def can_redo(self) -> bool:
-        """Whether something was undone."""
+        """Whether there is a step to redo."""
         return bool(self._undone)
 
     def add_stop(self, vertex: int) -> None:
-        """Go on with the cut that is drawn, or begin one; raises InputError if no way leads to the vertex."""
+        """Continue the current cut, or begin one; raises InputError if no path leads to the vertex."""
         now = self._done[-1]
         if not now.is_open:
             cut = Drawn((vertex,), f"drawn {self._next_number()}")
@@ -80,16 +80,16 @@ class Drawing:
             return
         last = now.cuts[-1]
         if vertex != last.stops[-1]:
-            self._way(last.stops[-1], vertex)  # refuses other components
+            self._way(last.stops[-1], vertex)  # raises InputError for another component
             self._do(replace(now, cuts=(*now.cuts[:-1], replace(last, stops=(*last.stops, vertex)))))
 
     def end_cut(self) -> None:
-        """Let the next stop begin a new cut."""
+        """End the current cut, so that the next point begins a new one."""
         if self.is_open:
             self._do(replace(self._done[-1], is_open=False))
 
     def remove(self, number: int) -> None:
-        """Take a cut away, by its place in `cuts`."""
+        """Remove a cut, by its index in `cuts`."""
         now = self._done[-1]
         is_last = number == len(now.cuts) - 1
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
@@ -98,24 +98,24 @@ class Drawing:
     def set_cuts(
         self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64] | None = None
     ) -> None:
-        """Put other cuts in the place of all, vertices as in the input; raises InputError if one is not there."""
+        """Replace all cuts; raises InputError if a vertex id of the input is not on the surface."""
         found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
         cuts = tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))
-        beside = () if left_out is None else tuple(self.surface.find(left_out, "what is left out").tolist())
+        beside = () if left_out is None else tuple(self.surface.find(left_out, "the excluded part").tolist())
         self._do(_State(cuts, left_out=beside))
 
     def undo(self) -> None:
-        """Take the last step back."""
+        """Undo the last step."""
         if self.can_undo:
             self._undone.append(self._done.pop())
 
     def redo(self) -> None:
-        """Do again what was undone last."""
+        """Redo the step that was undone last."""
         if self._undone:
             self._done.append(self._undone.pop())
 
     def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
-        """Return the vertices along a cut, neighbour by neighbour."""
+        """Return the vertices along a cut, each a neighbour of the next."""
         first = np.array(cut.stops[:1], dtype=np.uint32)
         return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])
 
@@ -125,19 +125,19 @@ class Drawing:
         return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
     def title(self, cut: Drawn) -> str:
-        """Return the name of a cut, and where it lies, as `voxflat cut` tells them."""
+        """Return the name of a cut and its location, as `voxflat cut` prints them."""
         if cut not in self._titles:
             where = whereabouts(self._points[self.vertices(cut)], self._points)
             self._titles[cut] = f"{cut.name}, {where}"
         return self._titles[cut]
 
     def paths(self) -> list[NDArray[np.int64]]:
-        """Return the cuts as `cuts` of `voxflat.flatten` takes them; a single stop is no cut yet."""
+        """Return the complete cuts, as the parameter `cuts` of `voxflat.flatten` takes them."""
         return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete]
 
     @cached_property
     def _points(self) -> NDArray[np.float64]:
-        """The surface's points, RAS+ mm."""
+        """The points of the surface, RAS+ mm."""
         return self.surface.space.to_scanner(self.surface.points)
 
     def _way(self, a: int, b: int) -> NDArray[np.uint32]:

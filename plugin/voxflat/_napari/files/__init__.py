@@ -1,1 +1,1 @@
-"""Files that napari opens and saves: surfaces, values on them, patches, flat maps and atlases."""
+"""Readers and writers: surfaces, values on surfaces, patches, volumes, flat maps and atlases."""

@@ -1,4 +1,4 @@
-"""What napari asks when a file is opened: who reads it, if it is ours at all."""
+"""The readers: for a file that napari opens, the function that reads it, if voxflat can read it."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,15 +16,15 @@ from voxflat.io.files import SAVED_ENDINGS, check_regular
 _Read: TypeAlias = Callable[[Path], list[LayerData]]
 
 _NOTHING: list[Any] = [(None,)]
-"""By this napari knows that there is no layer, and that all is said."""
+"""Return value for napari without a layer and without an error message."""
 
 _MAPS = f"Flat maps and atlases ({' '.join(f'*{ending}' for ending in reversed(SAVED_ENDINGS))})"
 _VOLUMES = "Volumes (*.nii *.nii.gz *.mgz *.mgh *.nrrd *.nhdr *.mha *.mhd)"
-_SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in what they hold
+_SURFACES = "Surfaces, and values on surfaces (*)"  # FreeSurfer's files have no common suffix
 
 
 def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, if it is a flat map or an atlas; without a path (napari's palette) ask for one."""
+    """Return a reader of a flat map or an atlas; without a path, as from napari's palette, ask for one."""
     if path is None:
         _ask("Read a flat map", _MAPS)
     if not isinstance(path, str):
@@ -34,33 +34,33 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
 
     kind = saved_kind(path)
     if kind is None:
-        return _told(saved.map_layers_of) if path.lower().endswith(".voxflat") else None
-    return _told({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
+        return _reporting_errors(saved.map_layers_of) if path.lower().endswith(".voxflat") else None
+    return _reporting_errors({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
 
 
 def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, as `map_reader`, if it holds a surface, values or labels on one, or a patch."""
+    """Return a reader of a surface, of values or labels on one, or of a patch, as `map_reader`."""
     if path is None:
-        _ask("Read a surface, or values on one", _SURFACES)
+        _ask("Read a surface or values on a surface", _SURFACES)
     if not isinstance(path, str):
         return None
     read = _reader_of(Path(path))
-    return None if read is None else _told(read)
+    return None if read is None else _reporting_errors(read)
 
 
 def volume_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read a file, as `map_reader`, if it holds a volume of voxels."""
+    """Return a reader of a volume of voxels, as `map_reader`."""
     if path is None:
         _ask("Read a volume", _VOLUMES)
     if not isinstance(path, str) or _holds_points(Path(path)):
         return None
     from voxflat._napari.files.volumes import volume_layers
 
-    return _told(volume_layers)
+    return _reporting_errors(volume_layers)
 
 
 def _holds_points(path: Path) -> bool:
-    """Tell whether a file that is called as volumes are holds values at points of a surface."""
+    """Return whether a file whose name is that of a volume holds values at surface points."""
     name = path.name.lower()
     if not name.endswith(".mgh"):
         return ".dscalar." in name or ".dtseries." in name or ".dlabel." in name
@@ -68,9 +68,9 @@ def _holds_points(path: Path) -> bool:
 
 
 def _start_of(path: Path) -> bytes | None:
-    """Return a file's first bytes; None where they cannot be had, which is said when it is read."""
+    """Return the first bytes of a file; None if they cannot be read, which is reported later."""
     try:
-        check_regular(path)  # a pipe would be waited for
+        check_regular(path)  # opening a pipe would block
         with path.open("rb") as file:
             return file.read(64)
     except (OSError, InputError):
@@ -78,7 +78,7 @@ def _start_of(path: Path) -> bytes | None:
 
 
 def _reader_of(path: Path) -> _Read | None:
-    """Tell what a file holds: by its name where that is sure, else by its first bytes."""
+    """Return the reader of a file, chosen by its name where that is unambiguous, otherwise by its first bytes."""
     from voxflat._napari.files import surfaces, values
 
     name = path.name.lower()
@@ -99,20 +99,20 @@ def _reader_of(path: Path) -> _Read | None:
 
 
 def _are_points(start: bytes) -> bool:
-    """Tell whether an MGH file holds values at points, and not voxels."""
+    """Return whether an MGH file holds values at points, and not voxels."""
     shape = np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4")
     return sorted(shape)[:2] == [1, 1]
 
 
 def _is_old(path: Path, start: bytes) -> bool:
-    """Tell whether a file is of FreeSurfer's old format of values, which only its length gives away."""
+    """Return whether a file has FreeSurfer's old format of values, recognised only by its length."""
     return len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
 
 
-def _told(read: _Read) -> Callable[[str], list[LayerData]]:
-    """Let a reader tell what is wrong by itself: napari would say no more than that it failed."""
+def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
+    """Wrap a reader so that it reports its own errors: napari would only report that it failed."""
 
-    def read_or_tell(path: str) -> list[LayerData]:
+    def read_or_report(path: str) -> list[LayerData]:
         from napari import current_viewer
         from napari.utils.notifications import show_error
 
@@ -128,23 +128,23 @@ def _told(read: _Read) -> Callable[[str], list[LayerData]]:
             _make_ready(viewer, layers)
         return layers
 
-    return read_or_tell
+    return read_or_report
 
 
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
+    """Register opened runs with the viewer, and switch to 3D for surfaces, which are at most lines in 2D."""
     from napari.layers import Surface
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.dock import open_flat_map
-    from voxflat._napari.workbench import Workbench
+    from voxflat._napari.viewer_state import ViewerState
 
-    Workbench.of(viewer)
+    ViewerState.of(viewer)
     if any(keywords.get("metadata", {}).get("voxflat") is not None for _, keywords, _ in layers):
         open_flat_map(viewer)
     are_volumes = all(kind in ("image", "labels") and np.ndim(data) == 3 for data, _, kind in layers)
     if are_volumes and not viewer.layers:
-        QTimer.singleShot(0, partial(_show_slices, viewer))  # when the layer is there
+        QTimer.singleShot(0, partial(_show_slices, viewer))  # after the layer is added
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
     if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
         viewer.dims.ndisplay = 3
@@ -160,7 +160,7 @@ def _show_slices(viewer: Viewer) -> None:
 
 
 def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Show the first surface from its side; those that do not lie in the head are hidden beside those that do."""
+    """Show the first surface from its side; hide inflated and spherical ones beside those in anatomical position."""
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.layers.meshes import is_elsewhere
@@ -180,11 +180,11 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     data, keywords, _ = layers[0]
     structure = keywords.get("metadata", {}).get("structure")
     right = np.mean(data[0][:, 0]) > 0 if structure is None else "Right" in structure
-    QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # when the layer is there
+    QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # after the layer is added
 
 
 def _ask(title: str, kinds: str) -> None:
-    """Ask for a file, and open it in napari's window."""
+    """Ask for a file, and open it in the viewer."""
     from napari import current_viewer
     from qtpy.QtWidgets import QFileDialog
 

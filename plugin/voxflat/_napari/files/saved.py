@@ -1,4 +1,4 @@
-"""Flat maps and atlases that were saved, as layers."""
+"""Readers of saved flat maps and atlases."""
 
 from pathlib import Path
 
@@ -9,14 +9,14 @@ from voxflat.maps.flat_map import load
 
 
 def map_layers_of(path: Path) -> list[LayerData]:
-    """Read a flat map that was saved; raises InputError if the file is damaged."""
+    """Read a saved flat map; raises InputError if the file is damaged."""
     flat_map = load(path)
     flat_map.metadata.setdefault("napari", _origin(path))
     return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
-    """Read an atlas that was saved, as the page's images and the surface; raises InputError if the file is damaged."""
+    """Read a saved atlas, as the images of the page and the surface; raises InputError if the file is damaged."""
     atlas = load_atlas(path)
     atlas.metadata["napari"] = _origin(path)
     drawn = page_layers(atlas)
@@ -24,5 +24,5 @@ def atlas_layers_of(path: Path) -> list[LayerData]:
 
 
 def _origin(path: Path) -> dict[str, str]:
-    """Say what a map was made of, where it was not made in napari."""
+    """Return the origin of a map that was not made in napari."""
     return {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}

@@ -1,4 +1,4 @@
-"""Surfaces in files, as layers; and which surface a file of values belongs to."""
+"""Readers of surfaces, and the search for the surface to which a file of values belongs."""
 
 import re
 from collections.abc import Iterator
@@ -16,29 +16,29 @@ from voxflat.io.meshes import named_structure, read_mesh
 from voxflat.io.spaces import UNKNOWN, Space
 
 _KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
-"""On which surface values are shown, if several lie beside their file: those that are no cortex come last."""
+"""Preference of the surfaces beside a file of values; those that are not cortex come last."""
 
-_TRIED = 12  # files; a folder of a hundred surfaces is not read through
+_TRIED = 12  # files; not all surfaces of a large folder are tried
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A surface on which values are shown, scanner RAS, mm."""
+    """A surface that shows values, scanner RAS, mm."""
 
     vertices: NDArray[Any]
     faces: NDArray[Any]
-    structure: str | None  # which side it is, as GIFTI says it
+    structure: str | None  # the hemisphere, as in GIFTI
     path: Path | None
-    space: Space = UNKNOWN  # of the file's coordinates
+    space: Space = UNKNOWN  # of the coordinates in the file
 
     @classmethod
     def read(cls, path: Path) -> "Geometry":
-        """Read it."""
+        """Read the surface of a file."""
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
 
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
-        """Return a layer of it that shows a file, with values at the vertices, (V,) or (K, V)."""
+        """Return a layer for a file on this surface, with values at the vertices, (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
             about["surface_file"] = str(self.path)
@@ -53,29 +53,29 @@ def surface_layers(path: Path) -> list[LayerData]:
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Seek surfaces that values in a file may lie on: open ones beside the file, then others there, then all open."""
+    """Yield surfaces for the values of a file: open ones beside it, then others beside it, then other open ones."""
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
     yield from (one for one in opened if one.path in files)
     for file in files[:_TRIED]:
         try:
             yield Geometry.read(file)
-        except (InputError, OSError):  # what is named as a surface need not be one
+        except (InputError, OSError):  # the file may not be a surface despite its name
             continue
     yield from (one for one in reversed(opened) if one.path not in files)
 
 
 def _beside(path: Path) -> list[Path]:
-    """Return files of surfaces of the same side whose names are most like that of a file."""
+    """Return files of surfaces of the same hemisphere, those with the most similar names first."""
     words = _words(path)
-    folders = [path.parent] + [path.parent.parent / "surf"] * (path.parent.name == "label")  # as FreeSurfer has them
+    folders = [path.parent] + [path.parent.parent / "surf"] * (path.parent.name == "label")  # the layout of FreeSurfer
     files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_surface(file)]
     fitting = [file for file in files if file != path and _agree(_side(path), _side(file))]
     return sorted(fitting, key=lambda file: (len(words ^ _words(file)), _rank(file), file.name))
 
 
 def _is_surface(path: Path) -> bool:
-    """Tell a surface's file by its name."""
+    """Return whether a file is a surface, by its name."""
     name = path.name.lower()
     if name.endswith((".surf.gii", ".surf.gii.gz")):
         return True
@@ -92,7 +92,7 @@ def _rank(path: Path) -> int:
 
 
 def _side(path: Path | None) -> str | None:
-    """Tell a side by a file's name, as nilearn's are called, too."""
+    """Return the hemisphere by the name of a file, also for the file names of nilearn."""
     if path is None:
         return None
     named = {"left": "CortexLeft", "right": "CortexRight"}
@@ -114,7 +114,7 @@ def _open() -> list[Geometry]:
 
 
 def _of_layer(layer: Any) -> Geometry:
-    """Take a layer's surface, as it lies in the viewer."""
+    """Return the surface of a layer, in world coordinates."""
     about = layer.metadata
     path = about.get("surface_file") or layer.source.path
     vertices = moved(np.asarray(layer.vertices), data_to_world(layer))

@@ -1,4 +1,4 @@
-"""Values, labels and patches of surfaces in files, as layers."""
+"""Readers of values, labels and patches of surfaces."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +18,7 @@ from voxflat.maps.colours import label_colours
 
 _FOLDS = ("curv", "sulc")
 VALUES = frozenset(("avg_curv", "thickness", "area", "volume", *_FOLDS))
-"""Words in the names of FreeSurfer's files of values, some of them before ``pial`` or ``mid``."""
+"""Words in the names of FreeSurfer's files of values; some precede ``pial`` or ``mid``."""
 
 _UNLABELLED = (0.82, 0.82, 0.82)  # as in pictures of labels
 
@@ -26,12 +26,12 @@ _Read = TypeVar("_Read")
 
 
 def gifti_layers(path: Path) -> list[LayerData]:
-    """Read a GIFTI file: a surface, or what lies on one."""
+    """Read a GIFTI file: a surface, or values on one."""
     return surface_layers(path) if holds_mesh(path) else value_layers(path)
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels at the vertices of a surface, which is open or lies beside the file, or InputError."""
+    """Read values or labels on a surface, which is open or beside the file; or InputError."""
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
 
@@ -47,7 +47,7 @@ def value_layers(path: Path) -> list[LayerData]:
 
 
 def patch_layers(path: Path) -> list[LayerData]:
-    """Read a FreeSurfer patch, or InputError; a flat one lies in the plane, with v upwards, as flat maps are shown."""
+    """Read a FreeSurfer patch, or InputError; a flat one is shown in the plane, with v upwards, as flat maps are."""
     patch = read_patch(path)
     geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
     features = {"vertex": patch.vertex_ids, "border": patch.border}
@@ -60,7 +60,7 @@ def patch_layers(path: Path) -> list[LayerData]:
 
 
 def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry, _Read]:
-    """Find the surface on which a file can be read."""
+    """Find the surface to which a file belongs."""
     wrong: InputError | None = None
     for geometry in geometries_for(path):
         try:
@@ -68,12 +68,12 @@ def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry
         except InputError as error:
             wrong = wrong or error
     if wrong is not None:
-        raise InputError(f"{wrong}; open the surface that it belongs to first") from wrong
-    raise InputError(f"{path}: its surface is not beside it: open that first, such as lh.white or a .surf.gii")
+        raise InputError(f"{wrong}. Open the surface to which the file belongs, then open the file again") from wrong
+    raise InputError(f"{path}: its surface is not beside it. Open its surface first, such as lh.white or .surf.gii")
 
 
 def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
-    """Return how values look: folds in grey about 0, others in colours."""
+    """Return the display of values: grey around 0 for folds, colours for others."""
     low, high = limits(values)
     if any(name in path.name.lower() for name in _FOLDS):
         most = max(abs(low), abs(high))
@@ -82,7 +82,7 @@ def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
 
 
 def _of_labels(values: NDArray[Any], names: dict[int, str], colours: dict[int, Any]) -> dict[str, Any]:
-    """Return how labels look: in the colours of their table."""
+    """Return the display of labels: the colours of their table."""
     found, which = np.unique(values, return_inverse=True)
     made = label_colours(np.maximum(found, 0)[:, None].astype(np.float64) + 1)[:, 0, :3] / 255
     rows = [

@@ -1,4 +1,4 @@
-"""Volumes of scanners, as layers where they lie."""
+"""Readers of volumes, as layers in scanner coordinates."""
 
 import re
 from pathlib import Path
@@ -13,16 +13,16 @@ from voxflat.io.files import REMEDY, naming
 from voxflat.io.volumes import read_volume
 
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
-_FEW = 64  # values: of more a volume is a picture, unless its name says something else
+_FEW = 64  # values; a volume with more is an image, unless its name says otherwise
 _SPACE = ("mm",) * 3
 
 
 def volume_layers(path: Path) -> list[LayerData]:
     """Read a volume, or a series of them, as labels or an image in scanner RAS, mm.
 
-    Of a series time comes first, and frames are read when they are seen. Where the file's axes run along others of the
-    body than its first along x, its second along y, they are exchanged, since napari shows no slices of such. Raises
-    InputError if the file is damaged, or holds no volume.
+    The first axis of a series is time, and its frames are read when they are displayed. The axes of the file are
+    permuted to the order x, y, z, because napari does not show slices of other orders. Raises InputError if the file
+    is damaged, or is not a volume.
     """
     with naming(path, REMEDY):
         found = series_of(path)
@@ -50,7 +50,7 @@ def volume_layers(path: Path) -> list[LayerData]:
 
 
 def _order(affine: NDArray[np.float64]) -> list[int]:
-    """Return which axis of the voxels runs along x, which along y, and which along z."""
+    """Return the voxel axes that are nearest to x, y and z."""
     along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
     order = [-1, -1, -1]
     for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):
@@ -60,7 +60,7 @@ def _order(affine: NDArray[np.float64]) -> list[int]:
 
 
 def _are_labels(path: Path, data: NDArray[Any]) -> bool:
-    """Whether values are labels, and not a picture's: whole numbers, and few, or called so."""
+    """Return whether a volume holds labels: integers, and few different ones, or named as labels."""
     if data.dtype.kind not in "iub":
         return False
     if not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower())):

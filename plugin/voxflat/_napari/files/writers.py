@@ -1,4 +1,4 @@
-"""What napari asks when layers are saved: flat maps whole, and flat images."""
+"""The writers: complete flat maps, and flat images."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,23 +16,23 @@ from voxflat.maps.raster import FlatImage
 
 
 def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
-    """Save the flat map, or the atlas, of which layers are.
+    """Save the flat map or atlas to which layers belong.
 
-    Without a path, as napari's command palette calls it, the user is asked for it, and the selected layers are saved.
-    Raises VoxflatError if the layers are of no map or of several, or the file's format cannot hold it.
+    Without a path, as from napari's command palette, ask for one, and save the selected layers. Raises VoxflatError
+    if the layers do not belong to exactly one map, or if the file format cannot store it.
     """
     if path is None:
         return _ask("Save a flat map", MAP_ENDINGS)
-    with _told():
+    with _reporting_errors():
         _map_of(layers).save(path)
     return [path]
 
 
 def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
-    """Save a flat image, of one layer of a map or a page; else as `write_flat_map`."""
+    """Save the image of one layer of a map or page; otherwise as `write_flat_map`."""
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)
-    with _told():
+    with _reporting_errors():
         _image_of(layers).save(path)
     return [path]
 
@@ -50,8 +50,8 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Let what is wrong be told: napari takes every ValueError for the lack of a writer, and keeps silent."""
+def _reporting_errors() -> Iterator[None]:
+    """Convert InputError: napari takes a ValueError as a missing writer, and does not report it."""
     try:
         yield
     except InputError as error:
@@ -62,37 +62,37 @@ def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
     maps = {id(flat_map): flat_map for _, keywords, _ in layers if (flat_map := keywords["metadata"].get("voxflat"))}
     if len(maps) != 1:
         raise InputError(
-            "these layers are of no flat map: select one that voxflat made"
+            "The selected layers do not belong to a flat map. Select a layer of a flat map"
             if not maps
-            else f"these layers are of {len(maps)} flat maps: select those of one"
+            else f"The selected layers belong to {len(maps)} flat maps. Select layers of one map"
         )
     (flat_map,) = maps.values()
     return flat_map  # type: ignore[no-any-return]  # metadata are Any
 
 
 def _image_of(layers: Sequence[LayerData]) -> FlatImage:
-    """Return the image that a layer shows, as it lies on its map."""
+    """Return the image of a layer, with its position on the map."""
     flat_map = _map_of(layers)
     images = [layer for layer in layers if layer[2] in ("image", "labels")]
     if len(images) != 1:
-        raise InputError(f"{len(images)} flat images are selected: select one")
+        raise InputError(f"{len(images)} flat images are selected. Select one")
     data, keywords, kind = images[0]
     height, width = keywords["scale"]
     if height != width:
-        raise InputError(f"the pixels of '{keywords['name']}' are {height:g} x {width:g} mm: they must be square")
+        raise InputError(f"Pixels of '{keywords['name']}' are {height:g} x {width:g} mm. Set equal scales on both axes")
     down, u = keywords["translate"]
     is_labels = kind == "labels"
     pixels = np.asarray(data)
     if keywords.get("rgb"):
         pixels = _with_opacity(pixels)
     elif is_labels:
-        pixels = np.where(pixels == 0, np.nan, pixels.astype(np.float64))  # 0 is no label, and outside
+        pixels = np.where(pixels == 0, np.nan, pixels.astype(np.float64))  # 0 means no label, or outside the map
     named = {"name": keywords["name"], "labels": is_labels, "provenance": flat_map.provenance}
     return FlatImage(pixels, float(width), (float(u), float(-down)), **named)
 
 
 def _with_opacity(colours: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours with opacity, as `FlatImage` has them."""
+    """Return colours with an opacity channel, as in `FlatImage`."""
     whole = np.round(255 * colours).astype(np.uint8) if colours.dtype.kind == "f" else colours.astype(np.uint8)
     if whole.shape[-1] == 4:
         return whole

@@ -1,1 +1,1 @@
-"""What the user fills in: which layer, which part of it, how it is flattened."""
+"""Forms in which the user chooses the layer, the part of it to flatten, and the options."""

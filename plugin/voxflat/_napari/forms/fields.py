@@ -1,15 +1,15 @@
-"""Fields of forms, as all forms have them."""
+"""Functions that create and show fields of forms."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
 
-_BESIDE = 32  # pixels of a list, beside its texts
+_BESIDE = 32  # pixels that a list needs beside its texts
 
 
 def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any:
-    """Set a box for numbers up."""
+    """Set the range, tooltip and suffix of a number box."""
     box.setRange(least, most)
     box.setToolTip(tip)
     box.setSuffix(suffix)
@@ -18,20 +18,20 @@ def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any
 
 
 def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
-    """Make a box to choose from texts, by their keys."""
+    """Create a box whose entries have these texts, by their keys."""
     box = QComboBox()
     for key, text in texts.items():
         box.addItem(text, key)
-    box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts do not widen the window
+    box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts must not widen the window
     listed, metrics = box.view(), box.fontMetrics()
     assert listed is not None
-    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts.values()), default=0) + _BESIDE)  # but are read
+    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts.values()), default=0) + _BESIDE)  # show all
     box.setToolTip(tip)
     return box
 
 
 def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> None:
-    """Offer an entry of a box, last, or not; what is chosen and no longer offered gives way to the first."""
+    """Add an entry at the end of a box, or remove it; if it was selected, the first entry is selected instead."""
     index = box.findData(key)
     if offered and index < 0:
         box.addItem(texts[key], key)

@@ -8,22 +8,22 @@ from napari.layers import Labels
 from qtpy.QtWidgets import QComboBox, QWidget
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.timers import once
-from voxflat._napari.worker import Errand
+from voxflat._napari.timers import single_shot
+from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.foreground import labels_in
 
-_SCANNED = 2**29  # voxels; larger layers, perhaps on a disk far away, are not read only to list their labels
-_PAUSE = 400  # ms without painting before the labels are listed anew
+_SCANNED = 2**29  # voxels; larger layers, which may be remote, are not read only to list their labels
+_PAUSE = 400  # ms without painting before the labels are listed again
 
 
 class LabelChoice(QComboBox):
-    """Chooses a label, listed by another thread; by default, and among very many, that of the layer's controls."""
+    """Lets the user choose a label, listed by a thread; the default is the selected label of the layer."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._layer: Labels | None = None
-        self._labels: dict[int, int] | None = None  # and their numbers of voxels, once they are known
-        self._timer = once(self, _PAUSE, self.scan)
+        self._labels: dict[int, int] | None = None  # label to number of voxels, when known
+        self._timer = single_shot(self, _PAUSE, self.scan)
 
     @property
     def label(self) -> int | None:
@@ -32,7 +32,7 @@ class LabelChoice(QComboBox):
         return None if label is None else int(label)
 
     def choose(self, label: int) -> None:
-        """Choose one of the labels that are offered."""
+        """Choose one of the offered labels."""
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
@@ -56,7 +56,7 @@ class LabelChoice(QComboBox):
         """List the labels, in another thread."""
         if self._layer is None or np.prod(finest(self._layer).shape) > _SCANNED:
             return
-        worker = Errand(partial(_labels, finest(self._layer)))
+        worker = BackgroundTask(partial(_labels, finest(self._layer)))
         worker.returned.connect(self._on_scanned)
         worker.start()
 
@@ -65,7 +65,7 @@ class LabelChoice(QComboBox):
 
     def _on_scanned(self, found: tuple[Any, dict[int, int] | None]) -> None:
         data, labels = found
-        if self._layer is not None and data is finest(self._layer):  # else another layer was chosen meanwhile
+        if self._layer is not None and data is finest(self._layer):  # the layer may have changed in the meantime
             self._offer(labels)
 
     def _on_selected(self) -> None:
@@ -77,7 +77,7 @@ class LabelChoice(QComboBox):
             self.choose(self._layer.selected_label)
 
     def _offer(self, labels: dict[int, int] | None) -> None:
-        """Offer these labels, or if they are unknown the selected one."""
+        """Offer these labels; if they are unknown, only the selected one."""
         assert self._layer is not None
         selected = self._layer.selected_label
         before = self.label if labels is not None else None

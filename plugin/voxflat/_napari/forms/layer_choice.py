@@ -10,16 +10,15 @@ from superqt.utils import signals_blocked
 
 
 class LayerChoice(QComboBox):
-    """Chooses a layer, or `none`, and follows the viewer's layers as they come, go and change their names.
+    """Lets the user choose a layer, or `none`, and keeps up with layers that are added, removed and renamed.
 
-    Until the user has chosen, the best layer is chosen, whatever the order in which layers come: of the greatest
-    `rank`, and of several the newest. Of rank None it is not offered, of 0 not chosen unasked. A layer that the user
-    selects in the viewer's list goes before better ones, if it `follows_selection`; napari selects each that comes,
-    which does not count.
+    Until the user chooses, the box selects the layer with the highest `rank`, and of several the newest one. A layer
+    of rank None is not offered, and a layer of rank 0 is not selected automatically. With `follows_selection`, a
+    layer that the user selects in the layer list takes precedence; napari selects every new layer, which is ignored.
     """
 
     chosen = Signal()
-    """Another layer is chosen."""
+    """Emitted when another layer is chosen."""
 
     def __init__(
         self,
@@ -34,9 +33,9 @@ class LayerChoice(QComboBox):
         self._rank = rank
         self._none = none
         self._layers: list[Layer | None] = []
-        self._told: Layer | None = None
+        self._last: Layer | None = None
         self._by_user = False
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long names do not widen the window
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long names must not widen the window
         self._selected: Layer | None = None
         self._has_new = False
         layers = viewer.layers
@@ -58,16 +57,16 @@ class LayerChoice(QComboBox):
         return self._layers[index] if 0 <= index < len(self._layers) else None
 
     def choose(self, layer: Layer | None) -> None:
-        """Choose one of the layers that are offered, as the user does."""
+        """Choose one of the offered layers, as if the user had chosen it."""
         self._by_user = True
         self.setCurrentIndex(self._layers.index(layer))
 
     def refresh(self) -> None:
-        """Offer the layers that are there now, and choose the best unless the user has chosen."""
+        """Update the offered layers, and select the best one unless the user has chosen."""
         before = self.layer
         offered = [layer for layer in self._viewer.layers if self._rank(layer) is not None]
         if before is not None and before not in offered:
-            self._by_user = False  # what was chosen is gone
+            self._by_user = False  # the chosen layer was removed
         wanted = before if self._by_user else self._best(offered)
         with signals_blocked(self):
             self.clear()
@@ -77,7 +76,7 @@ class LayerChoice(QComboBox):
         self._tell()
 
     def keep(self) -> None:
-        """Keep what is chosen, as if the user had chosen it."""
+        """Keep the current layer, as if the user had chosen it."""
         self._by_user = self.layer is not None
 
     def release(self) -> None:
@@ -110,6 +109,6 @@ class LayerChoice(QComboBox):
         self._by_user = True
 
     def _tell(self) -> None:
-        if self.layer is not self._told:
-            self._told = self.layer
+        if self.layer is not self._last:
+            self._last = self.layer
             self.chosen.emit()

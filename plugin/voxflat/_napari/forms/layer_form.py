@@ -1,4 +1,4 @@
-"""What both forms ask: which surface, where it lies, and what its map shows."""
+"""The fields that the forms have in common: the surface, the axes of the viewer, and what the map shows."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -22,35 +22,25 @@ from voxflat.errors import InputError
 
 
 class LayerForm(QWidget):
-    """Asks for a surface and for what its map shows; other forms add how it is flattened."""
+    """Base of the forms: the surface and what its map shows; other forms add how it is flattened."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
-        self.surface.setToolTip(
-            "What is flattened: a Labels layer, an Image layer with a threshold, or a Surface layer"
-        )
+        self.surface.setToolTip("The layer to flatten: Labels, an Image with a threshold, or a Surface")
         self.label = LabelChoice()
-        self.label.setToolTip("The label whose surface is flattened; by default the selected label of the layer")
+        self.label.setToolTip("The label whose surface is flattened. The default is the selected label of the layer")
         self.threshold = ThresholdChoice(viewer)
-        self.world = choice(WORLDS, "The anatomical directions of the viewer's axes. A wrong choice mirrors the map")
+        self.world = choice(WORLDS, "Anatomical directions of the viewer's axes. A wrong choice mirrors the map")
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
-        self.sampled.setToolTip("A layer, such as T1 or an atlas, whose values at the surface the map shows")
+        self.sampled.setToolTip("The layer that the map shows, such as a T1 image or an atlas, sampled at the surface")
         self.sample_depth = spin(
-            QDoubleSpinBox(),
-            -100,
-            100,
-            "Distance from the surface at which the layer is sampled; negative values lie inside",
-            " mm",
+            QDoubleSpinBox(), -100, 100, "Sampling distance from the surface. Negative values are inside it", " mm"
         )
         self.sample_depth.setSingleStep(0.5)
         self.pixel_size = spin(
-            QDoubleSpinBox(),
-            0,
-            100,
-            "Size of the map's pixels; by default half a voxel, or half an edge of the mesh",
-            " mm",
+            QDoubleSpinBox(), 0, 100, "Pixel size of the map. The default is half a voxel, or half a mesh edge", " mm"
         )
         self.pixel_size.setSingleStep(0.1)
         self.pixel_size.setSpecialValueText("automatic")
@@ -62,7 +52,7 @@ class LayerForm(QWidget):
         self.advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
 
     def _add_rows(self, rows: Sequence[tuple[str, QWidget]], advanced: QWidget | None = None) -> None:
-        """Lay the fields out, and follow them."""
+        """Add the fields to the form, and connect their signals."""
         for text, field in rows:
             self._rows.addRow(text, field)
         if advanced is not None:
@@ -93,14 +83,12 @@ class LayerForm(QWidget):
         show_row(self._rows, field, visible)
 
     def _sampled_rank(self, layer: Layer) -> int | None:
-        """Say how well a layer suits to be shown on the map: best are the values of the mesh that is flattened."""
+        """Return how suitable a layer is to be shown on the map; the values of the flattened mesh are best."""
         if "voxflat" in layer.metadata:
             return None
         if isinstance(layer, Image | Labels):
             suits = isinstance(layer, Image) and layer.ndim == 3
-            return int(suits) + (
-                suits and layer != self.surface.layer
-            )  # at its own border an image is the same everywhere
+            return int(suits) + (suits and layer != self.surface.layer)  # an image is constant along its own threshold
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
             return None
@@ -109,33 +97,33 @@ class LayerForm(QWidget):
     # ------------------------------------------------------------------------------------------ asking
 
     def _chosen(self) -> Layer:
-        """Return the surface's layer."""
+        """Return the layer of the surface."""
         if self.surface.layer is None:
-            raise InputError("nothing to flatten: open a Labels, Image or Surface layer")
+            raise InputError("No surface to flatten. Open a Labels, Image or Surface layer")
         self.surface.keep()
         return self.surface.layer
 
     def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
-        """Return what is chosen, and what of a volume is foreground; raises InputError if the layer does not suit."""
+        """Return the source and the foreground of a volume; raises InputError if the layer is unsuitable."""
         layer, world = self._chosen(), self.world.currentData()
         if isinstance(layer, Surface):
             return LayerMesh.of(layer, world), {}
         return LayerVolume.of(layer, world), self._foreground(layer)
 
     def _foreground(self, layer: Layer) -> dict[str, Any]:
-        """Return what of a volume is foreground."""
+        """Return the arguments that select the foreground of a volume."""
         labels = isinstance(layer, Labels)
         return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
-        """Return what the map of a layer shall show."""
+        """Return what the map of a layer is to show."""
         sampled = self.sampled.layer
         if sampled is None:
             return None
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
             raise InputError(
-                f"layers '{layer.name}' and '{sampled.name}' have units that cannot be compared "
-                f"({layer.units[0]}, {sampled.units[0]}): set the units of both"
+                f"The units of '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) do not "
+                "match. Set the units of both layers to lengths"
             )
         return shown(sampled, world, self.sample_depth.value())
 
@@ -148,7 +136,7 @@ class LayerForm(QWidget):
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
-    """Rank layers to be flattened: labels, then surfaces, then images; not one that belongs to another in the list."""
+    """Rank layers to flatten: labels, surfaces, images; 0 for a surface that belongs to another one in the list."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
     if layer.ndim != 3:
@@ -161,13 +149,13 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
 
 
 def _is_partner(layer: Surface) -> bool:
-    """Tell whether a surface is hardly ever flattened itself: a pial, inflated or spherical one."""
+    """Return whether a surface is rarely flattened itself: a pial, inflated or spherical one."""
     name = surface_name(layer)
     return "pial" in name or is_elsewhere(name)
 
 
 def _is_of(layer: Layer | None, other: Layer) -> bool:
-    """Tell whether a layer is a pial, inflated or spherical surface, and another layer the surface it belongs to."""
+    """Return whether a layer is a pial, inflated or spherical surface that belongs to another layer."""
     if not isinstance(layer, Surface) or not isinstance(other, Surface) or not _is_partner(layer):
         return False
     is_same_mesh = len(other.vertices) == len(layer.vertices)

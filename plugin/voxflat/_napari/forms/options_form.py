@@ -1,4 +1,4 @@
-"""The options of the methods, folded away: each is the library's own, by its name, and says what is usual."""
+"""The form *Advanced*: the options of the methods, with the names and defaults that they have in Python."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of
 from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QSpinBox, QWidget
 
 from voxflat._napari.forms.fields import choice, offer, show_row, spin
-from voxflat._napari.workbench import DrawnCuts
+from voxflat._napari.viewer_state import DrawnCuts
 from voxflat.methods import METHODS
 from voxflat.methods.method import OverTriangles
 
@@ -15,41 +15,42 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "cuts": (
         "Cuts",
         {
-            None: "as suits: standard where a sphere is known",
-            "standard": "standard, the same for every brain",
-            "automatic": "automatic, as suits this surface best",
+            None: "default",
+            "standard": "standard",
+            "automatic": "automatic",
         },
-        "Where a closed surface is cut open",
+        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. The "
+        "default is standard cuts if the sphere of the surface is known, otherwise automatic cuts",
     ),
     "relax": (
-        "Further cuts",
-        {None: "default", True: "while they help", False: "none"},
-        "Whether further cuts are made from the border inwards, where they reduce the distortion most",
+        "Relaxation cuts",
+        {None: "default", True: "enabled", False: "disabled"},
+        "Cuts from the border inwards, added where they reduce the distortion most",
     ),
     "geodesic": (
         "Distances",
         {
             None: "default",
-            "graph": "straight links",
+            "graph": "graph of links",
             "marching": "fast marching",
             "exact": "exact",
         },
-        "How the distances that the map preserves are measured",
+        "How the distances that the map preserves are computed",
     ),
     "scale": (
         "Scale",
-        {None: "preserves distances", "areas": "preserves areas"},
-        "Whether lengths on the map fit the distances or the areas of the surface best",
+        {None: "fit distances", "areas": "fit areas"},
+        "Whether the scale of the map fits the distances or the total area of the surface",
     ),
     "sampling": (
-        "Place sources",
-        {None: "default", "farthest": "evenly", "curvature": "denser at folds", "random": "at random"},
-        "How the sources, from which distances are measured, are chosen",
+        "Sampling",
+        {None: "default", "farthest": "even", "curvature": "denser at folds", "random": "random"},
+        "How the sources, from which distances are computed, are distributed",
     ),
     "link_lengths": (
         "Links",
-        {None: "chain-code lengths", "euclidean": "1, √2, √3 voxels"},
-        "Lengths of the links between neighbouring voxels",
+        {None: "chain code", "euclidean": "1, √2, √3 voxels"},
+        "Lengths assigned to the links between neighbouring voxels",
     ),
 }
 
@@ -58,7 +59,7 @@ _DRAWN = "drawn"
 
 
 def takes(method: str, option: str) -> bool:
-    """Say whether a method takes an option; those over triangles take cuts, and a mirror."""
+    """Return whether a method takes an option; methods for triangles take cuts and a mirror."""
     kind = METHODS[method]
     return option in kind.__dataclass_fields__ or (
         issubclass(kind, OverTriangles) and option in ("cuts", "relax", "mirror", "drop")
@@ -66,15 +67,15 @@ def takes(method: str, option: str) -> bool:
 
 
 def usual(option: str, method: str) -> Any:
-    """Return what an option is where nobody changes it."""
+    """Return the default of an option."""
     return getattr(METHODS[method](), option, None)
 
 
 class OptionsForm(QWidget):
-    """Asks for a method's options; `options` are those that were changed."""
+    """Lets the user set the options of a method; `options` returns those that differ from the defaults."""
 
     changed = Signal()
-    """Other cuts are chosen."""
+    """Emitted when other cuts are chosen."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -87,58 +88,58 @@ class OptionsForm(QWidget):
         self._drawn: DrawnCuts | None = None
         self._cuts = self._chosen("cuts")
         self._cuts.currentIndexChanged.connect(self.changed)
-        self.mirror = QCheckBox("mirror left to right")
-        self.mirror.setToolTip("Maps of right hemispheres then look like maps of left ones")
+        self.mirror = QCheckBox("flip left and right")
+        self.mirror.setToolTip("Makes maps of right hemispheres look like maps of left hemispheres")
         self._add("mirror", "Mirror", self.mirror)
-        self.sources = spin(QSpinBox(), 0, 100_000, "From how many points distances are measured")
+        self.sources = spin(QSpinBox(), 0, 100_000, "Number of points from which distances are computed")
         self.sources.setSpecialValueText("default")
         self._add("sources", "Sources", self.sources)
         for name in ("sampling", "geodesic"):
             self._add_choice(name)
         self.weighting = spin(
-            QDoubleSpinBox(), 0, 1, "0 preserves short distances and the shape of triangles, 1 preserves long distances"
+            QDoubleSpinBox(), 0, 1, "0 preserves short distances and shapes of triangles; 1 preserves long distances"
         )
         self.weighting.setSingleStep(0.1)
         self.weighting.setValue(usual("weighting", "voxflat"))
         self._add("weighting", "Local to global", self.weighting)
         for name in ("scale", "link_lengths"):
             self._add_choice(name)
-        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Distances to points within this many edges are preserved")
+        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Preserve distances between points up to this many edges apart")
         self.neighbourhood.setSpecialValueText("default")
         self._add("neighbourhood", "Neighbourhood", self.neighbourhood)
-        self.starts = spin(QSpinBox(), 1, 100, "Random starts, of which the best map is kept")
+        self.starts = spin(QSpinBox(), 1, 100, "Number of random starts; the best map is kept")
         self.starts.setValue(usual("starts", "schwartz1989"))
         self._add("starts", "Starts", self.starts)
-        self.bound = spin(QDoubleSpinBox(), 1.01, 10, "The greatest factor by which lengths may change")
+        self.bound = spin(QDoubleSpinBox(), 1.01, 10, "The largest factor by which lengths may change")
         self.bound.setSingleStep(0.1)
         self.bound.setValue(usual("bound", "saucan2006"))
         self._add("bound", "Bound C", self.bound)
-        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of every random choice: the same seed gives the same map")
+        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of random numbers. The same seed gives the same map")
         self.rows.addRow("Random seed", self.seed)
 
     @property
     def cuts(self) -> str | None:
-        """Which cuts are asked for; None for what suits."""
+        """The chosen cuts; None for the default."""
         cuts: str | None = self._cuts.currentData()
         return cuts
 
     def offer_drawn(self, drawn: DrawnCuts | None, chosen: bool = False) -> None:
-        """Offer cuts that someone drew, or none; they may be chosen at once."""
+        """Offer the drawn cuts, if there are any, and select them if `chosen`."""
         self._drawn = drawn
         offer(self._cuts, {_DRAWN: ""}, _DRAWN, drawn is not None)
         if drawn is not None:
             index = self._cuts.findData(_DRAWN)
-            self._cuts.setItemText(index, f"the {len(drawn.paths)} drawn")
+            self._cuts.setItemText(index, f"drawn ({len(drawn.paths)})")
             if chosen:
                 self._cuts.setCurrentIndex(index)
 
     def set_method(self, method: str) -> None:
-        """Ask for what a method takes."""
+        """Show the options of a method."""
         for name, field in self.fields.items():
             show_row(self.rows, field, takes(method, name))
 
     def options(self, method: str) -> dict[str, Any]:
-        """Return what differs from what is usual: options of a method, and keywords of `Surface.flatten`."""
+        """Return the options that differ from the defaults: of a method, and keywords of `Surface.flatten`."""
         values: dict[str, Any] = {
             name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)
         }

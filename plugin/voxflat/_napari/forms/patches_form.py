@@ -1,4 +1,4 @@
-"""What to flatten in patches and how: the fields of *Flatten in patches*."""
+"""The form of *Flatten in patches*: what to flatten, and how."""
 
 from typing import Any
 
@@ -13,30 +13,33 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 
 _LIMITS = {
-    "max_angle": "by the greatest inclination",
-    "bound": "by the greatest change of lengths",
-    "count": "by their number",
+    "max_angle": "by angle",
+    "bound": "by length change",
+    "count": "by number",
 }
 
 
 class PatchesForm(LayerForm):
-    """Asks what to flatten in patches and how; `job` says it."""
+    """Lets the user choose what to flatten in patches and how; `job` returns the choice."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
-        self.limit = choice(_LIMITS, "What decides how large patches may become")
+        self.limit = choice(_LIMITS, "What limits the size of the patches")
         self.max_angle = spin(
-            QDoubleSpinBox(), 0.01, 80, "Greatest inclination to a patch's plane: C ≤ 1 + tan of it", "°"
+            QDoubleSpinBox(), 0.01, 80, "Largest angle between a triangle and its patch: C ≤ 1 + tan(angle)", "°"
         )
         self.max_angle.setValue(10.0)
-        self.bound = spin(QDoubleSpinBox(), 1.0001, 5.7, "C: the greatest factor by which lengths may change")
+        self.bound = spin(QDoubleSpinBox(), 1.0001, 5.7, "C: the largest factor by which lengths may change")
         self.bound.setDecimals(4)
         self.bound.setSingleStep(0.01)
         self.bound.setValue(1.1763)
-        self.count = spin(QSpinBox(), 1, 1_000_000, "The greatest number of patches: the smallest angle is sought")
+        self.count = spin(QSpinBox(), 1, 1_000_000, "Largest number of patches. The angle becomes as small as possible")
         self.count.setValue(500)
         self.glue = spin(
-            QDoubleSpinBox(), 1.0, 10.0, "Glue the patches: seams close as far as no triangle changes lengths by more"
+            QDoubleSpinBox(),
+            1.0,
+            10.0,
+            "Close seams between patches as long as no length changes by more than this factor",
         )
         self.glue.setSingleStep(0.1)
         self.glue.setSpecialValueText("not glued")
@@ -67,7 +70,7 @@ class PatchesForm(LayerForm):
             self._show_row(field, name == self.limit.currentData())
 
     def job(self) -> PatchesJob:
-        """Return what the fields ask for; raises InputError if something is to be chosen, or does not suit."""
+        """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
         layer, world = self._chosen(), self.world.currentData()
         is_mesh = isinstance(layer, Surface)
         name = self.limit.currentData()

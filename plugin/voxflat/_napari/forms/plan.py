@@ -1,4 +1,4 @@
-"""What will be done if nothing else is chosen, in a sentence or two, before it is done."""
+"""The plan below the form: a summary of what *Flatten surface* will do."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 from qtpy.QtWidgets import QLabel, QWidget
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.timers import once
-from voxflat._napari.worker import Errand
+from voxflat._napari.timers import single_shot
+from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.standard.sphere import sphere_at
 
-_COUNTED = 2**27  # voxels; in larger layers, perhaps on a disk far away, surface voxels are not counted only for this
-_PAUSE = 300  # ms without a change before they are
-_SECONDS = 2e-4  # a point, on two cores (docs/decisions/0027)
-_BYTES = 6500.0  # a point
+_COUNTED = 2**27  # voxels; in larger layers, which may be remote, surface voxels are not counted
+_PAUSE = 300  # ms without a change before they are counted
+_SECONDS = 2e-4  # per point, on two cores (docs/decisions/0027)
+_BYTES = 6500.0  # per point
 _PARTS = {
     "whole": "the whole surface",
-    "disk": "the disk within {radius:g} mm of the seed point",
-    "polygon": "the region inside the polygon",
-    "mask": "the region inside the mask",
-    "values": "the region whose values are not 0",
+    "disk": "a disk of radius {radius:g} mm around the seed point",
+    "polygon": "the region within the polygon",
+    "mask": "the region within the mask",
+    "values": "the region where values are not 0",
 }
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """What the form asks for."""
+    """The choices of the form."""
 
     layer: Layer
     method: str
@@ -44,19 +44,19 @@ class _Asked:
 
 
 class Plan(QLabel):
-    """Says what will be done, how many points there are, and about how long it takes."""
+    """Shows what *Flatten surface* will do, how many points there are, and roughly how long it takes."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setWordWrap(True)
-        self.setToolTip("What Flatten surface will do as the form is now")
+        self.setToolTip("What Flatten surface will do with the current settings")
         self._asked: _Asked | None = None
-        self._counted: tuple[Any, ...] = ()  # of what
+        self._counted: tuple[Any, ...] = ()  # the layer and foreground whose points are counted
         self._count: int | None = None
-        self._timer = once(self, _PAUSE, self._start_counting)
+        self._timer = single_shot(self, _PAUSE, self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
-        """Tell the plan for a layer and what else the form asks for; none for no layer."""
+        """Show the plan for a layer and the other choices of the form; nothing without a layer."""
         if layer is None:
             self._asked, self._counted, self._count = None, (), None
             self._timer.stop()
@@ -73,15 +73,15 @@ class Plan(QLabel):
 
     def _start_counting(self) -> None:
         asked = self._asked
-        if asked is None or not isinstance(finest(asked.layer), np.ndarray) or finest(asked.layer).size > _COUNTED:
+        if asked is None or not isinstance(data := finest(asked.layer), np.ndarray) or data.size > _COUNTED:
             return
-        worker = Errand(partial(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted))
+        worker = BackgroundTask(partial(_surface_voxels, data, asked.label, asked.threshold, self._counted))
         worker.returned.connect(self._on_counted)
         worker.start()
 
     def _on_counted(self, found: tuple[int, tuple[Any, ...]]) -> None:
         count, of = found
-        if of == self._counted:  # else something else was chosen meanwhile
+        if of == self._counted:  # otherwise something else was chosen in the meantime
             self._count = count
             self._write()
 
@@ -91,39 +91,39 @@ class Plan(QLabel):
             self._fit()
 
     def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
-        """Keep all lines in sight: a form gives a label that breaks its lines the height that it had when narrow."""
+        """Keep all lines visible: a form layout gives a wrapped label the height that it had at another width."""
         super().resizeEvent(event)
         self._fit()
 
     def _fit(self) -> None:
-        self.setMinimumHeight(max(0, self.heightForWidth(self.width())))  # while it is hidden there is none
+        self.setMinimumHeight(max(0, self.heightForWidth(self.width())))  # a hidden label has no height for its width
 
 
 def _steps(asked: _Asked) -> list[str]:
-    """Return in sentences what will be done."""
+    """Return the steps as sentences."""
     part = _PARTS[asked.part].format(radius=asked.radius)
     if asked.method == "grossmann2002":
-        return [f"Flattens {part} over its voxels. The surface must be open."]
+        return [f"Flattens {part}, voxel by voxel. The surface must be open."]
     is_mesh = isinstance(asked.layer, Surface)
-    told = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
+    steps = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
     if is_mesh and asked.has_pial:
-        told.append("Distances are measured midway to the pial surface.")
+        steps.append("Measures distances midway to the pial surface.")
     if not is_mesh:
-        told.append("Repairs topology if that changes at most 1\u00a0% of the voxels.")
+        steps.append("Repairs topology if that changes at most 1\u00a0% of the voxels.")
     if asked.goes_on:
-        told.append("Starts from the map that is shown.")
+        steps.append("Starts from the displayed map.")
     if asked.part == "whole":
-        told.append(_cutting(asked))
-    return told
+        steps.append(_cutting(asked))
+    return steps
 
 
 def _cutting(asked: _Asked) -> str:
     if asked.goes_on and asked.cuts is None:
-        return "Keeps its cuts."
+        return "Keeps the cuts of that map."
     if asked.cuts == "drawn":
-        return "Cuts along the drawn lines, and automatically if these do not open the surface."
+        return "Cuts along the drawn lines, and adds automatic cuts if these do not open the surface."
     if asked.cuts == "standard":
-        return "Opens a closed surface along standard cuts, which are located by its folds if it has no sphere."
+        return "Opens a closed surface along standard cuts, located by its sphere, or by its folds without one."
     path = getattr(asked.layer.source, "path", None)
     sphere = sphere_at(path) if path and isinstance(asked.layer, Surface) and asked.cuts is None else None
     if sphere is not None:
@@ -138,7 +138,7 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
     if asked.method != "voxflat" or asked.part != "whole":
         return [f"The whole surface has about {points}."]
     seconds, gigabytes = count * _SECONDS, count * _BYTES / 1e9
-    return [f"About {points}: some {_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory."]
+    return [f"About {points}: takes about {_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory."]
 
 
 def _about(value: float) -> str:
@@ -148,6 +148,6 @@ def _about(value: float) -> str:
 def _surface_voxels(
     data: NDArray[Any], label: int | None, threshold: float | None, of: tuple[Any, ...]
 ) -> tuple[int, tuple[Any, ...]]:
-    """Count the foreground's voxels that have a face to the background."""
+    """Count the foreground voxels that share a face with the background."""
     inside = data == label if threshold is None else data > threshold
     return int(np.count_nonzero(inside) - np.count_nonzero(scipy.ndimage.binary_erosion(inside, border_value=0))), of

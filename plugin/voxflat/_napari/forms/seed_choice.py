@@ -1,4 +1,4 @@
-"""Where a patch has its centre: a point of a Points layer, set by a click into the viewer if one likes."""
+"""The seed point: a point of a Points layer, which can be set by a click in the viewer."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -17,10 +17,10 @@ from voxflat._napari.map_viewer.viewer_parts import is_click
 
 
 class SeedChoice(QWidget):
-    """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click."""
+    """Lets the user choose a Points layer, whose selected or last point is the seed; *Pick* sets it by a click."""
 
     picking = Signal()
-    """A click on the surface is awaited."""
+    """Emitted when the next click on the surface sets the seed."""
 
     def __init__(
         self, viewer: Viewer, inside: Callable[[NDArray[Any]], NDArray[Any]], parent: QWidget | None = None
@@ -31,13 +31,13 @@ class SeedChoice(QWidget):
         self._surface: Layer | None = None
         self._points: Points | None = None
         self._layers = LayerChoice(viewer, _rank)
-        self._layers.setPlaceholderText("no points yet: click Pick")
+        self._layers.setPlaceholderText("no point yet: click Pick")
         self._layers.setToolTip(
-            "A Points layer: its selected or last point, moved to the nearest point of the surface, is the seed point"
+            "A Points layer. Its selected or last point, moved to the nearest point of the surface, is the seed point"
         )
         self.pick = QPushButton("Pick")
         self.pick.setCheckable(True)
-        self.pick.setToolTip("Press, then click on the surface in the viewer, in a slice or in 3D")
+        self.pick.setToolTip("Press this button, then click on the surface in the viewer, in a slice or in 3D")
         self._text = QLabel()
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -51,19 +51,19 @@ class SeedChoice(QWidget):
 
     @property
     def point(self) -> Seed | None:
-        """The seed's voxel, or vertex, of the surface's layer; None if there is none."""
+        """The voxel or vertex of the surface at the seed point; None if there is none."""
         if self._points is None or self._surface is None or self._surface.ndim != 3:
             return None
         return seed_of(self._points, self._surface)
 
     def set_surface(self, layer: Layer | None) -> None:
-        """Say which layer's voxels or vertices are meant."""
+        """Set the layer whose voxels or vertices can be the seed."""
         self._surface = layer
         self.pick.setEnabled(layer is not None and layer.ndim == 3)
         self._on_changed()
 
     def set_point(self, seed: Seed) -> None:
-        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own."""
+        """Mark a voxel or vertex of the surface in a Points layer of the viewer."""
         surface = self._surface
         assert surface is not None
         point = data_place(surface, seed)
@@ -98,7 +98,7 @@ class SeedChoice(QWidget):
 
     @staticmethod
     def _events(points: Points) -> tuple[Any, ...]:
-        # `highlight` tells that other points are selected
+        # `highlight` is emitted when other points are selected
         return (points.events.data, points.events.highlight, points.events.affine, points.events.units)
 
     def _on_changed(self) -> None:
@@ -111,24 +111,24 @@ class SeedChoice(QWidget):
             self.picking.emit()
             layer = self._viewer.layers.selection.active
             if layer is not None:
-                layer.mode = "pan_zoom"  # a click is to paint nothing
+                layer.mode = "pan_zoom"  # so that the click does not paint
             if isinstance(self._surface, Surface):
-                self._viewer.dims.ndisplay = 3  # of a mesh, napari's slices show next to nothing
+                self._viewer.dims.ndisplay = 3  # slices of a mesh show almost nothing in napari
             callbacks.append(self._on_click)
             self._viewer.status = "Click on the surface to set the seed point"
         elif self._on_click in callbacks:
             callbacks.remove(self._on_click)
 
     def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Set the seed where the mouse is pressed and released without a move in between."""
+        """Set the seed where the mouse is clicked without being moved."""
         if not (yield from is_click(event)):
             return
         if self._surface is None or not self._surface.visible:
-            show_warning("The surface's layer is hidden: show it, then click on it")
+            show_warning("The layer of the surface is hidden. Show it, then click on it")
             return
         seed = self._clicked(viewer, self._surface, event)
         if seed is None:
-            show_warning("There is no surface: click on the mesh or the foreground")
+            show_warning("There is no surface at this position. Click on the mesh or the foreground")
             return
         self.pick.setChecked(False)
         self.set_point(seed)

@@ -1,4 +1,4 @@
-"""What to flatten and how: the fields of *Flatten surface*."""
+"""The form of *Flatten surface*: what to flatten, and how."""
 
 from typing import Any
 
@@ -20,29 +20,29 @@ from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS
 
-_RADIUS = 45.0  # mm, as README's
-_METHODS = {name: name for name in METHODS}  # the summary of each is its tooltip: it is longer than the box
-_OVER_VOXELS = "grossmann2002"  # which takes no mesh
+_RADIUS = 45.0  # mm, as in the README
+_METHODS = {name: name for name in METHODS}  # the summary of a method is its tooltip, because it is wider than the box
+_OVER_VOXELS = "grossmann2002"  # does not take meshes
 _PARTS = {
     "whole": "whole surface",
-    "disk": "disk around a seed point",
+    "disk": "disk around a point",
     "polygon": "within a polygon",
     "mask": "within a mask",
-    "values": "where its values are not 0",
+    "values": "nonzero values",
 }
 
 
 class SurfaceForm(LayerForm):
-    """Asks what to flatten and how; `job` says it."""
+    """Lets the user choose what to flatten and how; `job` returns the choice."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
-        self._workbench = Workbench.of(viewer)
+        self._state = ViewerState.of(viewer)
         self._make_fields(viewer)
         self._add_rows(
             (
@@ -58,7 +58,7 @@ class SurfaceForm(LayerForm):
                 ("Show on map", self.sampled),
                 ("at depth", self.sample_depth),
                 ("Method", self.method),
-                ("Go on", self.go_on),
+                ("Continue", self.continues),
                 ("World axes", self.world),
             ),
             advanced=self.options,
@@ -66,44 +66,44 @@ class SurfaceForm(LayerForm):
         self._rows.addRow(self.plan)
         self.patch.currentIndexChanged.connect(self._on_patch)
         self.method.currentIndexChanged.connect(self._on_method)
-        self.label.currentIndexChanged.connect(self._tell_plan)
-        self.options.changed.connect(self._tell_plan)
+        self.label.currentIndexChanged.connect(self._update_plan)
+        self.options.changed.connect(self._update_plan)
         for followed in (self.pial, self.polygon, self.masked_by, self.sampled):
-            followed.chosen.connect(self._tell_plan)
-        self.threshold.box.valueChanged.connect(self._tell_plan)
-        self.radius.valueChanged.connect(self._tell_plan)
-        self.go_on.toggled.connect(self._tell_plan)
-        self._workbench.cuts_drawn.connect(self._on_cuts_drawn)
-        self._workbench.changed.connect(self._offer_to_go_on)
+            followed.chosen.connect(self._update_plan)
+        self.threshold.box.valueChanged.connect(self._update_plan)
+        self.radius.valueChanged.connect(self._update_plan)
+        self.continues.toggled.connect(self._update_plan)
+        self._state.cuts_drawn.connect(self._on_cuts_drawn)
+        self._state.changed.connect(self._offer_to_go_on)
         self._on_surface()
         self._on_patch()
         self._on_method()
         self._on_sampled()
 
     def _make_fields(self, viewer: Viewer) -> None:
-        self.method = choice(_METHODS, "How the surface is flattened: voxflat's own method, or the method of a paper")
+        self.method = choice(_METHODS, "The flattening method: the method of voxflat, or the method of a paper")
         self.pial = LayerChoice(viewer, self._pial_rank, none="none")
-        self.pial.setToolTip("The pial surface of a white surface: distances are then measured midway between them")
+        self.pial.setToolTip("The pial surface of a white surface. Distances are measured midway between the two")
         self.patch = choice(
-            _PARTS, "Which part is flattened. A closed surface is cut open; a smaller part is distorted less"
+            _PARTS, "The part to flatten. Closed surfaces are cut open; small parts have less distortion"
         )
         self.seed = SeedChoice(viewer, self._inside)
-        self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, along the surface", " mm")
+        self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, measured along the surface", " mm")
         self.radius.setDecimals(1)
         self.radius.setValue(_RADIUS)
         self.polygon = LayerChoice(viewer, _polygon_rank)
-        self.polygon.setPlaceholderText("draw a polygon in a Shapes layer, or set Points")
+        self.polygon.setPlaceholderText("draw a polygon in a Shapes layer, or add Points")
         self.polygon.setToolTip(
-            "A Shapes layer (its selected or last shape) or a Points layer: the corners of the region, in order. They "
-            "move to the nearest points of the surface, and shortest paths on the surface join them"
+            "The corners of the region, in order: the selected or last shape of a Shapes layer, or all points of a "
+            "Points layer. They move to the nearest surface points, and are joined by shortest paths on the surface"
         )
         self.masked_by = LayerChoice(viewer, self._mask_rank)
-        self.masked_by.setPlaceholderText("open a Labels layer of the same voxels")
-        self.masked_by.setToolTip("Only where this Labels layer, of the same shape, is not 0")
-        self.go_on = QCheckBox("from the map that is shown")
-        self.go_on.setToolTip(
-            "The new map starts from the one that is shown and keeps its position: use it after a change of cuts or "
-            "options. The shown map must contain all that is flattened; without other cuts its own are kept"
+        self.masked_by.setPlaceholderText("open a Labels layer of the same shape")
+        self.masked_by.setToolTip("Flatten only where this Labels layer, which must have the same shape, is not 0")
+        self.continues = QCheckBox("from the displayed map")
+        self.continues.setToolTip(
+            "Start from the displayed map and keep its position, for example after you change cuts or options. The "
+            "displayed map must contain the whole part to flatten. Its cuts are kept unless you choose others"
         )
         self.options = OptionsForm()
         self.options.rows.addRow("Pixel size", self.pixel_size)
@@ -124,12 +124,12 @@ class SurfaceForm(LayerForm):
         self.masked_by.refresh()
         self._show_row(self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
-        self.options.offer_drawn(self._workbench.cuts_of(layer))
+        self.options.offer_drawn(self._state.cuts_of(layer))
         self._offer_to_go_on()
-        self._tell_plan()
+        self._update_plan()
 
     def _on_cuts_drawn(self) -> None:
-        self.options.offer_drawn(self._workbench.cuts_of(self.surface.layer), chosen=True)
+        self.options.offer_drawn(self._state.cuts_of(self.surface.layer), chosen=True)
 
     def _on_patch(self) -> None:
         part = self.patch.currentData()
@@ -137,25 +137,25 @@ class SurfaceForm(LayerForm):
             self._show_row(field, part == "disk")
         self._show_row(self.polygon, part == "polygon")
         self._show_row(self.masked_by, part == "mask")
-        self._tell_plan()
+        self._update_plan()
 
     def _on_method(self) -> None:
         self.options.set_method(self.method.currentData())
         self._offer_to_go_on()
-        self._tell_plan()
+        self._update_plan()
 
     def _offer_to_go_on(self) -> None:
         is_there = self._map_to_go_on_from() is not None
         if not is_there:
-            self.go_on.setChecked(False)
-        self._show_row(self.go_on, is_there)
+            self.continues.setChecked(False)
+        self._show_row(self.continues, is_there)
 
     def _map_to_go_on_from(self) -> FlatMap | None:
         is_known = takes(self.method.currentData(), "start")
-        return self._workbench.map_of(self.surface.layer) if is_known else None
+        return self._state.map_of(self.surface.layer) if is_known else None
 
-    def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
-        """Ask for a layer's surface along the cuts that were drawn, from the map that is shown."""
+    def continue_from_shown_map(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
+        """Set the form to flatten a layer along its drawn cuts, starting from the displayed map."""
         self.surface.choose(layer)
         if label is not None:
             self.label.choose(label)
@@ -163,10 +163,10 @@ class SurfaceForm(LayerForm):
             self.threshold.setValue(threshold)
         self.method.setCurrentIndex(self.method.findData("voxflat"))
         self.patch.setCurrentIndex(self.patch.findData("whole"))
-        self.options.offer_drawn(self._workbench.cuts_of(layer), chosen=True)
-        self.go_on.setChecked(True)
+        self.options.offer_drawn(self._state.cuts_of(layer), chosen=True)
+        self.continues.setChecked(True)
 
-    def _tell_plan(self) -> None:
+    def _update_plan(self) -> None:
         layer = self.surface.layer
         if layer is None or layer.ndim != 3:
             self.plan.follow(None)
@@ -179,23 +179,23 @@ class SurfaceForm(LayerForm):
             cuts=self.options.cuts,
             radius=self.radius.value(),
             has_pial=is_mesh and self.pial.layer is not None,
-            goes_on=self.go_on.isChecked(),
+            goes_on=self.continues.isChecked(),
             **({} if is_mesh else self._foreground(layer)),
         )
 
     def _inside(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Say which values are foreground."""
+        """Return which values are foreground."""
         labels = isinstance(self.surface.layer, Labels)
         return np.asarray(values == self.label.label if labels else values > self.threshold.value())
 
     def _pial_rank(self, layer: Layer) -> int | None:
-        """Say how well a layer suits as the pial surface of the chosen one."""
+        """Return how suitable a layer is as the pial surface of the chosen one."""
         white = self.surface.layer
         if "voxflat" in layer.metadata or layer is white or not isinstance(white, Surface):
             return None
         if not isinstance(layer, Surface) or layer.ndim != 3 or len(layer.vertices) != len(white.vertices):
             return None
-        return int("pial" in layer.name and "pial" not in surface_name(white))  # values may lie on the pial one
+        return int("pial" in layer.name and "pial" not in surface_name(white))  # values may lie on the pial surface
 
     def _mask_rank(self, layer: Layer) -> int | None:
         volume = self.surface.layer
@@ -207,7 +207,7 @@ class SurfaceForm(LayerForm):
     # ------------------------------------------------------------------------------------------ asking
 
     def job(self) -> Job:
-        """Return what the fields ask for; raises InputError if something is to be chosen, or does not suit."""
+        """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
         layer, world = self._chosen(), self.world.currentData()
         surface, how = self._of_mesh(layer, world) if isinstance(layer, Surface) else self._of_volume(layer, world)
         method = self.method.currentData()
@@ -218,34 +218,34 @@ class SurfaceForm(LayerForm):
             pixel_size=self.pixel_size.value() or None,
             shown=self._shown(layer, world),
             options=self.options.options(method),
-            start=self._map_to_go_on_from() if self.go_on.isChecked() else None,
+            start=self._map_to_go_on_from() if self.continues.isChecked() else None,
             **self._part(layer, world),
             **how,
         )
 
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
-        """Return what of the surface is flattened."""
+        """Return the arguments that select the part to flatten."""
         part = self.patch.currentData()
         if part == "disk":
             if self.seed.point is None:
-                raise InputError("no seed point: click Pick, then on the surface; or choose another part")
+                raise InputError("No seed point. Click Pick, then click on the surface; or choose another part")
             return {"seed_point": self.seed.point, "radius": self.radius.value()}
         if part == "polygon":
             if self.polygon.layer is None:
-                raise InputError("no polygon: draw one in a Shapes layer, or set its corners as Points")
+                raise InputError("No polygon. Draw one in a Shapes layer, or add its corners to a Points layer")
             return {"polygon": corners(self.polygon.layer, layer, world)}
         if part == "mask" and self.masked_by.layer is None:
-            raise InputError("no mask: open a Labels layer of the same voxels, or choose another part")
+            raise InputError("No mask. Open a Labels layer of the same shape, or choose another part")
         return {}
 
     def _of_volume(self, layer: Layer, world: str) -> tuple[LayerVolume, dict[str, Any]]:
-        """Return a volume, and what of the job only volumes have."""
+        """Return a volume, and the arguments that only volumes have."""
         by_mask = self.patch.currentData() == "mask" and self.masked_by.layer is not None
         keep = {"keep": LayerVolume.of(self.masked_by.layer, world)} if by_mask else {}
         return LayerVolume.of(layer, world), {**self._foreground(layer), **keep}
 
     def _of_mesh(self, layer: Surface, world: str) -> tuple[LayerMesh, dict[str, Any]]:
-        """Return a mesh, and what of the job only meshes have."""
+        """Return a mesh, and the arguments that only meshes have."""
         mesh = LayerMesh.of(layer, world)
         by_values = self.patch.currentData() == "values"
         pial = self.pial.layer
@@ -258,8 +258,8 @@ class SurfaceForm(LayerForm):
     def release(self) -> None:
         """Stop following the viewer."""
         super().release()
-        self._workbench.cuts_drawn.disconnect(self._on_cuts_drawn)
-        self._workbench.changed.disconnect(self._offer_to_go_on)
+        self._state.cuts_drawn.disconnect(self._on_cuts_drawn)
+        self._state.changed.disconnect(self._offer_to_go_on)
         self.seed.release()
         self.plan.follow(None)
         for followed in (self.pial, self.polygon, self.masked_by):

@@ -1,4 +1,4 @@
-"""A threshold, chosen by a slider while the viewer shows what lies above it."""
+"""A threshold, set by a slider while the viewer shows the voxels above it."""
 
 import numpy as np
 from napari import Viewer
@@ -9,12 +9,12 @@ from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QW
 from superqt.utils import signals_blocked
 
 _STEPS = 1000  # of the slider
-_EDGE = 1e-4  # share of the range between what is not above the threshold and what is seen to be
+_EDGE = 1e-4  # fraction of the range over which the preview goes from transparent to opaque
 _COLOURS = Colormap([[0.0, 0.0, 0.0, 0.0], [1.0, 0.45, 0.1, 1.0]], name="above")
 
 
 class ThresholdChoice(QWidget):
-    """Chooses a threshold; a preview, by contrast limits on the graphics card, shows what lies above it."""
+    """Lets the user choose a threshold; a preview, made by contrast limits, shows the voxels above it."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -25,13 +25,13 @@ class ThresholdChoice(QWidget):
         self.box = QDoubleSpinBox()
         self.box.setRange(-1e9, 1e9)
         self.box.setKeyboardTracking(False)
-        self.box.setToolTip("The surface encloses what is greater than this")
+        self.box.setToolTip("The surface encloses the voxels above this value")
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setRange(0, _STEPS)
         self.slider.setToolTip(self.box.toolTip())
         self.preview = QPushButton("Preview")
         self.preview.setCheckable(True)
-        self.preview.setToolTip("Show in the viewer what lies above the threshold")
+        self.preview.setToolTip("Show the voxels above the threshold in the viewer")
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.box, 0, 0)
@@ -47,12 +47,12 @@ class ThresholdChoice(QWidget):
         """Return the threshold."""
         return float(self.box.value())
 
-    def setValue(self, value: float) -> None:  # noqa: N802 - as Qt's boxes have it
-        """Choose a threshold, in the layer's values."""
+    def setValue(self, value: float) -> None:  # noqa: N802 - as in Qt's number boxes
+        """Set the threshold, in units of the layer's values."""
         self.box.setValue(value)
 
     def follow(self, layer: Image | None) -> None:
-        """Offer thresholds amid the contrast limits of a layer, or follow none."""
+        """Offer thresholds between the contrast limits of a layer; None stops."""
         if layer is self._layer:
             return
         self.preview.setChecked(False)
@@ -98,7 +98,7 @@ class ThresholdChoice(QWidget):
                 rotate=layer.rotate,
                 shear=layer.shear,
                 units=layer.units,
-                metadata={"voxflat": None},  # ours, and not to be flattened
+                metadata={"voxflat": None},  # a layer of voxflat, which is not offered for flattening
             )
             self._viewer.layers.insert(self._viewer.layers.index(layer) + 1, self._shown)
             self._viewer.layers.selection = before

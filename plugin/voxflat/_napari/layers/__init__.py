@@ -1,1 +1,1 @@
-"""What napari's layers hold, as volumes, meshes and places in mm."""
+"""Conversion of napari's layers to volumes, meshes and points in mm."""

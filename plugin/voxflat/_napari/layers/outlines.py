@@ -1,4 +1,4 @@
-"""From shapes and points to the corners of a polygon."""
+"""Conversion of shapes and points to the corners of a polygon."""
 
 import numpy as np
 from napari.layers import Layer, Points, Shapes
@@ -11,7 +11,7 @@ _FEWEST = 3
 
 
 def corners(drawn: Points | Shapes, surface: Layer, world: str) -> NDArray[np.float64]:
-    """Return a polygon's corners, RAS+ mm: points in order, or a shape, the selected or last; or InputError."""
+    """Return the corners of a polygon, RAS+ mm: all points, or the selected or last shape; or InputError."""
     if isinstance(drawn, Shapes):
         chosen = sorted(drawn.selected_data)
         places = [drawn.data[chosen[0] if len(chosen) == 1 else -1]] if len(drawn.data) else []
@@ -20,6 +20,6 @@ def corners(drawn: Points | Shapes, surface: Layer, world: str) -> NDArray[np.fl
         found = np.asarray(drawn.data, dtype=np.float64).reshape(-1, 3)
     if len(found) < _FEWEST:
         raise InputError(
-            f"layer '{drawn.name}' has {len(found)} corners on '{surface.name}'; a polygon has three at least"
+            f"Layer '{drawn.name}' has {len(found)} corners on '{surface.name}'. Draw at least {_FEWEST} corners"
         )
     return moved(found, LayerPlace.of(drawn, world).affine)

@@ -1,4 +1,4 @@
-"""What a flat map is to show: a volume that is sampled at the surface, or values at a mesh's vertices."""
+"""The values that a flat map shows: a volume sampled at the surface, or values at the vertices of a mesh."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,31 +17,31 @@ from voxflat.demo import DEPTH
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
 
-_WHITE = ("white", "smoothwm")  # in names of surfaces whose outside is grey matter
-_HEAD = 60.0  # mm, the shortest side of a volume that holds a hemisphere
-_FINE = 2.0  # mm, voxels in which cortex is seen
+_WHITE = ("white", "smoothwm")  # in the names of surfaces with grey matter outside
+_HEAD = 60.0  # mm; the shortest side of a volume with a hemisphere
+_FINE = 2.0  # mm; the largest voxels that resolve the cortex
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A volume that the map is to show."""
+    """A volume to show on the map."""
 
     volume: LayerVolume
     depth: float = 0.0  # mm outside the surface
-    kind: str = "image"  # or "labels": the layer's type
-    display: Mapping[str, Any] = field(default_factory=dict)  # keywords that make the map look as the layer does
-    fraction: float | None = None  # instead of the depth, how much of the cortex lies below
+    kind: str = "image"  # or "labels", the type of the layer
+    display: Mapping[str, Any] = field(default_factory=dict)  # keywords that make the map look like the layer
+    fraction: float | None = None  # of the cortical thickness, instead of the depth
 
     @property
     def name(self) -> str:
-        """The layer's name."""
+        """The name of the layer."""
         return self.volume.origin["layer"]
 
     @property
     def meaning(self) -> str:
-        """What the map's values are."""
+        """A description of the values."""
         place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
-        return f"'{self.name}', as sampled {place}"
+        return f"the values of '{self.name}', sampled {place}"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
@@ -52,7 +52,7 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Values at a mesh's vertices that the map is to show."""
+    """Values at the vertices of a mesh to show on the map."""
 
     name: str
     values: NDArray[Any]
@@ -62,7 +62,7 @@ class Overlay:
 
     @property
     def meaning(self) -> str:
-        """What the map's values are."""
+        """A description of the values."""
         return f"the values of '{self.name}'"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
@@ -76,7 +76,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Take a layer's values and looks, at `depth`, mm, or `fraction`, and `step` of its first axes; or InputError."""
+    """Read the values and display of a layer, at a depth or fraction and a step of leading axes; or InputError."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)
@@ -86,7 +86,7 @@ def shown(
 
 
 def usual_depth(layer: Layer | None) -> float:
-    """Return how far outside a surface a volume is usually looked at, mm: the demo's depth of white matter, else 0."""
+    """Return the default sampling depth, mm: that of the demo outside white matter, otherwise 0."""
     if layer is None or layer.ndim != 3:
         return 0.0
     if isinstance(layer, Surface):
@@ -97,13 +97,13 @@ def usual_depth(layer: Layer | None) -> float:
 
 
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
-    """Take the values of a Surface layer, of which a mesh was made, and how they look."""
+    """Read the values of a Surface layer, whose mesh is given, and their display."""
     path = layer.source.path
     return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None)
 
 
 def _display(layer: Layer) -> dict[str, Any]:
     display = {"colormap": layer.colormap, "gamma": layer.gamma}
-    if layer.contrast_limits != layer.contrast_limits_range:  # someone chose them
+    if layer.contrast_limits != layer.contrast_limits_range:  # the user set them
         display["contrast_limits"] = layer.contrast_limits
     return display

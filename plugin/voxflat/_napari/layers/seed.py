@@ -1,4 +1,4 @@
-"""Seed points: from places in the viewer to voxels of a volume, or to vertices of a mesh."""
+"""Seed points: conversion of points in the viewer to voxels of a volume, or to vertices of a mesh."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
@@ -13,7 +13,7 @@ from voxflat._napari.layers.world import data_to_world, in_units_of, moved
 
 Voxel: TypeAlias = tuple[int, int, int]
 Seed: TypeAlias = Voxel | int
-"""A voxel of a volume, or the number of a mesh's vertex."""
+"""A voxel of a volume, or the index of a mesh vertex."""
 
 MARKER = {
     "name": "seed point",
@@ -21,40 +21,40 @@ MARKER = {
     "symbol": "cross",
     "face_color": "#ffd23f",
     "border_width": 0,
-    "blending": "translucent_no_depth",  # in 3D it is seen through the surface
+    "blending": "translucent_no_depth",  # so that it is visible through the surface in 3D
 }
-"""How a seed point looks in the viewer: keywords of a Points layer."""
+"""The display of a seed point: keywords of a Points layer."""
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:
-    """Look up what of a layer a Points layer names: at its selected point, else at the last one; none outside of it."""
+    """Return the voxel or vertex of a layer at the selected or last point of a Points layer, or None outside."""
     place = _chosen(points, layer)
     return None if place is None else seed_at(layer, place)
 
 
 def seed_at(layer: Layer, position: NDArray[np.float64]) -> Seed | None:
-    """Look up which voxel lies at a place, or which vertex is nearest to it; the place is in the layer's units."""
+    """Return the voxel at a position, or the nearest vertex; the position is in the units of the layer."""
     return nearest_vertex(layer, position) if isinstance(layer, Surface) else voxel_at(layer, position)
 
 
 def seed_along(
     layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> Seed | None:
-    """Look up where a ray, by its ends in data coordinates, meets the surface first."""
+    """Return where a ray, given by its ends in data coordinates, first meets the surface."""
     return first_vertex(layer, start, end) if isinstance(layer, Surface) else first_voxel(layer, start, end, inside)
 
 
 def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
-    """Return where a seed lies, in the layer's data coordinates."""
+    """Return the data coordinates of a seed."""
     return np.asarray(layer.vertices[seed] if isinstance(layer, Surface) else seed)
 
 
 def describe(points: Points, layer: Layer) -> str:
-    """Say in words what of a layer a Points layer names."""
+    """Describe the voxel or vertex of a layer that a Points layer selects."""
     place = _chosen(points, layer)
     seed = None if place is None else seed_at(layer, place)
     if seed is None:
-        return "no point inside the layer"
+        return "no point within the layer"
     if not isinstance(seed, int):
         return f"voxel {seed[0]}, {seed[1]}, {seed[2]}"
     apart = f"{np.linalg.norm(layer.data_to_world(data_place(layer, seed)) - place):.1f}"
@@ -62,7 +62,7 @@ def describe(points: Points, layer: Layer) -> str:
 
 
 def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
-    """Return the selected point, else the last one, in the world and the layer's units."""
+    """Return the selected or last point, in world coordinates and the units of the layer."""
     if len(points.data) == 0 or points.ndim < 3:
         return None
     selected = sorted(points.selected_data)
@@ -74,7 +74,7 @@ def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
 
 
 def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> Voxel | None:
-    """Look up which voxel of a layer lies at a place, in the layer's units; none outside the layer."""
+    """Return the voxel of a layer at a position in the units of the layer; None outside the layer."""
     index = np.round(layer.world_to_data(position)).astype(int)
     return _triple(index) if np.all((index >= 0) & (index < finest(layer).shape[:3])) else None
 
@@ -82,12 +82,12 @@ def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> V
 def first_voxel(
     layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> Voxel | None:
-    """Look up which voxel of the foreground a ray meets first, by its ends in voxel indices."""
+    """Return the first foreground voxel along a ray, given by its ends in voxel indices."""
     data = finest(layer)
     steps = np.linspace(0, 1, 2 + int(4 * np.linalg.norm(end - start)))[:, None]
     voxels = np.round(start + steps * (end - start)).astype(int)
     voxels = voxels[np.all((voxels >= 0) & (voxels < data.shape[:3]), axis=1)]
-    values = np.asarray(getattr(data, "vindex", data)[tuple(voxels.T)])  # dask and zarr index point by point so
+    values = np.asarray(getattr(data, "vindex", data)[tuple(voxels.T)])  # dask and zarr need vindex for single voxels
     hits = np.flatnonzero(inside(values))
     return _triple(voxels[hits[0]]) if len(hits) else None
 
@@ -101,17 +101,17 @@ def _triple(index: NDArray[Any]) -> Voxel:
 
 
 def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float64]) -> int | None:
-    """Look up which vertex of a mesh, among those that a face uses, is nearest to a place, in the layer's units."""
+    """Return the vertex, of those that faces use, nearest to a position in the units of the layer."""
     vertices, faces = layer.vertices, np.asarray(layer.faces)
     used = np.zeros(len(vertices), dtype=np.bool_)
-    used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # what is wrong is told when it is flattened
+    used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # bad indices are reported when the mesh is flattened
     apart = np.linalg.norm(moved(vertices, data_to_world(layer)) - position, axis=1)
     apart[~used | np.isnan(apart)] = np.inf
     return int(apart.argmin()) if np.isfinite(apart).any() else None
 
 
 def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.float64]) -> int | None:
-    """Look up the corner nearest to where a ray, by its ends in data coordinates, meets a mesh first."""
+    """Return the vertex nearest to where a ray, given by its ends in data coordinates, first meets a mesh."""
     vertices, faces = np.asarray(layer.vertices, dtype=np.float64), np.asarray(layer.faces)
     along = (end - start) / np.linalg.norm(end - start)
     face, place = find_nearest_triangle_intersection(start, along, vertices[faces])

@@ -1,4 +1,4 @@
-"""The viewer's world: where a layer lies in it, and where that is in RAS+ mm."""
+"""The world of the viewer: the position of a layer in it, and its conversion to RAS+ mm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,28 +18,28 @@ WORLDS = {
     "SAR": "SAR: z, y, x of RAS",
     "LPS": "LPS: x, y, z (DICOM)",
 }
-"""What the axes of the viewer's world may be: where each one grows to, and how readers of files come to it.
+"""The possible axes of the world: the directions in which they increase, and the readers that use them.
 
-Nothing in a layer says which one it is, and a wrong one shows the map from inside, as its mirror image.
+A layer does not record its axes. A wrong choice shows the map from inside, as a mirror image.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class LayerPlace:
-    """Where a layer lies, and where it came from."""
+    """The position of a layer, and its origin."""
 
     affine: NDArray[np.float64]  # from the layer's data coordinates to RAS+ mm
-    path: Path | None  # of values their surface's
-    origin: dict[str, str]  # for the map's metadata: layer, world_axes, unit
+    path: Path | None  # of the surface, for a layer of values
+    origin: dict[str, str]  # for the metadata of the map: layer, world_axes, unit
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> "LayerPlace":
-        """Read it off a layer, without its leading axes; raises InputError if others are not three, or no lengths."""
+        """Read the position of a layer without leading axes; raises InputError unless three axes in lengths remain."""
         if layer.ndim - leading != 3:
-            raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")
+            raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Choose a 3D layer")
         factors, unit = _millimetres(layer)
         to_mm = np.diag([*factors, 1.0])
-        path = layer.metadata.get("surface_file") or layer.source.path  # of values the former
+        path = layer.metadata.get("surface_file") or layer.source.path  # the former for a layer of values
         return cls(
             affine=check_affine(_to_ras(world) @ to_mm @ data_to_world(layer)),
             path=Path(path) if path else None,
@@ -48,12 +48,12 @@ class LayerPlace:
 
     @property
     def is_in_pixels(self) -> bool:
-        """Whether its unit is no length, and taken as mm."""
+        """Whether the unit is pixels, which count as mm."""
         return self.origin["unit"].startswith("pixel")
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
-    """Return the affine of a layer's last three axes, from data coordinates to the world, in the layer's units."""
+    """Return the affine of the last three axes of a layer, from data coordinates to the world, in its units."""
     steps = np.zeros((4, layer.ndim))
     steps[1:, -3:] = np.eye(3)
     corner, *ends = (np.asarray(layer.data_to_world(step), dtype=np.float64)[-3:] for step in steps)
@@ -64,23 +64,23 @@ def data_to_world(layer: Layer) -> NDArray[np.float64]:
 
 
 def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Carry points (N, 3) over by an affine."""
+    """Apply an affine to points (N, 3)."""
     moved: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
     return moved
 
 
 def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
-    """Carry points from RAS+ mm to a viewer's world, mm along its axes."""
-    return moved(points, _to_ras(world).T)  # a permutation of axes, some of them turned
+    """Convert points from RAS+ mm to the world of a viewer, mm along its axes."""
+    return moved(points, _to_ras(world).T)  # a permutation of axes, some of them reversed
 
 
 def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
-    """Carry points from a viewer's world to RAS+ mm: `from_ras` the other way."""
+    """Convert points from the world of a viewer to RAS+ mm, the inverse of `from_ras`."""
     return moved(points, _to_ras(world))
 
 
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
-    """Return the factors from some units to others; as napari does, 1 where they cannot be compared (pixels)."""
+    """Return the factors between units; 1 for units that cannot be compared (pixels), as in napari."""
     return np.array(
         [
             float((1 * unit).to(other).magnitude) if unit.is_compatible_with(other) else 1.0
@@ -90,29 +90,29 @@ def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float6
 
 
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
-    """Convert a place in the viewer, its last three numbers, to a layer's units; without units nothing is converted."""
+    """Convert the last three coordinates of a position from the units of the viewer, if any, to those of a layer."""
     place = np.asarray(position, dtype=np.float64)[-3:]
     return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
 
 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:
-    """Whether two layers are both in lengths or both in pixels, so that they lie in one world."""
+    """Return whether two layers are both in lengths or both in pixels, so that their positions are comparable."""
     return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
 
 
 def _millimetres(layer: Layer) -> tuple[NDArray[np.float64], str]:
-    """Return the factors from a layer's units to mm, and the units in words."""
+    """Return the conversion factors from the units of a layer to mm, and the names of the units."""
     units = layer.units[-3:]
     names = ", ".join(dict.fromkeys(str(unit) for unit in units))
     if all(str(unit) == "pixel" for unit in units):
         return np.ones(3), "pixel, taken as mm"
     if not all(unit.is_compatible_with("mm") for unit in units):
-        raise InputError(f"the axes of layer '{layer.name}' are in {names}: set its units to lengths, such as mm")
+        raise InputError(f"The axes of layer '{layer.name}' are in {names}. Set its units to lengths, such as mm")
     return unit_ratio(units, ["mm"] * 3), names
 
 
 def _to_ras(world: str) -> NDArray[np.float64]:
-    """Return the matrix from a world whose axes grow towards some letters of R/L, A/P, S/I to RAS+."""
+    """Return the matrix to RAS+ from a world whose axes increase towards the letters R/L, A/P, S/I."""
     matrix = np.zeros((4, 4))
     matrix[3, 3] = 1
     for axis, letter in enumerate(world):

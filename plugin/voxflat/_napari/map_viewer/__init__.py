@@ -1,1 +1,1 @@
-"""The dock that shows flat maps on a canvas of its own, and links them with the volume or surface they are of."""
+"""The dock that shows flat maps on its own canvas, linked with the volume or surface in the viewer."""

@@ -1,4 +1,4 @@
-"""How points and shapes of the volume look on the map: of one size at every zoom."""
+"""The graphics item of points and shapes on the map, whose size does not depend on the zoom."""
 
 from typing import Any
 
@@ -11,13 +11,13 @@ from qtpy.QtWidgets import QGraphicsItem
 from voxflat._napari.map_viewer.annotations import OnMap
 from voxflat.unique_rows import distinct
 
-_DOT, _LINE, _RIM = 8.0, 2.0, 1.25  # pixels: across, wide, and of the dark rim around both
+_DOT, _LINE, _RIM = 8.0, 2.0, 1.25  # pixels: diameter, line width, and width of the dark rim around both
 _HALO = QColor(0, 0, 0, 190)
-_TONES = 32  # of red, green and blue each: as many colours are told apart at most
+_TONES = 32  # levels of red, green and blue that are distinguished
 
 
 class AnnotationItem(QGraphicsItem):
-    """Dots and lines on the map, light and dark ones with a dark rim."""
+    """Dots and lines on the map, with a dark rim."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class AnnotationItem(QGraphicsItem):
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
 
     def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
-        """Show what is drawn, or nothing; all of it lies within a rectangle of the scene."""
+        """Show annotations, or none; all lie within a rectangle of the scene."""
         self.prepareGeometryChange()
         self._around = around
         self._lines, self._dots = [], []
@@ -43,12 +43,12 @@ class AnnotationItem(QGraphicsItem):
 
     @property
     def dots(self) -> NDArray[np.float64]:
-        """Where the dots are, (u, v) in mm, shape (P, 2)."""
+        """Coordinates of the dots, (u, v) in mm, shape (P, 2)."""
         return np.concatenate([np.empty((0, 2)), *(places for _, places in self._dots)])
 
     @property
     def lines(self) -> list[QPainterPath]:
-        """The lines, one path a colour, in the scene."""
+        """The lines in the scene, one path per colour."""
         return [path for _, path in self._lines]
 
     def boundingRect(self) -> QRectF:  # noqa: N802 - Qt's name
@@ -67,7 +67,7 @@ class AnnotationItem(QGraphicsItem):
 
 
 def _by_colour(colours: NDArray[np.uint8]) -> list[tuple[QColor, NDArray[np.int64]]]:
-    """Return colours, opaque, and which rows have each."""
+    """Return the opaque colours, and the rows of each."""
     step = 256 // _TONES
     tones = distinct(colours[:, :3] // step)
     order = np.argsort(tones.which, kind="stable")

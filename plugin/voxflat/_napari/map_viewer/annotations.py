@@ -1,4 +1,4 @@
-"""Points and shapes of the volume, shown on the map at the nearest place of the surface."""
+"""Points and shapes of the volume, shown on the map at the nearest points of the surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,30 +12,30 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import LayerPlace, moved
-from voxflat._napari.map_viewer.sheet import FAR, Sheet
-from voxflat._napari.timers import once
+from voxflat._napari.map_viewer.prepared_map import FAR, PreparedMap
+from voxflat._napari.timers import single_shot
 from voxflat.maps.lines import ellipse
 
 _CLOSED = ("polygon", "rectangle", "ellipse")
 _LOOKS = ("data", "set_data", "visible", "face_color", "current_face_color", "border_color", "current_border_color")
 _SHAPES = ("edge_color", "current_edge_color", "edge_width")
 _PLACE = ("scale", "translate", "rotate", "shear", "affine", "units")
-_FINER = 2  # than the surface's points lie apart: steps along a line
-_JUMP = 4.0  # of the usual step; a line that jumps farther crosses a cut
+_FINER = 2  # steps along a line for each spacing of the surface points
+_JUMP = 4.0  # times the usual step; a line that jumps farther crosses a cut
 
 
 @dataclass(frozen=True, eq=False)
 class Annotation:
-    """What a layer has drawn in space, at the time that is shown; places are RAS+ mm in scanner space."""
+    """The points and lines of a layer at the displayed time; coordinates are RAS+ mm in scanner space."""
 
     points: NDArray[np.float64]  # (P, 3)
-    colours: NDArray[np.uint8]  # (P, 4), one a point
-    lines: list[NDArray[np.float64]]  # (k, 3) each; of what is closed the last place is the first
-    line_colours: NDArray[np.uint8]  # (L, 4), one a line
+    colours: NDArray[np.uint8]  # (P, 4), one per point
+    lines: list[NDArray[np.float64]]  # (k, 3) each; a closed line ends at its first point
+    line_colours: NDArray[np.uint8]  # (L, 4), one per line
 
     @classmethod
     def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> "Annotation":
-        """Take what a layer shows where the viewer is; raises InputError if its last three axes are no lengths."""
+        """Read the visible contents of a layer; raises InputError if its last three axes are not lengths."""
         leading = layer.ndim - 3
         affine = LayerPlace.of(layer, world, leading).affine
         now = np.asarray(layer.world_to_data(np.asarray(point)[-layer.ndim :]))[:leading]
@@ -50,7 +50,7 @@ class Annotation:
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
     def is_same(self, other: "Annotation") -> bool:
-        """Say whether another one would be shown alike."""
+        """Return whether another annotation looks the same."""
         own, others = self._arrays, other._arrays
         return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
 
@@ -61,56 +61,56 @@ class Annotation:
 
 @dataclass(frozen=True, eq=False)
 class OnMap:
-    """What is drawn in the volume, on the map; places are (u, v), mm."""
+    """Annotations of the volume on the map; coordinates are (u, v), mm."""
 
     dots: NDArray[np.float64]
     colours: NDArray[np.uint8]
     lines: list[NDArray[np.float64]]
     line_colours: NDArray[np.uint8]
-    left_out: str  # what lies too far from the surface, in words; empty if nothing does
+    excluded: str  # a message about annotations that are too far from the surface, or empty
 
 
-def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
-    """Carry annotations to the nearest places of a map's surface within `FAR`; lines follow it, but not over cuts."""
+def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
+    """Project annotations onto the nearest surface points within `FAR`; lines are split at cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
-    dots = sheet.places(points)
+    dots = prepared.places(points)
     known = np.isfinite(dots[:, 0])
     lines, line_colours, shapes, far = [], [], 0, 0
     for one in annotations:
         for line, colour in zip(one.lines, one.line_colours, strict=True):
-            places = sheet.places(_along(line, sheet))
-            parts = split(places, sheet.spacing)
+            places = prepared.places(_along(line, prepared))
+            parts = split(places, prepared.spacing)
             lines += parts
             line_colours += [colour] * len(parts)
             shapes += 1
             far += bool(np.isnan(places).any())
     beyond = int((~known).sum())
-    told = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
-    told += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
-    left_out = f"not on the map, since farther than {FAR:g} mm from the surface: {', '.join(told)}" if told else ""
+    counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
+    counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
+    excluded = f"Not shown, because more than {FAR:g} mm from the surface: {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
-    return OnMap(dots[known], colours[known], lines, all_colours, left_out)
+    return OnMap(dots[known], colours[known], lines, all_colours, excluded)
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
-    """Break a line of the map (k, 2) where it is NaN, and where it jumps over a cut; none is left of a single place."""
+    """Split a line of the map (k, 2) at NaN and where it jumps over a cut; single points are dropped."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1
     return [part for part in np.split(places, breaks) if len(part) > 1]
 
 
-def _along(line: NDArray[np.float64], sheet: Sheet) -> NDArray[np.float64]:
-    """Return places along a line, so near that no point is left out; what lies beyond the surface is one NaN."""
-    low, high = sheet.points.min(axis=0) - FAR, sheet.points.max(axis=0) + FAR
-    step = sheet.spacing / _FINER
+def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float64]:
+    """Sample a line finer than the surface points; each part beyond the surface becomes one NaN."""
+    low, high = prepared.points.min(axis=0) - FAR, prepared.points.max(axis=0) + FAR
+    step = prepared.spacing / _FINER
     found = []
     for a, b in pairwise(line):
         along = b - a
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # along some axes it hardly leads, or not
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # the line may be parallel to some axes
             ends = np.sort([(low - a) / along, (high - a) / along], axis=0)
-        inside = (low <= a) & (a <= high)  # of axes along which it does not lead
+        inside = (low <= a) & (a <= high)  # for axes that the line is perpendicular to
         start = max(0.0, np.max(np.where(along == 0, np.where(inside, -np.inf, np.inf), ends[0])))
         end = min(1.0, np.min(np.where(along == 0, np.inf, ends[1])))
         if not start <= end:
@@ -123,13 +123,13 @@ def _along(line: NDArray[np.float64], sheet: Sheet) -> NDArray[np.float64]:
 
 
 def _line(corners: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
-    """Return a shape's outline; that of what is closed ends where it begins."""
+    """Return the outline of a shape; a closed one ends at its first point."""
     line = ellipse(corners) if kind == "ellipse" else np.asarray(corners, dtype=np.float64)
     return np.concatenate([line, line[:1]]) if kind in _CLOSED else line
 
 
 def _is_now(data: NDArray[Any], now: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether places belong to the time, and what else comes before space, that is shown."""
+    """Return which points belong to the displayed step of the leading axes, such as time."""
     return np.asarray((np.abs(data[:, : len(now)] - now) <= 0.5).all(axis=1))
 
 
@@ -138,16 +138,16 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class VolumeAnnotations(QObject):
-    """Follows the viewer's Points and Shapes layers that can be seen."""
+    """Follows the visible Points and Shapes layers of the viewer."""
 
     changed = Signal()
-    """Something may have been drawn, moved, coloured, shown or hidden; several changes at once are one."""
+    """Emitted when annotations may have changed; several changes at once emit it once."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = viewer
         self._events: list[Any] = []
-        self._soon = once(self, 0, self.changed)
+        self._soon = single_shot(self, 0, self.changed)
         for event in self._of_list:
             event.connect(self._on_layers)
         self._on_layers()
@@ -158,7 +158,7 @@ class VolumeAnnotations(QObject):
 
     @property
     def layers(self) -> list[Layer]:
-        """Those that are followed; what voxflat itself draws elsewhere, such as cuts on another surface, is not."""
+        """The layers that are followed; those that voxflat itself adds, such as cuts, are excluded."""
         return [
             layer
             for layer in self._viewer.layers
@@ -167,11 +167,11 @@ class VolumeAnnotations(QObject):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a change is about to be told."""
+        """Whether a change is about to be emitted."""
         return bool(self._soon.isActive())
 
     def taken(self, world: str) -> list[Annotation]:
-        """Take what is drawn now in layers that can be seen; raises InputError if axes of one are no lengths."""
+        """Read the annotations of all visible layers; raises InputError if the axes of one are not lengths."""
         point = self._viewer.dims.point
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
 

@@ -1,4 +1,4 @@
-"""The canvas on which a map is drawn, moved and zoomed: of Qt alone, so that it opens and follows the mouse at once."""
+"""The canvas that draws, moves and zooms a map; it uses only Qt, so that it opens and reacts quickly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,30 +22,30 @@ from voxflat._napari.map_viewer.annotations import OnMap
 from voxflat._napari.map_viewer.cursor import RingItem
 from voxflat._napari.map_viewer.pictures import Picture
 
-_MARGIN = 0.03  # of the map, around it
-_CLICK = 4  # pixels; what moves farther is no click
-_STEP = 1.2  # zoom of one notch of the wheel
-_CLOSEST = 80.0  # pixels a mm
+_MARGIN = 0.03  # around the map, as a fraction of its size
+_CLICK = 4  # pixels; a longer movement is not a click
+_STEP = 1.2  # zoom factor per notch of the wheel
+_CLOSEST = 80.0  # pixels per mm
 _RIM, _LINE, _HALO = QColor(64, 64, 64), QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 class MapCanvas(QGraphicsView):
-    """Shows a map: mm to the right and, as on screens, downwards, so that y is −v."""
+    """Shows a map in mm; the y axis of the scene points downwards, so that y is −v."""
 
     pointed = Signal(float, float)
-    """The mouse is at this place (u, v), mm."""
+    """Emitted with the position (u, v) of the mouse, mm."""
 
     clicked = Signal(float, float)
-    """And was clicked there."""
+    """Emitted with the position (u, v) of a click, mm."""
 
     double_clicked = Signal()
-    """And clicked once more."""
+    """Emitted after a double click."""
 
     left = Signal()
-    """The mouse is elsewhere."""
+    """Emitted when the mouse leaves the canvas."""
 
     zoomed = Signal()
-    """Another scale is shown."""
+    """Emitted when the scale changes."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -98,31 +98,31 @@ class MapCanvas(QGraphicsView):
     # ---------------------------------------------------------------------------------------- showing
 
     def show_map(self, folds: Picture, rim: list[NDArray[np.float64]]) -> None:
-        """Show another map, its outline over the folds, as large as it can be."""
+        """Show another map, with its outline over the folds, fitted to the canvas."""
         self._put(self.folds, folds)
         self.show_picture(None)
         self.show_annotations(None)
         self._rim.setPath(_path(rim))
         around = self._map_rect()
         wide = max(around.width(), around.height())
-        self._scene.setSceneRect(around.adjusted(-wide, -wide, wide, wide))  # so that any place can be the middle
+        self._scene.setSceneRect(around.adjusted(-wide, -wide, wide, wide))  # so that every point can be centred
         self.fit()
 
     def hide_map(self) -> None:
-        """Show nothing."""
+        """Clear the canvas."""
         self.folds.setPixmap(QPixmap())
         self._rim.setPath(QPainterPath())
         self.show_picture(None)
         self.show_annotations(None)
 
     def show_picture(self, picture: Picture | None) -> None:
-        """Show a picture over the folds, or the folds alone."""
+        """Show a picture over the folds, or only the folds."""
         self.picture.setVisible(picture is not None)
         if picture is not None:
             self._put(self.picture, picture)
 
     def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
-        """Show what was drawn, mm."""
+        """Show drawn lines and dots, mm."""
         path, radius = _path(lines), 3 / self.scale_factor
         for u, v in dots:
             path.addEllipse(QPointF(u, -v), radius, radius)
@@ -130,11 +130,11 @@ class MapCanvas(QGraphicsView):
             item.setPath(path)
 
     def show_annotations(self, found: OnMap | None) -> None:
-        """Show what is drawn in the volume."""
+        """Show the annotations of the volume."""
         self.annotations.show_annotations(found, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
-        """Mark a place (u, v), mm, or none."""
+        """Place the ring at (u, v), mm, or hide it."""
         self.ring.setVisible(place is not None)
         if place is not None:
             self.ring.setPos(place[0], -place[1])
@@ -149,23 +149,23 @@ class MapCanvas(QGraphicsView):
             self.zoomed.emit()
 
     def centre(self, place: tuple[float, float]) -> None:
-        """Move the map until a place (u, v), mm, is in the middle."""
+        """Centre the map on (u, v), mm."""
         self._is_fitted = False
         self.centerOn(place[0], -place[1])
 
     @property
     def scale_factor(self) -> float:
-        """Pixels a mm."""
+        """Pixels per mm."""
         return float(self.transform().m11())
 
     def position(self, u: float, v: float) -> Any:
-        """Return where a place, mm, is on the viewport, pixels."""
+        """Return the position of (u, v), mm, in the viewport, pixels."""
         return self.mapFromScene(QPointF(u, -v))
 
     def _put(self, item: QGraphicsPixmapItem, picture: Picture) -> None:
         height, width = picture.pixels.shape[:2]
         image = QImage(picture.pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
-        item.setPixmap(QPixmap.fromImage(image))  # which copies
+        item.setPixmap(QPixmap.fromImage(image))  # copies the image
         item.setScale(picture.pixel_size)
         u, v = picture.origin
         item.setPos(u - picture.pixel_size / 2, -v - picture.pixel_size / 2)
@@ -221,14 +221,14 @@ class MapCanvas(QGraphicsView):
             self.fit()
 
     def _point_out(self) -> None:
-        """Show a cross rather than a hand, which hides what it points at."""
+        """Show a cross instead of the hand cursor, which hides the map below it."""
         viewport = self.viewport()
         assert viewport is not None
         viewport.setCursor(Qt.CursorShape.CrossCursor)
 
 
 def _path(lines: list[NDArray[np.float64]]) -> QPainterPath:
-    """Return lines of the map as Qt draws them."""
+    """Return lines of the map as a Qt path."""
     path = QPainterPath()
     for line in lines:
         (u, v), *others = line.tolist()

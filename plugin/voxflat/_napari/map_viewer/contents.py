@@ -1,4 +1,4 @@
-"""What a map may show: only its folds, a measure of it, or a layer of the viewer."""
+"""The values that a map can show: its folds only, a distortion measure, or a layer of the viewer."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias
@@ -14,30 +14,30 @@ from superqt.utils import signals_blocked
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import Run, limits
 
 Content: TypeAlias = "Measure | Layer | None"
-"""What is shown; None for the folds alone."""
+"""The values that are shown; None for the folds only."""
 
 FOLDS = "Folds only"
 
 
 def suits(layer: Layer, run: Run) -> bool:
-    """Say whether a layer lies on a run's surface; a volume may lie elsewhere in space: then its picture is empty."""
+    """Return whether a layer can be shown on the map of a run; a volume elsewhere in space gives an empty picture."""
     if "voxflat" in layer.metadata:
         return False
     if isinstance(layer, Image | Labels):
         return bool(layer.ndim >= 3)
-    told = run.flat_map.metadata
-    return isinstance(layer, Surface) and told["kind"] == "mesh" and len(layer.vertices) == told["vertices"]
+    about = run.flat_map.metadata
+    return isinstance(layer, Surface) and about["kind"] == "mesh" and len(layer.vertices) == about["vertices"]
 
 
-def drawing(shown: Shown) -> Callable[[Sheet], Picture]:
-    """Return what draws a layer's values on a sheet, in any thread."""
+def drawing(shown: Shown) -> Callable[[PreparedMap], Picture]:
+    """Return a function that draws the values of a layer on a map, in any thread."""
 
-    def draw(sheet: Sheet) -> Picture:
-        image = shown.image(sheet.planar, sheet.pixel_size)
+    def draw(prepared: PreparedMap) -> Picture:
+        image = shown.image(prepared.planar, prepared.pixel_size)
         if image.is_colour:
             return Picture(image.data, image.origin, image.pixel_size)
         data = image.data.astype(np.float32)
@@ -54,7 +54,7 @@ def drawing(shown: Shown) -> Callable[[Sheet], Picture]:
 
 
 def _label_colours(data: NDArray[np.floating], colormap: Any) -> NDArray[np.uint8]:
-    """Return the colours that napari gives labels; none and 0 are transparent."""
+    """Return the colours of labels in napari; missing values and 0 are transparent."""
     known = np.isfinite(data)
     labels, which = np.unique(np.where(known, data, 0).astype(np.int64), return_inverse=True)
     colours = _bytes(np.atleast_2d(colormap.map(labels)))
@@ -63,7 +63,7 @@ def _label_colours(data: NDArray[np.floating], colormap: Any) -> NDArray[np.uint
 
 
 def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours from 0 to 1 as bytes with opacity."""
+    """Convert colours between 0 and 1 to RGBA bytes."""
     if colours.shape[1] == 1:
         colours = np.repeat(colours, 3, axis=1)
     if colours.shape[1] == 3:
@@ -72,10 +72,10 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class ContentChoice(QComboBox):
-    """Chooses what the map shows, and follows the viewer's layers."""
+    """Lets the user choose what the map shows; follows the layers of the viewer."""
 
     chosen = Signal()
-    """Something else is chosen."""
+    """Emitted when something else is chosen."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -91,21 +91,21 @@ class ContentChoice(QComboBox):
 
     @property
     def content(self) -> Content:
-        """What is chosen."""
+        """The chosen values."""
         index = self.currentIndex()
         return self._offered[index] if 0 <= index < len(self._offered) else None
 
     def choose(self, content: Content) -> None:
-        """Choose something that is offered."""
+        """Choose one of the offered entries."""
         self.setCurrentIndex(self._offered.index(content))
 
     def step(self, steps: int) -> None:
-        """Choose what stands so many places farther down; after the last comes the first."""
+        """Move the choice down by a number of entries, and from the last to the first."""
         if self._offered:
             self.setCurrentIndex((self.currentIndex() + steps) % len(self._offered))
 
     def show_run(self, run: Run | None) -> None:
-        """Offer what a run's map may show, and choose what it was made to show, or the first measure."""
+        """Offer what the map of a run can show; select the layer chosen in the form, or the first measure."""
         self._run = run
         own = [] if run is None else measures(run.flat_map)
         self._fill(own)
@@ -137,7 +137,7 @@ class ContentChoice(QComboBox):
             self.chosen.emit()
 
     def _fill(self, own: list[Measure]) -> None:
-        """Offer measures, then layers, then nothing but folds."""
+        """Offer the measures, then the layers, then the folds only."""
         run = self._run
         layers = [] if run is None else [layer for layer in reversed(self._viewer.layers) if suits(layer, run)]
         with signals_blocked(self):

@@ -1,4 +1,4 @@
-"""The ring that marks one place, on the map and in the viewer."""
+"""The ring that marks the same place on the map and in the viewer."""
 
 from typing import Any
 
@@ -6,10 +6,10 @@ from qtpy.QtCore import QEvent, QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPen
 from qtpy.QtWidgets import QGraphicsItem, QWidget
 
-from voxflat._napari.timers import once
+from voxflat._napari.timers import single_shot
 
 SIZE = 25.0
-"""Side of the square that holds it, pixels."""
+"""Side of the square around the ring, pixels."""
 
 _RADIUS = 6.0
 _REST = 200  # ms
@@ -17,7 +17,7 @@ _COLOUR, _HALO = QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 def paint_ring(painter: QPainter, centre: QPointF) -> None:
-    """Paint the ring, in pixels: seen on light and dark."""
+    """Paint the ring, in pixels, visible on light and dark backgrounds."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     for colour, width in ((_HALO, 4.0), (_COLOUR, 2.0)):
         painter.setPen(QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
@@ -28,7 +28,7 @@ def paint_ring(painter: QPainter, centre: QPointF) -> None:
 
 
 class RingItem(QGraphicsItem):
-    """The ring on the map, of one size at every zoom."""
+    """The ring on the map; its size does not depend on the zoom."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,7 +45,7 @@ class RingItem(QGraphicsItem):
 
 
 class RingWidget(QWidget):
-    """The ring over the viewer's canvas: no layer, so that to move it costs no drawing of the scene."""
+    """The ring over the canvas of the viewer; it is not a layer, so moving it does not redraw the scene."""
 
     def __init__(self, canvas: QWidget) -> None:
         super().__init__(canvas)
@@ -54,12 +54,12 @@ class RingWidget(QWidget):
         self.setFixedSize(int(SIZE), int(SIZE))
         self.is_near = True
         self._has_moved = False
-        self._rest = once(self, _REST, canvas.update)
+        self._rest = single_shot(self, _REST, canvas.update)
         self.hide()
         canvas.installEventFilter(self)
 
     def show_at(self, x: float, y: float, *, near: bool) -> None:
-        """Mark a place of the canvas, pixels; where it is not near, as in a slice far from it, the ring is faint."""
+        """Show the ring at a position of the canvas, pixels; it is faint if the marked place is not in the slice."""
         self._has_moved = True
         self.is_near = near
         self.move(round(x - SIZE / 2), round(y - SIZE / 2))
@@ -67,7 +67,7 @@ class RingWidget(QWidget):
         self.update()
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
-        """Show the viewer's last picture again where the ring moves over it; draw anew once the ring rests."""
+        """Skip repainting the canvas while the ring moves over it; repaint once the ring rests."""
         if event.type() != QEvent.Type.Paint or not self._has_moved:
             return False
         self._has_moved = False

@@ -1,4 +1,4 @@
-"""The dock *Flat map*: the current run's map, linked with the volume or surface that it is of."""
+"""The dock *Flat map*: the map of the current run, linked with its volume or surface."""
 
 from functools import partial
 from typing import Any, TypeAlias
@@ -13,48 +13,48 @@ from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButto
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
+from voxflat._napari.docks import Dock
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
-from voxflat._napari.map_viewer.link import ViewerLink
+from voxflat._napari.map_viewer.legend import Legend
 from voxflat._napari.map_viewer.measures import DISTANCES, Measure
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
-from voxflat._napari.map_viewer.sheet import Sheet, Spot
-from voxflat._napari.map_viewer.strip import Strip
+from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
+from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import Run
-from voxflat._napari.tabs import Dock
-from voxflat._napari.timers import once
-from voxflat._napari.workbench import Workbench
-from voxflat._napari.worker import Latest
+from voxflat._napari.timers import single_shot
+from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.worker import LatestTask
 from voxflat.errors import VoxflatError
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _MM, _CORTEX = "mm outside", "of cortex"
-_SHARE = 0.43  # of the window: as wide is the dock at first; as much is left for the viewer
-_CLEAR = 0.85  # the folds show through a little
+_SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
+_OPACITY = 0.85  # of the colours at first, so that the folds remain visible
 
-_Drawn: TypeAlias = tuple[Sheet, Picture | None, NDArray[np.uint8] | None]
+_Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None]
 
 GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
-"""What a click on the map may do."""
+"""The actions of a click on the map."""
 
 _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
     KeyMod.Shift | key for key in (KeyCode.KeyN, KeyCode.KeyB, KeyCode.KeyC, KeyCode.KeyO, KeyCode.KeyW)
 )
 _OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
-NOTHING = "Flatten a surface: its map is shown here."
-_HINT = "Point at the map or in the volume to see the place in both; click to go there."
+NOTHING = "Flatten a surface to see its map here."
+_HINT = "Point at the map or the volume to see the same place in both. Click to go there."
 
 
 def open_flat_map(viewer: Viewer) -> "FlatMapDock":
-    """Open the dock *Flat map*, unless it is open, beside those that are there."""
+    """Open the dock *Flat map*, unless it is open, as a tab of the other docks."""
     dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
     window = dock.window()
     if hasattr(window, "resizeDocks"):
@@ -65,27 +65,27 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
 
 
 class FlatMapDock(Dock):
-    """Shows the current run's map on a canvas of its own; the viewer is left as it is."""
+    """Shows the map of the current run on its own canvas; the view of the viewer does not change."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
         self._viewer = napari_viewer
-        self._workbench = Workbench.of(napari_viewer)
+        self._state = ViewerState.of(napari_viewer)
         self._run: Run | None = None
-        self._looks: list[Any] = []
-        self._told: tuple[Spot | None, tuple[float, float] | None] | None = None
-        self.sheet: Sheet | None = None
-        """The run's map, ready to be looked up; None until it is drawn."""
+        self._display_events: list[Any] = []
+        self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
+        self.prepared: PreparedMap | None = None
+        """The map of the run, prepared for display and lookups; None until it is drawn."""
         self.picture: Picture | None = None
-        """What is shown over the folds."""
+        """The picture over the folds."""
         self._corners: list[drawings.Place] = []
-        self._points: list[drawings.Place] = []  # that are about to be in the volume
+        self._points: list[drawings.Place] = []  # marked points that are not yet in the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
-        self._carrier = Latest(self, self._on_carried, self._on_not_carried)
-        self._annotator = Latest(self, self._on_annotated, self._on_not_annotated)
-        self._painter = Latest(self, self._on_drawn, self._on_failed)
-        self._soon = once(self, 0, self._draw)  # several changes at once are one
+        self._projector = LatestTask(self, self._on_projected, self._on_projection_failed)
+        self._annotator = LatestTask(self, self._on_annotated, self._on_annotation_failed)
+        self._painter = LatestTask(self, self._on_drawn, self._on_failed)
+        self._redraw = single_shot(self, 0, self._draw)  # draws once after several changes
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -101,49 +101,49 @@ class FlatMapDock(Dock):
 
     def _make_fields(self) -> None:
         self.runs = QComboBox()
-        self.runs.setToolTip("Which map is shown")
+        self.runs.setToolTip("The map to show")
         self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.keep = QCheckBox("Keep maps")
-        self.keep.setToolTip("Keep earlier maps in the list; otherwise a new map replaces the one before")
-        self.keep.setChecked(self._workbench.keeps_earlier)
+        self.keep.setToolTip("Keep earlier maps in the list. Otherwise, a new map replaces the previous one")
+        self.keep.setChecked(self._state.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
         self.contents.setToolTip(
-            "What the map shows: a distortion measure, or a layer of the viewer "
+            "The values that the map shows: a distortion measure, or a layer of the viewer "
             f"({key_text(_NEXT)}: next, {key_text(_PREVIOUS)}: previous)"
         )
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
-        self.depths.setToolTip("How far from the surface the layer is sampled")
+        self.depths.setToolTip("Distance from the surface at which the layer is sampled")
         self.depth_unit = QComboBox()
         self.depth_unit.addItems([_MM, _CORTEX])
         self.opacity = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(0, 1)
-        self.opacity.setValue(_CLEAR)
+        self.opacity.setValue(_OPACITY)
         self.opacity.setToolTip("Opacity of the colours over the folds")
         self.on_surface = QCheckBox("In 3D")
-        self.on_surface.setToolTip(f"Show the surface in the viewer, coloured like the map ({key_text(_IN_3D)})")
+        self.on_surface.setToolTip(f"Show the surface in the viewer, in the colours of the map ({key_text(_IN_3D)})")
         self.outlined = QCheckBox("Outline")
         self.outlined.setToolTip(
-            "Draw the flattened surface in the slices, with its cuts; in 3D its border and its cuts "
+            "Show the outline of the flattened surface in slices, and its border in 3D, both with the cuts "
             f"({key_text(_OUTLINE)})"
         )
         self.click = QComboBox()
         self.click.addItems([*_CLICKS])
         self.click.setToolTip(
             "What a click on the map does: "
-            + ", ".join(f"{key_text(key)} {what}" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
+            + ", ".join(f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
         )
         self.whole = QPushButton("Whole map")
         self.whole.setToolTip(
-            f"Fit the map to the window ({key_text(_WHOLE)}, or double click). Scroll to zoom, drag to move"
+            f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click). Scroll to zoom, drag to move the map"
         )
         self.canvas = MapCanvas()
-        self.strip = Strip()
+        self.legend = Legend()
         self.text = QLabel(NOTHING)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.left_out = QLabel()
-        self.left_out.setWordWrap(True)
-        self.left_out.hide()
+        self.excluded = QLabel()
+        self.excluded.setWordWrap(True)
+        self.excluded.hide()
         self._limit_depth()
 
     def _lay_out(self) -> None:
@@ -172,21 +172,21 @@ class FlatMapDock(Dock):
         layout.addLayout(first)
         layout.addLayout(second)
         layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.strip)
+        layout.addWidget(self.legend)
         layout.addWidget(self.text)
-        layout.addWidget(self.left_out)
+        layout.addWidget(self.excluded)
 
     def _connect(self) -> None:
-        self._workbench.changed.connect(self._on_runs)
+        self._state.changed.connect(self._on_runs)
         self._viewer.events.theme.connect(self._on_theme)
         self._viewer.dims.events.current_step.connect(self._on_step)
         self.runs.activated.connect(self._on_run_chosen)
         self.keep.toggled.connect(self._on_keep)
         self.contents.chosen.connect(self._on_content)
-        self.depths.valueChanged.connect(self._soon.start)
+        self.depths.valueChanged.connect(self._redraw.start)
         self.depth_unit.currentIndexChanged.connect(self._on_depth_unit)
         self.opacity.valueChanged.connect(self._on_opacity)
-        self.canvas.picture.setOpacity(_CLEAR)
+        self.canvas.picture.setOpacity(_OPACITY)
         self.on_surface.toggled.connect(self._on_surface)
         self.outlined.toggled.connect(self._on_outlined)
         self.whole.clicked.connect(self.canvas.fit)
@@ -200,11 +200,11 @@ class FlatMapDock(Dock):
         self.link.clicked.connect(self._on_viewer_clicked)
         self.annotations.changed.connect(self._annotate)
         self.outline.failed.connect(self._on_failed)
-        self.outline.switched.connect(self.outlined.setChecked)
-        self.painted.switched.connect(self.on_surface.setChecked)
+        self.outline.toggled.connect(self.outlined.setChecked)
+        self.painted.toggled.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
-        """Return what keys do."""
+        """Return the actions of the keys."""
         buttons = {_IN_3D: self.on_surface, _OUTLINE: self.outlined, _WHOLE: self.whole}
         return {
             _NEXT: partial(self.contents.step, 1),
@@ -216,8 +216,8 @@ class FlatMapDock(Dock):
     # -------------------------------------------------------------------------------------------- runs
 
     def _on_runs(self) -> None:
-        """Offer the runs that there are, and show the current one."""
-        runs, current = self._workbench.runs, self._workbench.current
+        """List the runs, and show the current one."""
+        runs, current = self._state.runs, self._state.current
         with signals_blocked(self.runs):
             self.runs.clear()
             self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
@@ -227,16 +227,16 @@ class FlatMapDock(Dock):
             self._show_run(current)
 
     def _on_run_chosen(self, index: int) -> None:
-        self._workbench.choose(self._workbench.runs[index])
+        self._state.choose(self._state.runs[index])
 
     def _on_keep(self, keep: bool) -> None:
-        self._workbench.keeps_earlier = keep
+        self._state.keeps_earlier = keep
 
     def _show_run(self, run: Run | None) -> None:
-        self._run, self.sheet, self.link.sheet = run, None, None
-        self._told = None
+        self._run, self.prepared, self.link.prepared = run, None, None
+        self._location = None
         self._points, self._regions, self._annotations = [], [], []
-        self._say_left_out("")
+        self._show_excluded("")
         self._forget_corners()
         self.link.mark(None)
         self.canvas.place_ring(None)
@@ -245,13 +245,13 @@ class FlatMapDock(Dock):
         self.contents.show_run(run)
         if run is None:
             self.canvas.hide_map()
-            self.strip.show_marks([], None)
-            self.strip.show_colours(None)
+            self.legend.show_marks([], None)
+            self.legend.show_colours(None)
             self.painted.remove()
             self.outline.remove()
 
     def _set_depth(self, run: Run | None) -> None:
-        """Start at the depth at which the run was asked to sample, and offer fractions where they are known."""
+        """Set the depth of the form, and offer fractions of the cortex if the pial surface is known."""
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
         with signals_blocked(self.depth_unit):
             self.depth_unit.setCurrentText(_MM)
@@ -264,39 +264,39 @@ class FlatMapDock(Dock):
 
     @property
     def is_drawn(self) -> bool:
-        """Whether the canvas shows what is chosen, and the viewer what was drawn."""
-        threads = (self._painter, self._carrier, self._annotator, self.annotations, self.outline)
-        return not (self._soon.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
+        """Whether the canvas and the viewer are up to date."""
+        threads = (self._painter, self._projector, self._annotator, self.annotations, self.outline)
+        return not (self._redraw.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
     def _on_content(self) -> None:
-        for event in self._looks:
-            event.disconnect(self._on_look)
+        for event in self._display_events:
+            event.disconnect(self._on_display_changed)
         content = self.contents.content
         has_depth = isinstance(content, Image | Labels)
         self._depth_row.setVisible(has_depth)
         names = ("colormap", "contrast_limits", "gamma", "data") if content is not None else ()
         events = getattr(content, "events", None)
-        self._looks = [getattr(events, name) for name in names if hasattr(events, name)]
-        for event in self._looks:
-            event.connect(self._on_look)
-        self._soon.start()
+        self._display_events = [getattr(events, name) for name in names if hasattr(events, name)]
+        for event in self._display_events:
+            event.connect(self._on_display_changed)
+        self._redraw.start()
 
-    def _on_look(self) -> None:
-        self._soon.start()
+    def _on_display_changed(self) -> None:
+        self._redraw.start()
 
     def _on_step(self) -> None:
         content = self.contents.content
         if isinstance(content, Image | Labels) and content.ndim > 3:
-            self._soon.start()
+            self._redraw.start()
 
     def _on_depth_unit(self) -> None:
         self._limit_depth()
-        self._soon.start()
+        self._redraw.start()
 
     def _on_opacity(self, opacity: float) -> None:
         self.canvas.picture.setOpacity(opacity)
         if self.on_surface.isChecked():
-            self._soon.start()
+            self._redraw.start()
 
     def _limit_depth(self) -> None:
         in_mm = self.depth_unit.currentText() == _MM
@@ -307,7 +307,7 @@ class FlatMapDock(Dock):
             self.depths.setValue(0.0 if in_mm else 0.5)
 
     def _draw(self) -> None:
-        """Have what is chosen drawn in a thread."""
+        """Draw the chosen values in a thread."""
         run = self._run
         if run is None:
             return
@@ -317,7 +317,7 @@ class FlatMapDock(Dock):
             self._on_failed(error)
             return
         opacity = self.opacity.value() if self.on_surface.isChecked() else None
-        self._painter.ask(partial(_drawn, run, self.sheet, draw, opacity))
+        self._painter.ask(partial(_drawn, run, self.prepared, draw, opacity))
 
     def _drawing(self, content: Content) -> Any:
         if content is None:
@@ -333,7 +333,7 @@ class FlatMapDock(Dock):
         return drawing(shown(content, world, **how))
 
     def _step(self, layer: Layer) -> tuple[int, ...]:
-        """Return which of a layer's times and channels the viewer shows."""
+        """Return the time and channel of a layer that the viewer shows."""
         first = layer.ndim - 3
         index = layer.world_to_data(self._viewer.dims.point[-layer.ndim :])[:first]
         data = layer.data[0] if layer.multiscale else layer.data
@@ -341,123 +341,123 @@ class FlatMapDock(Dock):
 
     def _on_surface(self, painted: bool) -> None:
         if painted:
-            self._soon.start()
+            self._redraw.start()
         else:
             self.painted.hide()
 
     def _on_outlined(self, outlined: bool) -> None:
         if not outlined:
             self.outline.hide()
-        elif self.sheet is not None:
-            self.outline.show(self.sheet)
+        elif self.prepared is not None:
+            self.outline.show(self.prepared)
 
     def _on_drawn(self, result: _Drawn) -> None:
-        sheet, picture, colours = result
-        if sheet.run is not self._run:
+        prepared, picture, colours = result
+        if prepared.run is not self._run:
             return
-        if sheet is not self.sheet:
-            self.sheet = self.link.sheet = sheet
-            self.canvas.show_map(sheet.folds, sheet.outline)
-            self.strip.show_marks(sheet.directions, sheet.side)
+        if prepared is not self.prepared:
+            self.prepared = self.link.prepared = prepared
+            self.canvas.show_map(prepared.folds, prepared.outline)
+            self.legend.show_marks(prepared.directions, prepared.side)
             self.text.setText(_HINT)
             self._annotate()
-            self.painted.take_up(sheet)
-            self.outline.take_up(sheet)
+            self.painted.take_up(prepared)
+            self.outline.take_up(prepared)
             self._on_outlined(self.outlined.isChecked())
         self.picture = picture
         self.canvas.show_picture(picture)
-        self.strip.show_colours(None if picture is None else picture.scale)
-        if self._told is not None:
-            self._tell(*self._told)
+        self.legend.show_colours(None if picture is None else picture.scale)
+        if self._location is not None:
+            self._show_location(*self._location)
         if colours is not None and self.on_surface.isChecked():
-            self.painted.show(sheet, colours)
+            self.painted.show(prepared, colours)
 
     def _on_failed(self, error: Exception) -> None:
-        if self.sheet is None:  # what is painted and outlined is of a map before
+        if self.prepared is None:  # the painted surface and the outline are those of the previous map
             self.painted.remove()
             self.outline.remove()
         self.canvas.show_picture(None)
-        self.strip.show_colours(None)
+        self.legend.show_colours(None)
         self.text.setText(" ".join(str(error).split()))
 
     # ------------------------------------------------------------------------------ drawn in the volume
 
     def _annotate(self) -> None:
-        """Have points and shapes of the volume carried to the map in a thread, if there are others than before."""
-        if self.sheet is None:
+        """Project points and shapes of the volume onto the map in a thread, if they have changed."""
+        if self.prepared is None:
             return
         try:
-            found = self.annotations.taken(self.sheet.origin.get("world_axes", "RAS"))
+            found = self.annotations.taken(self.prepared.origin.get("world_axes", "RAS"))
         except VoxflatError as error:
-            self._on_not_annotated(error)
+            self._on_annotation_failed(error)
             return
         before, self._annotations = self._annotations, found
         if len(found) != len(before) or not all(one.is_same(other) for one, other in zip(found, before, strict=True)):
-            self._annotator.ask(partial(_annotated, self.sheet, found))
+            self._annotator.ask(partial(_annotated, self.prepared, found))
 
-    def _on_annotated(self, result: tuple[Sheet, OnMap]) -> None:
-        sheet, found = result
-        if sheet is self.sheet:
+    def _on_annotated(self, result: tuple[PreparedMap, OnMap]) -> None:
+        prepared, found = result
+        if prepared is self.prepared:
             self.canvas.show_annotations(found)
-            self._say_left_out(found.left_out)
+            self._show_excluded(found.excluded)
 
-    def _on_not_annotated(self, error: Exception) -> None:
+    def _on_annotation_failed(self, error: Exception) -> None:
         self._annotations = []
         self.canvas.show_annotations(None)
-        self._say_left_out(" ".join(str(error).split()))
+        self._show_excluded(" ".join(str(error).split()))
 
-    def _say_left_out(self, what: str) -> None:
-        self.left_out.setText(what[:1].upper() + what[1:])
-        self.left_out.setVisible(bool(what))
+    def _show_excluded(self, what: str) -> None:
+        self.excluded.setText(what[:1].upper() + what[1:])
+        self.excluded.setVisible(bool(what))
 
     # -------------------------------------------------------------------------------------------- link
 
     def _on_map_pointed(self, u: float, v: float) -> None:
-        spot = None if self.sheet is None else self.sheet.spot(u, v)
-        self.canvas.place_ring(None)  # the mouse is there
+        spot = None if self.prepared is None else self.prepared.spot(u, v)
+        self.canvas.place_ring(None)  # the mouse pointer marks the place
         self.link.mark(None if spot is None else spot.point)
-        self._tell(spot, (u, v))
+        self._show_location(spot, (u, v))
 
     def _on_map_left(self) -> None:
         self.link.mark(None)
-        self._tell(None, None)
+        self._show_location(None, None)
 
     def _on_map_clicked(self, u: float, v: float) -> None:
-        spot = None if self.sheet is None else self.sheet.spot(u, v)
-        if self.sheet is None or spot is None:
+        spot = None if self.prepared is None else self.prepared.spot(u, v)
+        if self.prepared is None or spot is None:
             return
         wanted = self.click.currentText()
         if wanted == GO:
             self.link.centre(spot.point)
         elif wanted == MARK:
             self._points.append((u, v))
-            self._carrier.ask(partial(drawings.points, self.sheet, [*self._points]))
+            self._projector.ask(partial(drawings.points, self.prepared, [*self._points]))
             self._show_drawn([])
         else:
             self._corners.append((u, v))
             self._show_drawn([np.array(self._corners)] if wanted == REGION else [])
             if wanted == MEASURE and len(self._corners) == 2:
-                self._carrier.ask(partial(drawings.way, self.sheet, *self._corners))
+                self._projector.ask(partial(drawings.way, self.prepared, *self._corners))
                 self._corners = []
 
     def _on_double_click(self) -> None:
-        """Close the region, if one is drawn; else show the whole map."""
+        """Close the region that is being drawn, or show the whole map."""
         if self.click.currentText() != REGION:
             self.canvas.fit()
-        elif self.sheet is not None and len(self._corners) > 2:
+        elif self.prepared is not None and len(self._corners) > 2:
             self._regions.append(self._corners)
             self._corners = []
-            self._carrier.ask(partial(drawings.regions, self.sheet, [*self._regions]))
+            self._projector.ask(partial(drawings.regions, self.prepared, [*self._regions]))
 
-    def _on_carried(self, drawn: drawings.Drawn) -> None:
+    def _on_projected(self, drawn: drawings.Drawn) -> None:
         layer = drawings.put(self._viewer, drawn.layer)
         if isinstance(layer, Points):
             self._points = []
         self._show_drawn([])
-        if drawn.told:
-            self.text.setText(drawn.told)
+        if drawn.message:
+            self.text.setText(drawn.message)
 
-    def _on_not_carried(self, error: Exception) -> None:
+    def _on_projection_failed(self, error: Exception) -> None:
         self._forget_corners()
         self.text.setText(" ".join(str(error).split()))
 
@@ -466,76 +466,76 @@ class FlatMapDock(Dock):
         self._show_drawn([])
 
     def _show_drawn(self, lines: list[NDArray[np.float64]]) -> None:
-        """Show what is drawn now, and the regions that were drawn before."""
+        """Show the current drawing, and the regions that were drawn before."""
         earlier = [np.array([*corners, corners[0]]) for corners in self._regions]
         self.canvas.show_lines([*earlier, *lines], [*self._points, *self._corners])
 
     def _on_viewer_pointed(self, place: tuple[float, float] | None) -> None:
         self.canvas.place_ring(place)
         self.link.mark(None)
-        spot = None if place is None or self.sheet is None else self.sheet.spot(*place)
-        self._tell(spot, place)
+        spot = None if place is None or self.prepared is None else self.prepared.spot(*place)
+        self._show_location(spot, place)
 
     def _on_viewer_clicked(self, place: tuple[float, float]) -> None:
         self.canvas.place_ring(place)
         self.canvas.centre(place)
 
-    def _tell(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
-        """Say in a line what lies at a place."""
-        self._told = (spot, place)
+    def _show_location(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
+        """Describe a place in one line."""
+        self._location = (spot, place)
         if spot is None or place is None:
-            self.text.setText(_HINT if self.sheet is not None else self.text.text())
+            self.text.setText(_HINT if self.prepared is not None else self.text.text())
             return
         x, y, z = spot.point
         number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {_joined(spot.vertex)}"
-        told = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
+        parts = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
         is_distances = isinstance(content, Measure) and content.name == DISTANCES
         if value is not None and content is not None and not is_distances:
             unit = content.unit if isinstance(content, Measure) else ""
-            told.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
-        told.append(spot.distortion)
-        self.text.setText("   ·   ".join(told).replace("-", "−"))
+            parts.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
+        parts.append(spot.distortion)
+        self.text.setText("   ·   ".join(parts).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
-        self.strip.show_length(self.canvas.scale_factor)
+        self.legend.show_length(self.canvas.scale_factor)
 
     def _on_theme(self) -> None:
         background, ink = theme_colours(self._viewer)
         self.canvas.setBackgroundBrush(background)
-        self.strip.set_ink(ink)
+        self.legend.set_ink(ink)
 
     # ------------------------------------------------------------------------------------------ ending
 
     def _release(self) -> None:
-        self._soon.stop()
+        self._redraw.stop()
         self._keys.release()
         self._painter.stop()
-        self._carrier.stop()
+        self._projector.stop()
         self._annotator.stop()
         self.annotations.release()
         self.link.release()
         self.painted.remove()
         self.outline.release()
         self.contents.release()
-        for event in self._looks:
-            event.disconnect(self._on_look)
-        self._looks = []
-        self._workbench.changed.disconnect(self._on_runs, missing_ok=True)
+        for event in self._display_events:
+            event.disconnect(self._on_display_changed)
+        self._display_events = []
+        self._state.changed.disconnect(self._on_runs, missing_ok=True)
         self._viewer.events.theme.disconnect(self._on_theme)
         self._viewer.dims.events.current_step.disconnect(self._on_step)
 
 
-def _drawn(run: Run, sheet: Sheet | None, draw: Any, opacity: float | None) -> _Drawn:
-    """Draw, and find the surface's colours if they are asked for; called by a thread."""
-    ready = Sheet.of(run) if sheet is None else sheet
+def _drawn(run: Run, prepared: PreparedMap | None, draw: Any, opacity: float | None) -> _Drawn:
+    """Draw the picture, and find the colours of the surface if it is shown; called by a thread."""
+    ready = PreparedMap.of(run) if prepared is None else prepared
     picture = None if draw is None else draw(ready)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity)
 
 
-def _annotated(sheet: Sheet, annotations: list[Annotation]) -> tuple[Sheet, OnMap]:
-    return sheet, on_map(sheet, annotations)
+def _annotated(prepared: PreparedMap, annotations: list[Annotation]) -> tuple[PreparedMap, OnMap]:
+    return prepared, on_map(prepared, annotations)
 
 
 def _joined(numbers: tuple[int, ...]) -> str:

@@ -1,4 +1,4 @@
-"""What is drawn on a map, carried to the surface: points, regions, and the shortest way between two places."""
+"""Drawings on a map, projected onto the surface: points, regions, and the shortest path between two points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import from_ras
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
-from voxflat._napari.results.listed import insert
+from voxflat._napari.results.layer_list import insert
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
@@ -22,93 +22,93 @@ Place: TypeAlias = tuple[float, float]
 """(u, v), mm."""
 
 _COLOUR = "#ffd23f"
-_CORTEX = (-0.5, 3.0)  # mm outside the surface: where a region lies unless white and pial surface are known
+_CORTEX = (-0.5, 3.0)  # mm outside the surface; the depth of a region unless the pial surface is known
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a drawing has become: a layer of the viewer, and words."""
+    """A drawing as a layer of the viewer, and a message about it."""
 
     layer: LayerData
-    told: str = ""
+    message: str = ""
 
 
-def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
-    """Carry points (u, v) of the map to the surface."""
-    spots = [spot for spot in (sheet.spot(*place) for place in places) if spot is not None]
+def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
+    """Project points (u, v) of the map onto the surface."""
+    spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     keywords = {
-        "name": "points of the map",
+        "name": "map points",
         "face_color": _COLOUR,
         "size": 2,
-        "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [sheet.run.name] * len(spots)},
-        **_placement(sheet),
+        "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)},
+        **_placement(prepared),
     }
-    return Drawn((_world(sheet, np.array([spot.point for spot in spots])), keywords, "points"))
+    return Drawn((_world(prepared, np.array([spot.point for spot in spots])), keywords, "points"))
 
 
-def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
-    """Carry polygons of a map to voxels or vertices; raises InputError if none lies in one, or for a page."""
-    flat_map = _map(sheet)
+def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
+    """Convert polygons of a map to voxels or vertices; raises InputError if one is empty, or for a page."""
+    flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
-    told = f"{len(polygons)} region{'s' * (len(polygons) > 1)}"
-    keywords: dict[str, Any] = {"name": "regions of the map", **_placement(sheet)}
+    message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}"
+    keywords: dict[str, Any] = {"name": "map regions", **_placement(prepared)}
     if not flat_map.is_voxels:
-        surface = (_world(sheet, sheet.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
+        surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
-        return Drawn((surface, {**keywords, **look}, "surface"), told)
+        return Drawn((surface, {**keywords, **look}, "surface"), message)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
-    if not np.isnan(flat_map.normals).all():  # of what has an outside, where the cortex lies
-        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if sheet.pial_is_known else _CORTEX)
+    if not np.isnan(flat_map.normals).all():  # the surface has an outside, where the cortex lies
+        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if prepared.pial_is_known else _CORTEX)
         labels = np.where(labels == 0, cortex.data, labels)
     to_mm = flat_map.affine
-    corners = _world(sheet, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
+    corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
     affine = np.eye(4)
     affine[:3, 3] = corners[0]
     affine[:3, :3] = (corners[1:] - corners[0]).T
-    return Drawn((labels, {**keywords, "affine": affine}, "labels"), told)
+    return Drawn((labels, {**keywords, "affine": affine}, "labels"), message)
 
 
-def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
-    """Find the shortest way between two places of the map on its surface, of a mesh across cuts, too; or InputError."""
-    flat_map = _map(sheet)
-    ends = [sheet.place_row(*end) for end in (a, b)]
+def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
+    """Find the shortest path on the surface between two points of the map, also across cuts; or InputError."""
+    flat_map = _map(prepared)
+    ends = [prepared.place_row(*end) for end in (a, b)]
     if None in ends:
-        raise InputError("one of the places lies beside the map")
+        raise InputError("One of the two points is outside the map. Click on two points of the map")
     faces = flat_map.faces[~flat_map.torn].astype(np.int64)
     rows = merged = np.arange(len(flat_map))
-    if not flat_map.is_voxels:  # a voxel may be there twice because two sheets touch
+    if not flat_map.is_voxels:  # a voxel can occur twice, where two parts of the surface touch
         rows, merged = np.unique(flat_map.ids, return_index=True, return_inverse=True)[1:]
     start, end = (int(merged[row]) for row in ends if row is not None)
     found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
-    told = f"{found.length:.1f} mm over the surface, {flat:.1f} mm on the map"
-    line = _world(sheet, flat_map.space.to_scanner(found.points))
+    message = f"{found.length:.1f} mm along the surface, {flat:.1f} mm on the map"
+    line = _world(prepared, flat_map.space.to_scanner(found.points))
     keywords = {
-        "name": "way over the surface",
+        "name": "shortest path",
         "shape_type": "path",
         "edge_color": _COLOUR,
         "edge_width": 0.7,
-        **_placement(sheet),
+        **_placement(prepared),
     }
-    return Drawn(([line], keywords, "shapes"), told)
+    return Drawn(([line], keywords, "shapes"), message)
 
 
 def put(viewer: Viewer, data: LayerData) -> Layer:
-    """Put a layer into the viewer, in the place of the last one of its name; points come to those that are there."""
+    """Add a layer to the viewer, or replace the one of its name; points are added to the existing points."""
     values, keywords, kind = data
     features = keywords.get("features", {})
     earlier = next((one for one in viewer.layers if one.name == keywords["name"]), None)
     if isinstance(earlier, Points) and kind == "points" and earlier.ndim == 3:
-        told = {name: [*earlier.features.get(name, [""] * len(earlier.data)), *new] for name, new in features.items()}
+        merged = {name: [*earlier.features.get(name, [""] * len(earlier.data)), *new] for name, new in features.items()}
         earlier.data = np.concatenate([earlier.data, [earlier.world_to_data(place) for place in values]])
-        earlier.features = told
+        earlier.features = merged
         earlier.visible = True
         return earlier
     if isinstance(earlier, Labels | Surface) and type(earlier).__name__.lower() == kind:
         earlier.data = values
         return earlier
     if isinstance(earlier, Shapes) and kind == "shapes" and earlier.ndim == 3:
-        earlier.data = [(line, keywords["shape_type"]) for line in values]  # one that is new may crash OpenGL
+        earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
         earlier.visible = True
         return earlier
     layer = Layer.create(values, keywords, kind)
@@ -116,17 +116,17 @@ def put(viewer: Viewer, data: LayerData) -> Layer:
     return layer
 
 
-def _map(sheet: Sheet) -> FlatMap:
-    flat_map = sheet.run.flat_map
+def _map(prepared: PreparedMap) -> FlatMap:
+    flat_map = prepared.run.flat_map
     if not isinstance(flat_map, FlatMap):
-        raise InputError("this needs a map of one piece, not a page of patches")
+        raise InputError("This needs a flat map, not a page of patches. Use Flatten surface instead")
     return flat_map
 
 
-def _world(sheet: Sheet, of: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Carry points from RAS+ mm to mm along the world's axes."""
-    return from_ras(of.reshape(-1, 3), sheet.origin.get("world_axes", "RAS"))
+def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convert points from RAS+ mm to mm along the axes of the world."""
+    return from_ras(of.reshape(-1, 3), prepared.origin.get("world_axes", "RAS"))
 
 
-def _placement(sheet: Sheet) -> dict[str, Any]:
-    return {"units": units(sheet.run.flat_map, 3)}
+def _placement(prepared: PreparedMap) -> dict[str, Any]:
+    return {"units": units(prepared.run.flat_map, 3)}

@@ -1,4 +1,4 @@
-"""What flattening did, as pictures: distances, areas, angles; of an atlas its patches, C, K and areas."""
+"""Pictures of the distortion: distances, areas and angles of a map; patches, C, K and areas of an atlas."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
-from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat.atlases.atlas import Atlas
 from voxflat.distortion.triangles import angle_changes
 from voxflat.maps.colours import label_colours
@@ -15,20 +15,20 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 DISTANCES = "Distances"
-"""The measure that is told at every place, whatever is shown."""
+"""The measure that the line below the map always shows."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure of a map, as it is listed; drawing its picture takes long."""
+    """A measure of a map; drawing its picture is slow."""
 
     name: str
     unit: str
-    draw: Callable[[Sheet], Picture]
+    draw: Callable[[PreparedMap], Picture]
 
 
 def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
-    """Return the measures that a map or an atlas has; the first says most."""
+    """Return the measures of a map or an atlas, the most important one first."""
     if not isinstance(flat_map, FlatMap):
         return [
             Measure("Patches", "", _patches),
@@ -44,75 +44,75 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
 
 
 def colours(name: str) -> NDArray[np.uint8]:
-    """Return a colour map of matplotlib as 256 colours, (256, 4)."""
+    """Return a Matplotlib colour map as 256 colours, (256, 4)."""
     from matplotlib import colormaps
 
     return np.asarray(colormaps[name](np.linspace(0, 1, 256), bytes=True))
 
 
-def _distances(sheet: Sheet) -> Picture:
-    flat_map = _map(sheet)
+def _distances(prepared: PreparedMap) -> Picture:
+    flat_map = _map(prepared)
     errors = 100 * flat_map.distortion.per_point
-    return _at_points(sheet, errors, _scale("distance_error", errors))
+    return _at_points(prepared, errors, _scale("distance_error", errors))
 
 
-def _areas(sheet: Sheet) -> Picture:
-    triangles = _map(sheet).distortion.triangles
+def _areas(prepared: PreparedMap) -> Picture:
+    triangles = _map(prepared).distortion.triangles
     assert triangles is not None
-    return _at_points(sheet, triangles.areal, _scale("areal", triangles.areal))
+    return _at_points(prepared, triangles.areal, _scale("areal", triangles.areal))
 
 
-def _angles(sheet: Sheet) -> Picture:
-    flat_map = _map(sheet)
+def _angles(prepared: PreparedMap) -> Picture:
+    flat_map = _map(prepared)
     values = angle_changes(flat_map.points, flat_map.faces, flat_map.uv)
-    return _at_points(sheet, values, _scale("angle", values))
+    return _at_points(prepared, values, _scale("angle", values))
 
 
-def _patches(sheet: Sheet) -> Picture:
-    image = sheet.run.flat_map.page().label_image(sheet.pixel_size)  # type: ignore[union-attr]
+def _patches(prepared: PreparedMap) -> Picture:
+    image = prepared.run.flat_map.page().label_image(prepared.pixel_size)  # type: ignore[union-attr]
     return Picture(label_colours(image.data), image.origin, image.pixel_size, image.data.astype(np.float32))
 
 
-def _lengths(sheet: Sheet) -> Picture:
-    image = _page_image(sheet, "isometric")
+def _lengths(prepared: PreparedMap) -> Picture:
+    image = _page_image(prepared, "isometric")
     return Picture.of(image, _scale("isometric", image.data))
 
 
-def _shapes(sheet: Sheet) -> Picture:
-    image = _page_image(sheet, "quasi_conformal")
+def _shapes(prepared: PreparedMap) -> Picture:
+    image = _page_image(prepared, "quasi_conformal")
     return Picture.of(image, _scale("quasi_conformal", image.data))
 
 
-def _page_areas(sheet: Sheet) -> Picture:
-    image = _page_image(sheet, "areal")
+def _page_areas(prepared: PreparedMap) -> Picture:
+    image = _page_image(prepared, "areal")
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log2(image.data)
     shown = FlatImage(logs, image.pixel_size, image.origin, image.name)
     return Picture.of(shown, _scale("areal", logs))
 
 
-def _page_image(sheet: Sheet, of: str) -> FlatImage:
-    page = sheet.run.flat_map.page()  # type: ignore[union-attr]
-    image: FlatImage = page.heat_map(sheet.pixel_size, of=of)
+def _page_image(prepared: PreparedMap, of: str) -> FlatImage:
+    page = prepared.run.flat_map.page()  # type: ignore[union-attr]
+    image: FlatImage = page.heat_map(prepared.pixel_size, of=of)
     return image
 
 
 def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:
-    """Return the scale of a measure."""
+    """Return the colour scale of a measure."""
     from voxflat.figures.colours import LOOKS
 
     look = LOOKS[name]
     return ColourScale(look.label, colours(look.cmap), look.limits(values))
 
 
-def _map(sheet: Sheet) -> FlatMap:
-    flat_map = sheet.run.flat_map
+def _map(prepared: PreparedMap) -> FlatMap:
+    flat_map = prepared.run.flat_map
     assert isinstance(flat_map, FlatMap)
     return flat_map
 
 
-def _at_points(sheet: Sheet, values: NDArray[np.float64], scale: ColourScale) -> Picture:
-    """Draw values of the map's points, linearly in between."""
-    raster = sheet.planar.raster(sheet.pixel_size)
+def _at_points(prepared: PreparedMap, values: NDArray[np.float64], scale: ColourScale) -> Picture:
+    """Draw values at the points of the map, with linear interpolation."""
+    raster = prepared.planar.raster(prepared.pixel_size)
     image = FlatImage(raster.interpolate(values), raster.pixel_size, raster.origin, scale.title)
     return Picture.of(image, scale)

@@ -1,4 +1,4 @@
-"""The surface in space in the colours of its map."""
+"""The surface in 3D in the colours of its map."""
 
 from typing import Any
 
@@ -9,62 +9,62 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject
 
 from voxflat._napari.layers.world import from_ras
-from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.map_viewer.switched import SwitchedLayer
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
 from voxflat._napari.results.flat_layers import units
 
 
-class PaintedSurface(SwitchedLayer[Surface]):
-    """A Surface layer that has the map's colours, to be seen in 3D in the place of what was flattened."""
+class PaintedSurface(ToggledLayer[Surface]):
+    """A Surface layer in the colours of the map, shown in 3D instead of the flattened layer."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
-        self._sheet: Sheet | None = None
+        self._prepared: PreparedMap | None = None
         self._covered: Layer | None = None
         self._was_visible = True
 
-    def show(self, sheet: Sheet, colours: NDArray[np.uint8]) -> None:
-        """Paint the surface of a map, in a colour a point of it."""
+    def show(self, prepared: PreparedMap, colours: NDArray[np.uint8]) -> None:
+        """Show the surface of a map, with one colour per point."""
         if self.there is not None:
-            self.take_up(sheet)
+            self.take_up(prepared)
             self.there.vertex_colors = colours / 255
             self._set_visible(True)
             self._cover()
             return
         self.remove()
-        data, described = _of(sheet)
-        self._sheet = sheet
+        data, described = _of(prepared)
+        self._prepared = prepared
         self._cover()
         self._insert(Surface(data, vertex_colors=colours / 255, shading="smooth", **described))
 
-    def take_up(self, sheet: Sheet) -> None:
-        """Become the surface of another map, hidden, if it is there."""
+    def take_up(self, prepared: PreparedMap) -> None:
+        """Change the layer to the surface of another map, and hide it, if it exists."""
         layer = self.there
-        if layer is None or self._sheet is sheet:
+        if layer is None or self._prepared is prepared:
             return
         self.hide()
-        data, described = _of(sheet)
-        layer.vertex_colors = None  # there may be another number of points
+        data, described = _of(prepared)
+        layer.vertex_colors = None  # the number of points may change
         layer.data = data
         for name, value in described.items():
             if value is not None:
                 setattr(layer, name, value)
-        self._sheet = sheet
+        self._prepared = prepared
 
     def hide(self) -> None:
-        """Show what was flattened as it was before."""
+        """Hide the layer, and restore the visibility of the flattened layer."""
         super().hide()
         self._uncover()
 
     def remove(self) -> None:
-        """Take the layer out of the viewer, and show what was flattened."""
+        """Remove the layer from the viewer, and restore the flattened layer."""
         super().remove()
         self._uncover()
-        self._sheet = None
+        self._prepared = None
 
     def _cover(self) -> None:
-        """Hide what lies at the same place, or around it."""
-        source = None if self._sheet is None else self._sheet.origin.get("layer")
+        """Hide the flattened layer, which would cover the surface."""
+        source = None if self._prepared is None else self._prepared.origin.get("layer")
         if self._covered is None and source in self._viewer.layers:
             self._covered = self._viewer.layers[source]
             self._was_visible, self._covered.visible = self._covered.visible, False
@@ -75,12 +75,12 @@ class PaintedSurface(SwitchedLayer[Surface]):
         self._covered = None
 
 
-def _of(sheet: Sheet) -> tuple[Any, dict[str, Any]]:
-    """Return the data of a layer of a map's surface, and what it says of itself."""
-    of, flat_map = sheet.planar._triangles, sheet.run.flat_map
-    points = from_ras(sheet.points, sheet.origin.get("world_axes", "RAS"))
+def _of(prepared: PreparedMap) -> tuple[Any, dict[str, Any]]:
+    """Return the data of the surface layer of a map, and its properties."""
+    of, flat_map = prepared.planar._triangles, prepared.run.flat_map
+    points = from_ras(prepared.points, prepared.origin.get("world_axes", "RAS"))
     described = {
-        "name": f"{sheet.run.name} in the map's colours",
+        "name": f"{prepared.run.name} in map colours",
         "units": units(flat_map, 3),
         "metadata": {"voxflat": flat_map},
     }

@@ -1,4 +1,4 @@
-"""Where the flattened part lies: its surface in slices, its border and its cuts."""
+"""The outline of the flattened part: its surface in slices, its border and its cuts in 3D."""
 
 from functools import partial
 from typing import TypeAlias
@@ -11,54 +11,54 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import from_ras, to_ras
-from voxflat._napari.map_viewer.sheet import Sheet
-from voxflat._napari.map_viewer.switched import SwitchedLayer
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
-from voxflat._napari.worker import Latest
+from voxflat._napari.worker import LatestTask
 from voxflat.unique_rows import distinct
 
 _PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])  # red, green, blue, opacity
-_WIDTH = 0.006  # of the surface's size: as wide are lines in 3D, half as wide in slices
-_MARK = 1.5  # of that: half the length of the mark of a cut in a slice
+_WIDTH = 0.006  # of lines in 3D, as a fraction of the size of the surface; half of it in slices
+_MARK = 1.5  # half the length of the mark of a cut in a slice, as a multiple of that width
 
 Segments: TypeAlias = NDArray[np.float64]
-"""Segments, shape (S, 2, 3): their ends, RAS+ mm in scanner space."""
+"""Line segments, shape (S, 2, 3), by their ends, RAS+ mm in scanner space."""
 
 
-def width(sheet: Sheet) -> float:
-    """Return how wide lines on a surface are, that they are seen from as far as all of it, mm."""
-    return _WIDTH * float(np.linalg.norm(np.ptp(sheet.points, axis=0)))
+def width(prepared: PreparedMap) -> float:
+    """Return a line width, mm, that is visible when the whole surface is in view."""
+    return _WIDTH * float(np.linalg.norm(np.ptp(prepared.points, axis=0)))
 
 
-def edges(sheet: Sheet) -> tuple[Segments, Segments]:
-    """Return the border of the part on a map, and the cuts (of a page its seams), which are there from both sides."""
+def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
+    """Return the border of the flattened part, and the cuts, or the seams of a page."""
     pairs = np.concatenate(
-        [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in sheet.rim)]
+        [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in prepared.rim)]
     )
     rows, which = np.unique(pairs, return_inverse=True)
-    same = distinct(sheet.points[rows]).which  # both sides of a cut are at one place
+    same = distinct(prepared.points[rows]).which  # both sides of a cut have the same coordinates
     ends = distinct(np.sort(same[which].reshape(-1, 2), axis=1))
-    found = sheet.points[pairs[ends.first]]
+    found = prepared.points[pairs[ends.first]]
     return found[ends.counts == 1], found[ends.counts > 1]
 
 
-def lifted(sheet: Sheet, segments: Segments) -> Segments:
-    """Return segments a little outside of a surface on which they lie, so that it does not hide them."""
-    rows = scipy.spatial.cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
-    outwards = np.nan_to_num(sheet.planar._triangles.on_surface.normals[rows])  # a thin sheet has no outside
-    return np.asarray(segments + width(sheet) / 2 * outwards.reshape(segments.shape))
+def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
+    """Move segments slightly outside the surface, so that it does not hide them."""
+    rows = scipy.spatial.cKDTree(prepared.points).query(segments.reshape(-1, 3))[1]
+    outwards = np.nan_to_num(prepared.planar._triangles.on_surface.normals[rows])  # NaN without an outside
+    return np.asarray(segments + width(prepared) / 2 * outwards.reshape(segments.shape))
 
 
-def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
-    """Return where a surface meets a plane across an axis of RAS, at a level, mm, and marks where cuts meet it."""
-    of, points = sheet.planar._triangles, sheet.points
+def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
+    """Return the intersection of the surface with a plane across an axis of RAS, and marks at its cuts."""
+    of, points = prepared.planar._triangles, prepared.points
     height = points[:, axis] - level
     above = height > 0
     corners = above[of.faces]
     met = of.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~of.torn].astype(np.int64)
     lone = above[met].sum(axis=1) == 1
-    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the corner that is on a side of its own
+    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the corner that is alone on its side of the plane
     own = met[np.arange(len(met)), alone]
     ends = [
         _between(points[own], points[other], height[own], height[other], axis, level)
@@ -74,7 +74,7 @@ def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Seg
     nearest = scipy.spatial.cKDTree(surface.mean(axis=1)).query(places)[1]
     along = surface[nearest, 1] - surface[nearest, 0]
     across = np.cross(along, np.eye(3)[axis])
-    across *= _MARK * width(sheet) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    across *= _MARK * width(prepared) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     return surface, np.stack([places - across, places + across], axis=1)
 
 
@@ -86,7 +86,7 @@ def _between(
     axis: int,
     level: float,
 ) -> NDArray[np.float64]:
-    """Return where edges from one side of a plane to the other meet it."""
+    """Return where edges that cross a plane meet it."""
     share = height_a / (height_a - height_b)
     found = a + share[:, None] * (b - a)
     found[:, axis] = level
@@ -94,54 +94,54 @@ def _between(
 
 
 _View: TypeAlias = tuple[int, float] | None
-"""The slice that is shown: across which axis of RAS, and where, mm; None in 3D."""
+"""The displayed slice, by the axis of RAS across it and its position, mm; None in 3D."""
 
 
 def _drawn(
-    sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View
-) -> tuple[Sheet, tuple[Segments, Segments], Segments, int]:
-    """Find what is shown; called by a thread."""
-    found = edges(sheet) if known is None else known
-    part, marks = (lifted(sheet, one) for one in found) if view is None else in_slice(sheet, found[1], *view)
-    segments = from_ras(np.concatenate([part, marks]), sheet.origin.get("world_axes", "RAS"))
-    return sheet, found, segments.reshape(-1, 2, 3), len(part)
+    prepared: PreparedMap, known: tuple[Segments, Segments] | None, view: _View
+) -> tuple[PreparedMap, tuple[Segments, Segments], Segments, int]:
+    """Compute the segments that are shown; called by a thread."""
+    found = edges(prepared) if known is None else known
+    part, marks = (lifted(prepared, one) for one in found) if view is None else in_slice(prepared, found[1], *view)
+    segments = from_ras(np.concatenate([part, marks]), prepared.origin.get("world_axes", "RAS"))
+    return prepared, found, segments.reshape(-1, 2, 3), len(part)
 
 
-class PatchOutline(SwitchedLayer[Vectors]):
-    """A Vectors layer that shows, in slices, the surface on the map, and its cuts; in 3D its border and cuts."""
+class PatchOutline(ToggledLayer[Vectors]):
+    """A Vectors layer that shows the flattened surface and its cuts in slices, and its border and cuts in 3D."""
 
     failed = Signal(object)
-    """It could not be found, for this error."""
+    """Emitted with the error if the outline could not be computed."""
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
-        self._sheet: Sheet | None = None
+        self._prepared: PreparedMap | None = None
         self._known: tuple[Segments, Segments] | None = None
         self._view: _View | str = "none yet"
         self._is_wanted = False
-        self._finder = Latest(self, self._on_found, self.failed)
+        self._finder = LatestTask(self, self._on_found, self.failed)
         self._events = (viewer.dims.events.point, viewer.dims.events.ndisplay, viewer.dims.events.order)
         for event in self._events:
             event.connect(self._on_view)
 
     @property
     def is_busy(self) -> bool:
-        """Whether what is shown is about to change."""
+        """Whether the outline is about to change."""
         return self._finder.is_busy or self.is_coming
 
-    def show(self, sheet: Sheet) -> None:
-        """Show where the part lies that is on a map."""
-        self.take_up(sheet)
+    def show(self, prepared: PreparedMap) -> None:
+        """Show the outline of the part on a map."""
+        self.take_up(prepared)
         if self.there is None:
             self.layer = None
         self._is_wanted, self._view = True, "none yet"
         self._on_view()
 
-    def take_up(self, sheet: Sheet) -> None:
-        """Become the outline of another map, seen or not."""
-        if sheet is self._sheet:
+    def take_up(self, prepared: PreparedMap) -> None:
+        """Change to the outline of another map, visible or not."""
+        if prepared is self._prepared:
             return
-        self._sheet, self._known = sheet, None
+        self._prepared, self._known = prepared, None
         if self.there is not None and not self._is_wanted:
             self._describe(self.there)
             self.there.data = np.empty((0, 2, 3))
@@ -152,21 +152,21 @@ class PatchOutline(SwitchedLayer[Vectors]):
         super().hide()
 
     def remove(self) -> None:
-        """Take the layer out of the viewer."""
-        self._sheet = self._known = None
+        """Remove the layer from the viewer."""
+        self._prepared = self._known = None
         self._is_wanted = False
         super().remove()
 
     def release(self) -> None:
-        """Stop following the viewer, and take the layer out of it."""
+        """Stop following the viewer, and remove the layer from it."""
         self._finder.stop()
         for event in self._events:
             event.disconnect(self._on_view)
         self.remove()
 
     def _on_view(self) -> None:
-        """Have drawn what is seen now, if it is another slice."""
-        if self._sheet is None or not self._is_wanted or self._was_taken_out:
+        """Compute the outline, if the displayed slice has changed."""
+        if self._prepared is None or not self._is_wanted or self._was_taken_out:
             return
         dims = self._viewer.dims
         view: _View = None
@@ -174,22 +174,22 @@ class PatchOutline(SwitchedLayer[Vectors]):
             across = [axis - dims.ndim + 3 for axis in dims.not_displayed if axis >= dims.ndim - 3]
             if len(across) != 1:  # a slice along time
                 return
-            world = self._sheet.origin.get("world_axes", "RAS")
+            world = self._prepared.origin.get("world_axes", "RAS")
             point = np.asarray(dims.point, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
             axis = int(np.abs(to_ras(np.eye(3)[across], world)[0]).argmax())
             view = axis, float(to_ras(point[None], world)[0, axis])
         if view != self._view:
             self._view = view
-            self._finder.ask(partial(_drawn, self._sheet, self._known, view))
+            self._finder.ask(partial(_drawn, self._prepared, self._known, view))
 
-    def _on_found(self, found: tuple[Sheet, tuple[Segments, Segments], Segments, int]) -> None:
-        sheet, known, segments, parts = found
-        if sheet is not self._sheet:
+    def _on_found(self, found: tuple[PreparedMap, tuple[Segments, Segments], Segments, int]) -> None:
+        prepared, known, segments, parts = found
+        if prepared is not self._prepared:
             return
         self._known = known
         if not self._is_wanted or self._was_taken_out:
             return
-        seen = width(sheet) / (1 if self._view is None else 2)
+        seen = width(prepared) / (1 if self._view is None else 2)
         colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)
         layer = self.there
         if layer is not None:
@@ -198,7 +198,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
             if layer.edge_width != seen / step:
                 layer.edge_width = seen / step
             layer.data = _vectors(segments, step)
-            self._set_visible(True)  # of a hidden layer napari would draw the lines of before in these colours
+            self._set_visible(True)  # napari would draw the old lines of a hidden layer in these colours
             layer.edge_color = colours
             return
         step = self._step()
@@ -208,25 +208,25 @@ class PatchOutline(SwitchedLayer[Vectors]):
             edge_width=seen / step,
             edge_color=colours if len(colours) else _PART,
             scale=(step,) * 3,
-            units=units(sheet.run.flat_map, 3),
+            units=units(prepared.run.flat_map, 3),
             vector_style="line",
         )
         self._describe(layer)
         self._insert(layer)
 
     def _describe(self, layer: Vectors) -> None:
-        """Let the layer say of which map it is."""
-        assert self._sheet is not None
-        layer.metadata = {"voxflat": self._sheet.run.flat_map}
-        layer.name = f"{self._sheet.run.name}, the part on the map"
+        """Set the metadata and the name of the layer."""
+        assert self._prepared is not None
+        layer.metadata = {"voxflat": self._prepared.run.flat_map}
+        layer.name = f"{self._prepared.run.name} map outline"
 
     @property
     def _was_taken_out(self) -> bool:
-        """Whether someone took it out of the list: then it stays away until it is asked for again."""
+        """Whether the user removed the layer; it then stays away until the outline is switched on again."""
         return self.layer is not None and self.there is None
 
     def _step(self) -> float:
-        """Return how far apart slices are at most, mm: a layer of finer steps would let the sliders take those."""
+        """Return the largest slice spacing, mm: a layer with a finer grid would refine the steps of the sliders."""
         if self._viewer.dims.ndim < 3:
             return 1.0
         steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
@@ -234,5 +234,5 @@ class PatchOutline(SwitchedLayer[Vectors]):
 
 
 def _vectors(segments: Segments, step: float) -> NDArray[np.float64]:
-    """Return segments as napari takes them, in steps of the layer's grid: where they begin, and how they lead on."""
+    """Return segments as napari's vectors, in grid steps of the layer: start points and directions."""
     return np.asarray(np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / step)

@@ -1,4 +1,4 @@
-"""Pictures of a map: their pixels, the values behind them, and what their colours mean."""
+"""Pictures of a map: pixels, values and colour scale."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from voxflat.maps.raster import FlatImage
 
 @dataclass(frozen=True, eq=False)
 class ColourScale:
-    """What colours mean."""
+    """A colour map with a title and limits."""
 
     title: str
     colours: NDArray[np.uint8]  # (256, 4), from the lower to the upper limit
     limits: tuple[float, float]
 
     def paint(self, data: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Return values (H, W), NaN where there is none, as colours (H, W, 4)."""
+        """Convert values (H, W) to colours (H, W, 4); NaN is transparent."""
         low, high = self.limits
         known = np.isfinite(data)
         level = np.clip((np.where(known, data, low) - low) * (255 / ((high - low) or 1.0)), 0, 255)
@@ -34,7 +34,7 @@ class Picture:
     origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
     pixel_size: float  # mm
     data: NDArray[np.floating] | None = None
-    scale: ColourScale | None = None  # where a bar can tell
+    scale: ColourScale | None = None  # None where no colour bar applies
 
     @classmethod
     def of(cls, image: FlatImage, scale: ColourScale) -> "Picture":
@@ -42,7 +42,7 @@ class Picture:
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:
-        """Return the value at a place, mm; None where there is none."""
+        """Return the value at (u, v), mm; None where there is none."""
         if self.data is None:
             return None
         row = round((self.origin[1] - v) / self.pixel_size)

@@ -1,4 +1,4 @@
-"""What of napari's viewer differs between its versions, or is known only by its window."""
+"""Parts of napari's viewer that differ between versions, or are reached only through its window."""
 
 from collections.abc import Generator
 from typing import Any
@@ -12,31 +12,31 @@ from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.layers.world import from_ras, unit_ratio
 
-_CANVAS = "CanvasBackendDesktop"  # vispy's
-_FILLED = 0.9  # of the canvas
+_CANVAS = "CanvasBackendDesktop"  # the class in vispy
+_FILLED = 0.9  # fraction of the canvas
 
 
 def camera(viewer: Viewer) -> Any:
-    """Return the viewer's camera, which napari 0.9 moved."""
+    """Return the camera of the viewer, which napari 0.9 moved."""
     return getattr(viewer, "scene", viewer).camera
 
 
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
-    """Turn what is seen in 3D to show all of a hemisphere as atlases do: upright, and from its own side."""
+    """Turn the 3D view to a lateral view of a hemisphere, upright, with all of it visible."""
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     _in_their_order(viewer)
-    viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
+    viewer.reset_view()  # before turning: a tighter fit would cut off the sides when docks open
     camera(viewer).set_view_direction(inwards, up)
 
 
 def _in_their_order(viewer: Viewer) -> None:
-    """Show axes in their own order: in 3D napari shows surfaces in no other, but all else in any."""
+    """Restore the order of the axes, the only one in which napari shows surfaces in 3D."""
     viewer.dims.order = tuple(range(viewer.dims.ndim))
-    camera(viewer).orientation2d = ("down", "right")  # with this order another one is a mirror's image
+    camera(viewer).orientation2d = ("down", "right")  # another orientation would mirror this order
 
 
 def show_sagittal(viewer: Viewer) -> None:
-    """Show slices of a world of RAS from the side, as atlases do, until the viewer is empty: then napari forgets it."""
+    """Show sagittal slices of an RAS world, as atlases do, until the viewer is empty."""
     slices = (0, 2, 1), ("up", "right")
 
     def show(order: tuple[int, ...], orientation: tuple[Any, ...]) -> None:
@@ -46,7 +46,7 @@ def show_sagittal(viewer: Viewer) -> None:
     def turn() -> None:
         nonlocal slices
         if viewer.dims.ndisplay == 3:
-            slices = viewer.dims.order, camera(viewer).orientation2d  # as someone may have them by now
+            slices = viewer.dims.order, camera(viewer).orientation2d  # the user may have changed them
             _in_their_order(viewer)
         elif len(slices[0]) == viewer.dims.ndim:
             show(*slices)
@@ -63,14 +63,14 @@ def show_sagittal(viewer: Viewer) -> None:
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
-    """Zoom until places (N, 3), seen in 3D after `look_from_side`, fill the canvas, whose size is in pixels."""
+    """Zoom until points (N, 3), in 3D after `look_from_side`, fill a canvas of a size in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)
 
 
 def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
-    """Wait, as a callback of the mouse, until it is released; tell if it moved by few pixels: more turns the view."""
+    """Wait, in a mouse callback, for the release; return whether the mouse moved by at most a few pixels."""
     pressed = np.asarray(event.pos)
     yield
     while event.type == "mouse_move":
@@ -81,20 +81,20 @@ def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
 
 
 def in_grid(viewer: Viewer) -> bool:
-    """Whether the viewer shows its layers side by side, so that a place is to be seen several times."""
+    """Return whether the viewer shows its layers in a grid, so that a place is visible several times."""
     grid = viewer.canvas.grid if hasattr(viewer, "canvas") else viewer.grid
     return bool(grid.enabled)
 
 
 def canvas_widget(inside: QWidget) -> QWidget | None:
-    """Return the widget on which the viewer draws, by any of its window; None while that is in no window."""
+    """Return the canvas of the viewer, given any widget of its window; None outside a window."""
     middle = getattr(inside.window(), "centralWidget", lambda: None)()
     children = [] if middle is None else middle.findChildren(QWidget)
     return next((child for child in children if type(child).__name__ == _CANVAS), None)
 
 
 def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int]) -> tuple[float, float] | None:
-    """Return where a place of the world is seen on the canvas, of a size in pixels; None behind who looks."""
+    """Project a point of the world to a canvas of a size in pixels; None if it is behind the camera."""
     of = camera(viewer)
     shown = np.asarray(place)[list(viewer.dims.displayed)]
     apart = shown - np.asarray(of.center, dtype=np.float64)[-len(shown) :]
@@ -120,7 +120,7 @@ def _is_right_handed(of: Any) -> bool:
 
 
 def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
-    """Return what the units of the world's last three axes are in mm; pixels are taken as mm."""
+    """Return the units of the last three axes of the world in mm; pixels count as mm."""
     units = viewer.layers.units
     return np.ones(3) if units is None else unit_ratio([*units][-3:], ["mm"] * 3)
 

@@ -1,1 +1,1 @@
-"""What a run gives: layers of the map, figures, and the view of them."""
+"""The results of a run: the layers of the map, its measures, and the panel that shows them."""

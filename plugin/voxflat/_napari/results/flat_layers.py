@@ -1,4 +1,4 @@
-"""Layers of what is flat: what those of maps and of pages have in common."""
+"""The layers of flat maps and pages."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
-"""The layer's data, its keywords and its type, as napari takes them."""
+"""Layer data as napari takes them: the data, the keywords and the type."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,18 +21,18 @@ class FlatLayers:
     """A flat map or an atlas, and its layers."""
 
     flat_map: FlatMap | Atlas
-    layers: list[LayerData]  # images: what the map shows, if anything, and the distortion
-    in_space: list[LayerData] = field(default_factory=list)  # of an atlas the surface
-    shown: Shown | None = None  # what it was made to show
+    layers: list[LayerData]  # images: the values that the map shows, if any, and the distortion
+    in_space: list[LayerData] = field(default_factory=list)  # the surface of an atlas
+    shown: Shown | None = None  # the values chosen in the form
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
-    """Return the layer of what a map or page shows."""
+    """Return the layer of the values that a map or page shows."""
     image = shown.image(flat_map, pixel_size)
     data: NDArray[Any] = image.data
     keywords = {**shown.display, **described(flat_map, f"{shown.name} flattened", shown.meaning, image)}
     if shown.kind == "labels":
-        data = np.nan_to_num(data).astype(np.int64)  # 0 is no label: transparent, as NaN is in an image
+        data = np.nan_to_num(data).astype(np.int64)  # label 0 is transparent, like NaN in an image
     elif image.is_colour:
         keywords["rgb"] = True
     else:
@@ -41,13 +41,13 @@ def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | Non
 
 
 def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
-    """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
+    """Return the units of the flattened layer, because napari cannot show pixels beside millimetres."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
     return None if in_pixels else ("mm",) * axes
 
 
 def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
-    """Return the keywords for what a layer is, and where it lies if flat: napari's rows grow downwards, v upwards."""
+    """Return the name, metadata and position of a layer; napari's rows increase downwards, v upwards."""
     about = {
         "voxflat": flat_map,
         "parameters": flat_map.metadata,
@@ -63,14 +63,14 @@ def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatIma
 
 
 def hidden(data: LayerData) -> LayerData:
-    """Hide a layer that the dock shows; one in colours once it is there: napari adds none hidden in 3D (ValueError)."""
+    """Hide a layer that the dock shows; napari cannot add a hidden RGB layer in 3D (ValueError), so hide it later."""
     values, keywords, kind = data
     return values, {**keywords, "visible": bool(keywords.get("rgb", False))}, kind
 
 
 def limits(values: NDArray[Any]) -> tuple[float, float]:
-    """Return contrast limits that show most values apart; napari's own would be NaN."""
-    values = values.astype(np.float64)  # of a mesh they may be bool
+    """Return contrast limits that cover most values; those of napari would be NaN."""
+    values = values.astype(np.float64)  # values of a mesh may be bool
     if not np.isfinite(values).any():
         return 0.0, 1.0
     low, high = (float(limit) for limit in np.nanpercentile(values, (1, 99)))
@@ -78,18 +78,18 @@ def limits(values: NDArray[Any]) -> tuple[float, float]:
 
 
 class Script(Protocol):
-    """Writes a script, as `Recipe`."""
+    """An object that writes a script, such as `Recipe`."""
 
     def needs_folder(self) -> bool:
-        """Say whether data must be saved beside the script."""
+        """Return whether data must be saved beside the script."""
 
     def script(self, folder: Path | None = None) -> str:
-        """Write it."""
+        """Return the script."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A map or an atlas, its layers, how what was flattened is called, and its script, unless it comes from a file."""
+    """A map or an atlas with its layers, the name of the flattened layer, and its script unless read from a file."""
 
     layers: FlatLayers
     name: str
@@ -97,5 +97,5 @@ class Run:
 
     @property
     def flat_map(self) -> FlatMap | Atlas:
-        """The map, or the atlas."""
+        """The map or atlas."""
         return self.layers.flat_map

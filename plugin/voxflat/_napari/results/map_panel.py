@@ -1,4 +1,4 @@
-"""What came out: the flat map's figures, what the user should know, and saving."""
+"""The panel with the results: the measures of the flat map, warnings, and buttons to save it."""
 
 from html import escape
 from pathlib import Path
@@ -17,7 +17,7 @@ from voxflat.maps.flat_map import FlatMap
 
 
 class MapPanel(QWidget):
-    """Tells of a "map", or an "atlas": its figures, what their colours mean, and what the user should know of it."""
+    """Shows a "map" or an "atlas": its measures, the meaning of its colours, and its warnings."""
 
     def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -32,11 +32,11 @@ class MapPanel(QWidget):
         self.warnings = QLabel()
         self.warnings.setWordWrap(True)
         self.warnings.setTextFormat(Qt.TextFormat.RichText)
-        colours = QLabel(f"Colours of the distortion: {meaning}.")
+        colours = QLabel(f"The colours show {meaning}.")
         colours.setWordWrap(True)
         self.save = QPushButton(f"Save {what}…")
         loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
-        self.save.setToolTip(f"Save the map with all its data, for {loads} or for napari")
+        self.save.setToolTip(f"Save the {what} with all its data. Open the file in napari, or with {loads}")
         self.save.clicked.connect(self._on_save)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -50,12 +50,12 @@ class MapPanel(QWidget):
         self.hide()
 
     @property
-    def tells_of_maps(self) -> bool:
-        """Whether it tells of maps, and not of atlases."""
+    def shows_maps(self) -> bool:
+        """Whether it shows maps, and not atlases."""
         return self._what == "map"
 
     def show_run(self, run: Run) -> None:
-        """Tell of a run."""
+        """Show the results of a run."""
         self.flat_map = run.flat_map
         self.copy.show_run(run)
         self._name_result("")
@@ -63,9 +63,9 @@ class MapPanel(QWidget):
         self.show()
 
     def show_earlier(self) -> None:
-        """Say that what is shown is not of the run that just failed or was cancelled."""
+        """State that the results are those of an earlier run, because the last one failed or was cancelled."""
         if self.flat_map is not None:
-            self._name_result("Still the earlier one: ")
+            self._name_result("Previous result: ")
 
     def _name_result(self, before: str) -> None:
         assert self.flat_map is not None
@@ -81,48 +81,48 @@ class MapPanel(QWidget):
             number.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             self._figures.addWidget(QLabel(name), row, 0)
             self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
-        told = warnings(flat_map)
-        self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in told))
-        self.warnings.setVisible(bool(told))
+        found = warnings(flat_map)
+        self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in found))
+        self.warnings.setVisible(bool(found))
         self.setToolTip(f"<pre>{table(flat_map)}</pre>")
 
     def _on_save(self) -> None:
-        numpys, own = SAVED_ENDINGS  # napari offers .npz to its own reader first, which fails
+        numpys, own = SAVED_ENDINGS  # napari first tries its own reader of .npz, which fails
         kinds = f"voxflat (*{own});;NumPy (*{numpys})"
         path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}{own}", kinds)
         if path and self.flat_map is not None:
             try:
                 path = path if path.endswith(SAVED_ENDINGS) else f"{path}{own}"
                 self.flat_map.save(path)
-                show_info(f"saved {path}")
+                show_info(f"Saved {path}")
             except (VoxflatError, OSError) as error:
                 show_error(str(error))
 
 
 class CopyAsPython(QPushButton):
-    """Copies the script that makes a run again to the clipboard."""
+    """Copies a script that repeats a run to the clipboard."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Copy as Python", parent)
         self._run: Run | None = None
-        self.setToolTip("Copy a Python script that makes this map")
+        self.setToolTip("Copy a Python script that computes this map to the clipboard")
         self.clicked.connect(self.copy)
         self.hide()
 
     def show_run(self, run: Run) -> None:
-        """Offer the script of a run, if it has one: what was opened from a file has none."""
+        """Offer the script of a run; a run that was opened from a file has none."""
         self._run = run
         self.setVisible(run.script is not None)
 
     def copy(self) -> None:
-        """Copy the script; ask where data shall lie that are in no file."""
+        """Copy the script; ask for a folder for data that are not in a file."""
         recipe = None if self._run is None else self._run.script
         if recipe is None:
             return
         try:
             folder = None
             if recipe.needs_folder():
-                chosen = QFileDialog.getExistingDirectory(self, "Where to save layers that lie in no file")
+                chosen = QFileDialog.getExistingDirectory(self, "Choose a folder for the layers that are not in a file")
                 if not chosen:
                     return
                 folder = Path(chosen)
@@ -133,4 +133,4 @@ class CopyAsPython(QPushButton):
         clipboard = QApplication.clipboard()
         assert clipboard is not None
         clipboard.setText(script)
-        show_info("copied: paste it into a file, and run it by Python")
+        show_info("Copied the script. Paste it into a file, and run it with Python")

@@ -1,4 +1,4 @@
-"""From flat maps and atlases to napari's layers: a map, or the page of all patches and the surface in their colours."""
+"""Convert flat maps and atlases to layers: the map, or the page of patches and the surface in their colours."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
-HEAT_MEANING = "mean relative error of the geodesic distances from each place, as a fraction (0.1 is 10 %)"
-"""What the colours of a heat map mean."""
+HEAT_MEANING = "the mean relative error of the distances from each point, as a fraction (0.1 is 10 %)"
+"""The meaning of the colours of a heat map."""
 
-C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
-"""What the colours of a page's heat map mean."""
+C_MEANING = "C, the largest factor by which lengths change (1.1 is a change of up to 10 %)"
+"""The meaning of the colours of the heat map of a page."""
 
 _HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
@@ -27,7 +27,7 @@ def map_layers(
     values: Overlay | None = None,
     pixel_size: float | None = None,
 ) -> FlatLayers:
-    """Draw a flat map with what it is to show, else the mesh's own values; raises InputError if one does not fit."""
+    """Draw a flat map and the values that it shows, by default those of the mesh; raises InputError on a mismatch."""
     image = flat_map.heat_map(pixel_size)
     heat = described(flat_map, f"{name} distortion", HEAT_MEANING, image)
     heat |= {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point))}
@@ -39,16 +39,16 @@ def map_layers(
 
 
 def _heat_limit(errors: NDArray[np.float64]) -> float:
-    """Return a round number that few of the errors exceed, so that maps can be compared by eye."""
+    """Return a round limit that few errors exceed, so that maps can be compared by eye."""
     most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
     return next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
 
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
-    """Draw an atlas: its page as patches in colours, what it is to show and C, and the surface in the same colours."""
+    """Draw an atlas: the page as coloured patches, the values that it shows, C, and the surface in the same colours."""
     name = atlas.metadata["napari"]["layer"]
     image = atlas.page().label_image(pixel_size)
-    patches = described(atlas, f"{name} patches", "a colour for each patch, as on the surface", image)
+    patches = described(atlas, f"{name} patches", "one colour for each patch, as on the surface", image)
     layers: list[LayerData] = [(image.colours(), {**patches, "rgb": True}, "image")]
     if shown is not None:
         layers.append(shown_image(atlas, shown, pixel_size))
@@ -60,12 +60,12 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
 
 
 def _surface(atlas: Atlas, name: str) -> LayerData:
-    """Return the surface, cut open between patches, so that each triangle has the colour of its patch alone."""
+    """Return the surface, cut between patches, so that each triangle has the colour of its own patch."""
     ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
     found = distinct(ends)
     owner, rows = found.rows.T
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
     vertices = from_ras(atlas.space.to_scanner(atlas.points), atlas.metadata["napari"]["world_axes"])[rows]
     look = {"vertex_colors": colours, "shading": "smooth", "features": {"patch": owner}, "units": units(atlas, 3)}
-    keywords = {**described(atlas, f"{name} in patches", "a colour for each patch, as on the page"), **look}
+    keywords = {**described(atlas, f"{name} in patches", "one colour for each patch, as on the page"), **look}
     return (vertices, found.which.reshape(-1, 3)), keywords, "surface"

@@ -1,4 +1,4 @@
-"""What tells how good a flat map is, in words."""
+"""The measures of a flat map or an atlas, and its warnings, as text."""
 
 from typing import TypeAlias
 
@@ -11,26 +11,26 @@ from voxflat.distortion.figures import TriangleFigures
 from voxflat.maps.flat_map import FlatMap
 
 Row: TypeAlias = tuple[str, str]
-"""A figure's name and its value."""
+"""The name of a measure, and its value."""
 
 
 def summary(flat_map: FlatMap | Atlas) -> str:
-    """Return in a few words what came out."""
+    """Return a one-line summary."""
     if isinstance(flat_map, GluedAtlas):
         return flat_map.title
     if isinstance(flat_map, FlatAtlas):
         return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
     assert isinstance(flat_map, FlatMap)
-    return f"{len(flat_map):,} points, {100 * flat_map.distortion.raw.relative_error:.1f} % mean relative error"
+    return f"{len(flat_map):,} points, mean distance error {100 * flat_map.distortion.raw.relative_error:.1f} %"
 
 
 def table(flat_map: FlatMap | Atlas) -> str:
-    """Return all figures as text."""
+    """Return all measures as text."""
     return flat_map.distortion.table() if isinstance(flat_map, FlatMap) else flat_map.table()
 
 
 def figures(flat_map: FlatMap | Atlas) -> list[Row]:
-    """Return what tells how good a flat map or an atlas is."""
+    """Return the most important measures of a flat map or an atlas."""
     if isinstance(flat_map, GluedAtlas):
         return _of_glued(flat_map)
     if isinstance(flat_map, FlatAtlas):
@@ -39,27 +39,27 @@ def figures(flat_map: FlatMap | Atlas) -> list[Row]:
     raw, triangles = flat_map.distortion.raw, flat_map.distortion.triangles
     width, height = np.ptp(flat_map.uv, axis=0)
     return [
-        ("relative error", f"{100 * raw.relative_error:.1f} %"),
-        ("   pairs up to 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
-        ("   pairs up to 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
-        ("absolute error", f"{raw.absolute_error:.2f} mm"),
+        ("mean relative distance error", f"{100 * raw.relative_error:.1f} %"),
+        ("   within 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
+        ("   within 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
+        ("mean absolute distance error", f"{raw.absolute_error:.2f} mm"),
         ("stress-1", f"{raw.stress_1:.4f}"),
         ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
         *([] if triangles is None else _of_triangles(triangles)),
-        ("map", f"{width:.0f} × {height:.0f} mm"),
+        ("size of the map", f"{width:.0f} × {height:.0f} mm"),
         *_of_topology(flat_map),
     ]
 
 
 def _of_atlas(atlas: FlatAtlas) -> list[Row]:
-    """Return the certificate beside what is measured."""
-    told, certified = atlas.figures(), atlas.certificate
-    measured = told["measured"]
+    """Return the certificate and the measured values."""
+    found, certified = atlas.figures(), atlas.certificate
+    measured = found["measured"]
     width, height = atlas.layout().max(axis=0)
     rows = [
         ("patches", f"{len(atlas):,}"),
-        ("   that make half the area", f"{told['half_of_the_area']:,}"),
-        ("   of one triangle", f"{told['single_triangles']:,}"),
+        ("   that cover half of the area", f"{found['half_of_the_area']:,}"),
+        ("   of a single triangle", f"{found['single_triangles']:,}"),
         ("certified: inclination", f"≤ {certified.angle:.2f}°"),
         ("   C, lengths", f"≤ {certified.c:.4f}"),
         ("   K, angles", f"≤ {certified.k:.4f}"),
@@ -72,36 +72,36 @@ def _of_atlas(atlas: FlatAtlas) -> list[Row]:
 
 
 def _of_glued(atlas: GluedAtlas) -> list[Row]:
-    """Return what became of the seams, and what is measured."""
-    told, seams = atlas.figures(), atlas.seams
-    measured = told["measured"]
+    """Return the state of the seams, and the measured values."""
+    found, seams = atlas.figures(), atlas.seams
+    measured = found["measured"]
     width, height = atlas.layout().max(axis=0)
     return [
-        ("patches", f"{told['patches']:,}"),
-        ("pieces, glued", f"{len(atlas):,}"),
-        ("   the largest has of the area", f"{100 * told['largest_area_share']:.1f} %"),
+        ("patches", f"{found['patches']:,}"),
+        ("glued pieces", f"{len(atlas):,}"),
+        ("   area of the largest piece", f"{100 * found['largest_area_share']:.1f} %"),
         ("seams closed", f"{100 * seams.closed_share:.1f} %"),
-        ("   left cut", f"{seams.cuts:,.0f} mm"),
+        ("   still open", f"{seams.cuts:,.0f} mm"),
         ("C, lengths: bound", f"≤ {atlas.bound:g}"),
-        ("   greatest", f"{measured['c']:.4f}"),
+        ("   largest", f"{measured['c']:.4f}"),
         ("   mean", f"{measured['mean_c']:.4f}"),
-        ("K, angles: greatest", f"{measured['k']:.4f}"),
+        ("K, angles: largest", f"{measured['k']:.4f}"),
         ("page", f"{width:.0f} × {height:.0f} mm"),
     ]
 
 
 def _of_triangles(triangles: TriangleFigures) -> list[Row]:
     return [
-        ("areas, median factor", f"{2**triangles.areal_median:.2f}"),
-        ("edges", f"{100 * triangles.edge:.1f} %"),
-        ("angles", f"{triangles.angle:.1f}°"),
+        ("median area change (factor)", f"{2**triangles.areal_median:.2f}"),
+        ("mean change of edge lengths", f"{100 * triangles.edge:.1f} %"),
+        ("mean change of angles", f"{triangles.angle:.1f}°"),
         ("flipped triangles", f"{triangles.flipped} ({100 * triangles.flipped_share:.2g} % of the area)"),
-        ("triangles that cover others", f"{triangles.covering}"),
+        ("overlapping triangles", f"{triangles.covering}"),
     ]
 
 
 def _of_topology(flat_map: FlatMap) -> list[Row]:
-    """Return how the surface was opened, or where a map over the 26-neighbour graph is torn."""
+    """Return how the surface was opened, or how much of a map over the 26-neighbour graph is torn."""
     rows = []
     if cuts := flat_map.metadata.get("automatic_cuts"):
         rows.append(("automatic cuts", f"{len(cuts)}, {sum(cut['length'] for cut in cuts):.0f} mm"))
@@ -113,5 +113,10 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 
 
 def warnings(flat_map: FlatMap | Atlas) -> list[str]:
-    """Return what the user should know of a map or an atlas, as sentences."""
-    return [f"{warning[:1].upper()}{warning[1:]}." for warning in flat_map.metadata["warnings"]]
+    """Return the warnings of a map or an atlas, as sentences."""
+    return [sentence(warning) for warning in flat_map.metadata["warnings"]]
+
+
+def sentence(message: str) -> str:
+    """Return a message with a capital letter and a full stop."""
+    return f"{message[:1].upper()}{message[1:]}{'' if message.endswith('.') else '.'}"

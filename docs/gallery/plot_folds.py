@@ -1,0 +1,24 @@
+"""
+Folds
+=====
+
+Without data, a figure shows the folds: gyri are light, sulci are dark. The default is the mean curvature of the
+surface before it was cut. ``underlay="sulcal depth"`` shows how deep each place lies.
+
+.. code-block:: console
+
+    $ voxflat flatten lh.white --pial lh.pial --drop medial-wall -o lh.npz
+    $ voxflat figure lh.npz -o folds.png
+    $ voxflat figure lh.npz --underlay "sulcal depth" -o depth.png
+"""
+
+from pathlib import Path
+
+from nilearn import datasets
+
+import voxflat
+
+folder = Path(datasets.__file__).parent / "data" / "fsaverage5"
+surface = voxflat.surface(folder / "white_left.gii.gz", pial=folder / "pial_left.gii.gz").drop("medial wall")
+flat_map = surface.flatten(cuts="standard", sphere=folder / "sphere_left.gii.gz")
+flat_map.plot(underlay="sulcal depth")

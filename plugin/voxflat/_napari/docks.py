@@ -1,0 +1,124 @@
+"""Base classes of the docks, which open as tabs, because two docks do not fit on a small screen."""
+
+from collections.abc import Callable
+from typing import Any
+
+from napari.utils.notifications import show_error
+from qtpy.QtCore import QEvent, QObject
+from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
+
+from voxflat._napari.timers import single_shot
+from voxflat._napari.worker import JobWorker
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled
+
+_LATE = 2000  # ms; the sizes of windows are forgotten afterwards
+
+
+class Tab(QObject):
+    """Opens the dock of a widget as a tab of the docks of voxflat that are open; the user may then move it."""
+
+    def __init__(self, widget: QWidget) -> None:
+        super().__init__(widget)
+        self._widget = widget
+        windows = [one for one in QApplication.topLevelWidgets() if isinstance(one, QMainWindow)]
+        self._sizes = {id(window): window.size() for window in windows}
+        self._soon = single_shot(self, 0, self._join)  # after napari has placed the dock
+        widget.installEventFilter(self)
+        single_shot(self, _LATE, self._sizes.clear).start()  # until then no user has resized them
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
+        """Join the other tabs when the widget is shown for the first time."""
+        if event.type() == QEvent.Type.Show:
+            self._widget.removeEventFilter(self)
+            self._soon.start()
+        return False
+
+    def _join(self) -> None:
+        dock: QWidget | None = self._widget
+        while dock is not None and not isinstance(dock, QDockWidget):
+            dock = dock.parentWidget()
+        if dock is None or dock.isFloating():
+            return
+        window = dock.window()
+        if not isinstance(window, QMainWindow):
+            return
+        area = window.dockWidgetArea(dock)
+        ours = [
+            other
+            for other in window.findChildren(QDockWidget)
+            if other is not dock
+            and other.findChild(Tab) is not None
+            and not (other.isHidden() or other.isFloating())
+            and window.dockWidgetArea(other) == area
+        ]
+        if ours:
+            window.tabifyDockWidget(ours[-1], dock)
+            dock.raise_()
+            before, layout = self._sizes.get(id(window)), window.layout()
+            if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
+                layout.activate()  # while both docks were stacked a small window grew
+                window.resize(before)
+
+
+class Dock(QWidget):
+    """Base of the widgets; napari creates them, and passes the viewer as the parameter `napari_viewer`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        Tab(self)
+
+    def event(self, event: Any) -> bool:
+        """Stop following the viewer when napari closes the dock, which removes the widget from the window."""
+        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self._release()
+        return bool(super().event(event))
+
+    def _release(self) -> None:
+        """Cancel what is running, and stop following the viewer."""
+
+
+class TaskDock(Dock):
+    """A dock that runs tasks in another thread, one at a time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._worker: JobWorker | None = None
+
+    def _work(self, work: Callable[[Progress], Any], what: str, returned: Callable[[Any], None]) -> None:
+        """Run a task in another thread, unless one is running."""
+        if self._worker is not None:
+            return
+        worker = JobWorker(work, what)
+        worker.returned.connect(returned)
+        worker.errored.connect(self._on_errored)
+        worker.finished.connect(self._on_finished)
+        self.destroyed.connect(worker.quit)  # when the window is closed
+        self._worker = worker
+        self._show_work(what)
+        worker.start()
+
+    def _show_work(self, what: str | None) -> None:
+        """Show which task is running; None for none."""
+        raise NotImplementedError
+
+    def _show_message(self, message: str) -> None:
+        """Show an error message."""
+        raise NotImplementedError
+
+    def _on_errored(self, error: Exception) -> None:
+        if not isinstance(error, Cancelled):
+            self._fail(error)
+
+    def _on_finished(self) -> None:
+        self._worker = None
+        self._show_work(None)
+
+    def _fail(self, error: Exception) -> None:
+        message = " ".join((str(error) or type(error).__name__).split())
+        self._show_message(message)
+        show_error(message)
+
+    def _release(self) -> None:
+        if self._worker is not None:
+            self._worker.quit()

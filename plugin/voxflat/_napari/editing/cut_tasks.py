@@ -1,0 +1,80 @@
+"""The tasks of *Draw cuts* that run in another thread: extract the surface, find cuts, and evaluate them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat.arguments import Progress
+from voxflat.maps.flat_map import FlatMap
+from voxflat.pipeline.surface import Surface, surface
+from voxflat.surfaces.cutting import Where, cut_open, sketch_error
+from voxflat.surfaces.standard.sphere import sphere_beside
+from voxflat.unique_rows import in_rows
+
+Paths: TypeAlias = Sequence[NDArray[np.int64]]
+"""Cuts, as the parameter `cuts` of `Surface.cut` takes them."""
+
+Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
+"""The cuts, by the ids of their vertices in the input, their names, and the excluded vertices."""
+
+
+def make_surface(
+    source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress
+) -> tuple[Surface, NDArray[np.float64]]:
+    """Return the surface on which cuts are drawn, and its mean curvature, 1/mm."""
+    made = surface(source.read(), **foreground, progress=progress)
+    return made, made.mean_curvature(progress=progress)
+
+
+def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
+    """Return "standard" or "automatic" cuts, or those of a file."""
+    found = whole.cut(by, progress=progress)
+    names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
+    return [one.ids for one in found.cuts], names, found.left_out
+
+
+def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
+    """Return the cuts of a map, and the vertices of the surface that it excludes."""
+    about = flat_map.metadata
+    paths = [np.asarray(path, dtype=np.int64) for path in about.get("cuts") or []]
+    names = [name or f"cut {number}" for number, name in enumerate(about.get("cut_names") or [None] * len(paths), 1)]
+    further = about.get("automatic_cuts") or []
+    names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
+    paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
+    shown = flat_map.ids[np.unique(flat_map.faces)]
+    return paths, names, whole.ids[~in_rows(whole.ids, shown)]
+
+
+def save_template(
+    whole: Surface, paths: Paths, names: Sequence[str], left_out: NDArray[np.int64], file: Path, progress: Progress
+) -> Path:
+    """Save cuts as a template for every brain, located by the sphere of the surface, or by its folds."""
+    sphere = sphere_beside(whole) or whole.register(progress=progress)
+    found = _without(whole, left_out).cut(list(paths), sphere=sphere, relax=False, progress=progress)
+    named = [replace(one, name=name) for one, name in zip(found.cuts, names, strict=False)]
+    replace(found, cuts=(*named, *found.cuts[len(named) :])).save_template(file, overwrite=True)
+    return file
+
+
+def evaluate_cuts(
+    whole: Surface, paths: Paths, left_out: NDArray[np.int64], progress: Progress
+) -> tuple[float, list[float]]:
+    """Return the mean relative error of a coarse preview map, and how much larger it is without each cut."""
+    part = _without(whole, left_out)
+
+    def error(cuts: Paths) -> float:
+        opened = cut_open(part, Where(list(cuts) or "automatic", relax=False), progress=progress)
+        return sketch_error(opened.part, None, progress)
+
+    with_all = error(paths)
+    return with_all, [error([path for path in paths if path is not without]) - with_all for without in paths]
+
+
+def _without(whole: Surface, left_out: NDArray[np.int64]) -> Surface:
+    return whole.drop(left_out) if len(left_out) else whole

@@ -1,0 +1,233 @@
+"""The map of a run, prepared for display: pixels, folds, legend, and lookups between plane and space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat._napari.map_viewer.pictures import Picture
+from voxflat._napari.results.flat_layers import Run
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.lines import rim
+from voxflat.maps.plane import LIMIT, Planar
+
+if TYPE_CHECKING:
+    from voxflat.figures.marks import Direction
+
+FAR = LIMIT
+"""mm, more than the thickness of cortex; points farther from the surface have no place on the map."""
+
+_PIXELS = 1e6  # of the bounding box of the map, about as many as a large dock has
+_FINER = 4  # largest refinement of the pixels of the run, for small maps
+_EVEN = 168  # the grey level of a page, whose pieces have no folds
+_ROUNDING = 1e-9  # of barycentric coordinates, so that a ray through an edge meets a triangle
+_NEAR = 0.8  # largest distance of a point from a ray that meets it, as a fraction of the spacing
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A place of the map, and the corresponding point of the surface."""
+
+    point: NDArray[np.float64]  # (3,), RAS+ mm in scanner space
+    vertex: int | tuple[int, ...]  # the nearest vertex or voxel of the input
+    distortion: str  # a description of the distortion there
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMap:
+    """The map of a run, prepared once outside the GUI thread, so that lookups are fast."""
+
+    run: Run
+    planar: Planar  # the run's map, or the page of its atlas
+    pixel_size: float  # mm, finer than that of the run, so that pixels are not visible
+    folds: Picture
+    rim: list[NDArray[np.int64]]  # rows of points, in order
+    directions: list[Direction]
+    side: str | None  # L or R, if known
+    points: NDArray[np.float64]  # (N, 3), RAS+ mm in scanner space
+
+    @classmethod
+    def of(cls, run: Run) -> PreparedMap:
+        """Prepare the map of a run."""
+        from voxflat.figures.flat_maps import folds
+        from voxflat.figures.marks import directions, side
+
+        flat_map = run.flat_map
+        planar = flat_map if isinstance(flat_map, FlatMap) else flat_map.page()
+        of = planar._triangles
+        pixel_size = max(float(np.sqrt(np.ptp(of.uv, axis=0).prod() / _PIXELS)), planar.pixel_size / _FINER)
+        raster = planar.raster(pixel_size)
+        if isinstance(flat_map, FlatMap):
+            grey, lines = folds(flat_map, raster), rim(of.faces[~of.torn], len(of.uv))
+        else:
+            grey = np.zeros((*raster.shape, 4), dtype=np.uint8)
+            grey[..., :3], grey[..., 3] = _EVEN, 255 * raster.inside
+            corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one surface vertex for each vertex of the page
+            corner[flat_map.uv_faces] = of.faces
+            lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
+        found = cls(
+            run,
+            planar,
+            pixel_size,
+            Picture(grey, raster.origin, pixel_size),
+            lines,
+            directions(flat_map) if isinstance(flat_map, FlatMap) else [],
+            side(flat_map) if isinstance(flat_map, FlatMap) else None,
+            of.on_surface.space.to_scanner(of.on_surface.points),
+        )
+        found.spot(*of.uv[0])  # the first lookups build the search trees
+        found.place(found.points[0])
+        found.met(found.points[0], np.ones(3))
+        return found
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """The flattened layer: its name, the axes of the world, the unit."""
+        origin: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
+        return origin
+
+    @property
+    def outline(self) -> list[NDArray[np.float64]]:
+        """The border of the map, mm, as lines of shape (k, 2)."""
+        return [self.planar._triangles.uv[line] for line in self.rim]
+
+    @property
+    def pial_is_known(self) -> bool:
+        """Whether depths may be fractions of the cortex."""
+        return self.planar._triangles.on_surface.pial_points is not None
+
+    def spot(self, u: float, v: float) -> Spot | None:
+        """Look up (u, v), mm, on the surface; None outside the map."""
+        found = self.planar.look_up((u, v))
+        face = int(found.face_ids)
+        if face < 0:
+            return None
+        of = self.planar._triangles
+        row = int(of.faces[face][int(found.weights.argmax())])
+        vertex = of.on_surface.ids[row].tolist()
+        point = of.on_surface.space.to_scanner(found.points)
+        return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
+
+    def place_row(self, u: float, v: float) -> int | None:
+        """Return the index of the map point nearest to (u, v), mm; None outside the map."""
+        found = self.planar.look_up((u, v))
+        face = int(found.face_ids)
+        return None if face < 0 else int(self.planar._triangles.faces[face][int(found.weights.argmax())])
+
+    def _distortion(self, row: int, face: int) -> str:
+        flat_map = self.run.flat_map
+        if isinstance(flat_map, FlatMap):
+            return f"distance error {100 * flat_map.distortion.per_point[row]:.1f} %"
+        most, least = flat_map.stretch[face].tolist()
+        return f"length change up to {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
+
+    def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
+        """Look up a point in space, RAS+ mm, on the map; None if it is farther than `FAR` from the surface."""
+        u, v = self.places(np.asarray(point)).tolist()
+        return None if np.isnan(u) else (u, v)
+
+    def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Return (u, v), mm, of the surface points nearest to points (..., 3), RAS+ mm; NaN beyond `FAR`."""
+        return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
+
+    def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
+        """Return the first intersection of a ray, given by a point and a direction, RAS+ mm, with the surface."""
+        along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
+        beside = np.zeros(len(self.points))  # squared; axis by axis is faster than a matrix product
+        for across in np.linalg.svd(along[None])[2][1:]:
+            x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
+            beside += (x + y + z - across @ start) ** 2
+        if self.planar._triangles.torn.any():  # without a surface between the points, a ray meets the points
+            return self._met_point(start, along, beside)
+        close = beside <= self._longest_edge**2  # all corners of an intersected triangle are close
+        first, second, third = self._corners
+        near = np.flatnonzero(close[first])
+        near = near[close[second[near]] & close[third[near]]]
+        a, b, c = (self.points[corner[near]] for corner in self._corners)
+        hit = _distances_along(start, along, a, b - a, c - a)
+        nearest = float(np.min(hit, initial=np.inf))
+        return start + nearest * along if np.isfinite(nearest) else None
+
+    def _met_point(
+        self, start: NDArray[Any], along: NDArray[np.float64], beside: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Return the first point near a ray; `beside` holds the squared distances of the points from it."""
+        reach = _NEAR * self.spacing
+        hits = np.flatnonzero(beside <= reach**2)
+        if not len(hits):
+            return None
+        far = (self.points[hits] - start) @ along
+        first = far <= far.min() + 2 * reach
+        nearest = beside[hits[first]].argmin()
+        return np.asarray(start + far[first][nearest] * along)
+
+    @cached_property
+    def _axes(self) -> NDArray[np.float64]:
+        """The coordinates of the points, shape (3, N)."""
+        return np.ascontiguousarray(self.points.T)
+
+    @cached_property
+    def _corners(self) -> NDArray[np.int64]:
+        """The corners of the triangles, shape (3, F), so that one corner of all triangles is contiguous."""
+        return np.ascontiguousarray(self.planar._triangles.faces.T, dtype=np.int64)
+
+    @cached_property
+    def _longest_edge(self) -> float:
+        corners = self.points[self.planar._triangles.faces]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+    def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
+        """Return the colour of each map point, (N, 4), with a picture over the folds."""
+        rows, columns = self._pixels
+        under = self.folds.pixels[rows, columns].astype(np.float64)
+        if picture is not None:
+            over = picture.pixels[rows, columns]
+            share = opacity * over[:, 3:] / 255
+            under[:, :3] = share * over[:, :3] + (1 - share) * under[:, :3]
+        return np.round(under).astype(np.uint8)
+
+    @cached_property
+    def _pixels(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The pixel of each map point; a point on the border gets the nearest pixel within the map."""
+        (u, v), uv = self.folds.origin, self.planar._triangles.uv
+        size = np.array(self.folds.pixels.shape[:2]) - 1
+        at = np.round(np.column_stack([v - uv[:, 1], uv[:, 0] - u]) / self.pixel_size).astype(np.int64)
+        rows, columns = np.clip(at, 0, size).T
+        beside = self.folds.pixels[..., 3] == 0
+        nearest = scipy.ndimage.distance_transform_edt(beside, return_distances=False, return_indices=True)
+        return nearest[0][rows, columns], nearest[1][rows, columns]
+
+    @property
+    def spacing(self) -> float:
+        """The spacing of the surface points, mm."""
+        of = self.run.flat_map
+        return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
+
+
+def _distances_along(
+    start: NDArray[Any],
+    along: NDArray[np.float64],
+    corner: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the distances along a ray to triangles, infinite without an intersection (Möller, Trumbore 1997).
+
+    The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start count,
+    because the rays of a viewer start at the plane in which the mouse points.
+    """
+    across = np.cross(along, c)
+    volume = np.einsum("ij,ij->i", b, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_start = start - corner
+        u = np.einsum("ij,ij->i", to_start, across) / volume
+        turned = np.cross(to_start, b)
+        v = turned @ along / volume
+        far = np.einsum("ij,ij->i", turned, c) / volume
+        inside = (u >= -_ROUNDING) & (v >= -_ROUNDING) & (u + v <= 1 + _ROUNDING)
+    return np.where(inside & np.isfinite(far), far, np.inf)

@@ -1,0 +1,151 @@
+"""The link with the viewer: the place under the mouse, and the ring at the place that the map points at."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from napari import Viewer
+from numpy.typing import NDArray
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtWidgets import QWidget
+
+from voxflat._napari.layers.world import from_ras, to_ras
+from voxflat._napari.map_viewer.cursor import RingWidget
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
+from voxflat._napari.timers import single_shot
+
+_CLICK = 4  # pixels; a longer movement is not a click
+_IN_SLICE = 1.0  # mm; places nearer to the displayed slice count as in it
+
+
+class ViewerLink(QObject):
+    """Follows the mouse in the viewer, and marks places there; its parent is a widget of the viewer's window."""
+
+    pointed = Signal(object)
+    """Emitted with the place (u, v) under the mouse, or None outside the surface."""
+
+    clicked = Signal(object)
+    """Emitted with the place (u, v) of a click."""
+
+    def __init__(self, viewer: Viewer, inside: QWidget) -> None:
+        super().__init__(inside)
+        self._viewer = viewer
+        self._inside = inside
+        self.prepared: PreparedMap | None = None
+        self._marked: NDArray[np.float64] | None = None
+        self.ring: RingWidget | None = None
+        """The mark in the viewer; None until a place is marked."""
+        self._drawn = single_shot(self, 15, self._draw)  # draws once after several events of the camera
+        self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
+        for event in self._events:
+            event.connect(self._on_view)
+        viewer.mouse_move_callbacks.append(self._on_move)
+        viewer.mouse_drag_callbacks.append(self._on_press)
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        self._drawn.stop()
+        for event in self._events:
+            event.disconnect(self._on_view)
+        for callbacks, own in (
+            (self._viewer.mouse_move_callbacks, self._on_move),
+            (self._viewer.mouse_drag_callbacks, self._on_press),
+        ):
+            if own in callbacks:
+                callbacks.remove(own)
+        self.prepared = None
+        if self.ring is not None:
+            self.ring.hide()
+            self.ring.deleteLater()
+            self.ring = None
+
+    # ----------------------------------------------------------------------------------------- places
+
+    @property
+    def _is_linked(self) -> bool:
+        return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
+
+    def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Convert a point from RAS+ mm to the world of the viewer; axes before the last three keep their step."""
+        assert self.prepared is not None
+        world = np.asarray(self._viewer.dims.point, dtype=np.float64)
+        world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / mm_per_unit(self._viewer)
+        return world
+
+    def _to_ras(self, world: Any) -> NDArray[np.float64]:
+        """Convert a point or direction from the world to RAS+ mm."""
+        assert self.prepared is not None
+        mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
+        return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
+
+    def _place(self, event: Any) -> tuple[float, float] | None:
+        """Return the place of the map under the mouse, in a slice or on the surface."""
+        if not self._is_linked:
+            return None
+        assert self.prepared is not None
+        point: NDArray[np.float64] | None = self._to_ras(event.position)
+        if self._viewer.dims.ndisplay == 3:
+            point = self.prepared.met(self._to_ras(event.position), self._to_ras(event.view_direction))
+        return None if point is None else self.prepared.place(point)
+
+    # ------------------------------------------------------------------------------------- the viewer
+
+    def _on_move(self, viewer: Viewer, event: Any) -> None:
+        if self._is_linked:
+            self.pointed.emit(self._place(event))
+
+    def _on_press(self, viewer: Viewer, event: Any) -> Iterator[None]:
+        """Emit `clicked` after a click."""
+        if not (yield from is_click(event, _CLICK)):
+            return
+        place = self._place(event)
+        if place is not None:
+            self.clicked.emit(place)
+
+    def mark(self, point: NDArray[np.float64] | None) -> None:
+        """Place the ring at a point, RAS+ mm, or hide it."""
+        self._marked = point
+        self._draw()
+
+    def centre(self, point: NDArray[np.float64]) -> None:
+        """Move the slices of the viewer to a point, RAS+ mm, and centre the camera on it."""
+        if not self._is_linked:
+            return
+        viewer, world = self._viewer, self.to_world(point)
+        axes = range(viewer.dims.ndim - 3, viewer.dims.ndim)
+        viewer.dims.set_point(list(axes), world[-3:].tolist())
+        shown = world[list(viewer.dims.displayed)]
+        camera(viewer).center = (0.0, *shown)[-3:] if len(shown) == 2 else tuple(shown)
+
+    def _on_view(self) -> None:
+        if self._marked is not None:
+            self._drawn.start()
+
+    def _draw(self) -> None:
+        canvas = self._canvas()
+        if canvas is None or self.ring is None:
+            return
+        at = None
+        if self._marked is not None and self._is_linked and not in_grid(self._viewer):
+            world = self.to_world(self._marked)
+            at = projected(self._viewer, world, (canvas.width(), canvas.height()))
+        if at is None or not canvas.rect().contains(round(at[0]), round(at[1])):
+            self.ring.hide()
+        else:
+            self.ring.show_at(*at, near=self._in_slice(world))
+
+    def _canvas(self) -> QWidget | None:
+        """Return the canvas of the viewer; create the ring the first time."""
+        if self.ring is not None:
+            return self.ring.parentWidget()
+        canvas = canvas_widget(self._inside)
+        if canvas is not None:
+            self.ring = RingWidget(canvas)
+        return canvas
+
+    def _in_slice(self, world: NDArray[np.float64]) -> bool:
+        hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
+        apart = np.zeros(self._viewer.dims.ndim)
+        apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
+        return bool((np.abs(apart[hidden]) <= _IN_SLICE).all())

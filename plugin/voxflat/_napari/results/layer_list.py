@@ -1,0 +1,179 @@
+"""The hidden layers of runs in the layer list, added one at a time."""
+
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext
+from functools import partial
+from typing import Any
+
+from napari import Viewer
+from napari.layers import Layer
+from napari.utils.events import Event
+from qtpy.QtCore import QTimer
+
+from voxflat._napari.garbage_collection import defer_collections
+from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
+from voxflat._napari.timers import PAUSE
+
+_PLACE = ("name", "metadata", "units", "scale", "translate")
+_LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
+
+
+class ListedLayers:
+    """The layers of a run in a viewer.
+
+    napari takes 0.1 s to add or remove a layer, and 0.01 s to change the data of one. Therefore a run that replaces
+    another one reuses its layers of the same kind, and layers are added and removed in steps between which the window
+    processes events.
+    """
+
+    def __init__(self, viewer: Viewer, layers: Iterable[Layer] = ()) -> None:
+        self._viewer = weakref.ref(viewer)
+        self._layers: list[Layer] = [*layers]
+        self._steps: deque[Callable[[Viewer], None]] = deque()
+
+    @property
+    def layers(self) -> list[Layer]:
+        """The layers that are in the viewer."""
+        viewer = self._viewer()
+        return [] if viewer is None else [layer for layer in self._layers if layer in viewer.layers]
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all layers have been added and removed."""
+        return not self._steps
+
+    def show(self, result: FlatLayers) -> None:
+        """Add the layers of a run to the list."""
+        defer_collections()
+        earlier = self.layers
+        for data in [*result.in_space, *result.layers]:
+            taken = next((layer for layer in earlier if _is_like(layer, data)), None)
+            if taken is not None:
+                earlier.remove(taken)
+            self._steps.append(partial(self._put, data=data, taken=taken))
+        self._steps.extend(partial(self._take_out, layer=layer) for layer in earlier)
+        QTimer.singleShot(0, self._go_on)
+
+    def take(self, layer: Layer) -> None:
+        """Include a layer of the run that is already in the list, such as one from a file."""
+        self._layers.append(layer)
+
+    def remove(self) -> None:
+        """Remove the layers from the list."""
+        self._stop()
+        self._steps.extend(partial(self._take_out, layer=layer) for layer in self.layers)
+        QTimer.singleShot(0, self._go_on)
+
+    def hand_over(self) -> list[Layer]:
+        """Return all layers for reuse by another run, and stop managing them."""
+        self._stop()
+        return self.layers
+
+    def _stop(self) -> None:
+        """Discard the remaining steps."""
+        self._steps.clear()
+        viewer = self._viewer()
+        if viewer is not None:
+            for layer in self._layers:
+                if layer not in viewer.layers:
+                    drop_controls(viewer, layer)
+
+    def _go_on(self) -> None:
+        """Take a step, and schedule the next one after the window has processed events."""
+        viewer = self._viewer()
+        if viewer is None or not self._steps:
+            self._steps.clear()
+            return
+        try:
+            self._steps.popleft()(viewer)
+        finally:  # an error in one layer does not stop the others
+            QTimer.singleShot(PAUSE, self._go_on)
+
+    def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
+        if taken is not None and taken in viewer.layers:
+            _fill(taken, data)
+            return
+        layer = Layer.create(*hidden(data))
+        self._layers.append(layer)
+        ahead = (make_controls, make_room, _insert_hidden)
+        self._steps.extendleft(partial(step, layer=layer) for step in reversed(ahead))
+
+    def _take_out(self, viewer: Viewer, layer: Layer) -> None:
+        self._layers.remove(layer)
+        if layer in viewer.layers:
+            viewer.layers.remove(layer)
+
+
+def _controls(viewer: Viewer) -> Any:
+    """Return the widget with the controls of the layers, if this version of napari has it."""
+    viewer = getattr(viewer, "__wrapped__", viewer)  # the proxy that napari passes to widgets hides private parts
+    found = getattr(getattr(getattr(viewer, "window", None), "_qt_viewer", None), "controls", None)
+    return found if all(hasattr(found, name) for name in ("_add", "_remove", "widgets")) else None
+
+
+def make_controls(viewer: Viewer, layer: Layer) -> None:
+    """Create the controls of a layer that `insert` adds in a later iteration of the event loop, to halve its time."""
+    controls = _controls(viewer)
+    if controls is not None:
+        controls._add(Event("inserted", value=layer))
+
+
+def make_room(viewer: Viewer, layer: Layer) -> None:
+    """Extend the sliders for a layer that is about to be added, which slices all layers again."""
+    extent = viewer.layers.get_extent([*viewer.layers, layer])
+    if len(extent.step) == viewer.dims.ndim:
+        viewer.dims.range = tuple(zip(*extent.world, extent.step, strict=True))
+
+
+def drop_controls(viewer: Viewer, layer: Layer) -> None:
+    """Discard the controls of a layer that is not added after all."""
+    controls = _controls(viewer)
+    if controls is not None and layer in controls.widgets:
+        controls._remove(Event("removed", value=layer))
+
+
+def _without_controls(viewer: Viewer, layer: Layer) -> Any:
+    """Prevent napari from creating the controls of a layer a second time."""
+    controls = _controls(viewer)
+    if controls is None or layer not in controls.widgets:
+        return nullcontext()
+    return viewer.layers.events.inserted.blocker(controls._add)
+
+
+def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
+    insert(viewer, layer)
+    layer.visible = False
+
+
+def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
+    """Insert a layer without selecting it, because napari would create its controls, which is slow."""
+    viewer = getattr(viewer, "__wrapped__", viewer)  # as above
+    layers, before = viewer.layers, set(viewer.layers.selection)
+    layers._activate_on_insert = False
+    try:
+        with _without_controls(viewer, layer):
+            viewer.layers.insert(len(layers) if index is None else index, layer)
+    finally:
+        layers._activate_on_insert = True
+    if set(layers.selection) != before:  # in versions without `_activate_on_insert`
+        layers.selection = before
+
+
+def _is_like(layer: Layer, data: LayerData) -> bool:
+    """Return whether a layer can take over data: it has the same type, and both are RGB or neither."""
+    _, keywords, kind = data
+    is_rgb = bool(getattr(layer, "rgb", False))
+    return type(layer).__name__.lower() == kind and is_rgb == bool(keywords.get("rgb", False))
+
+
+def _fill(layer: Layer, data: LayerData) -> None:
+    """Replace the data and display of a layer."""
+    values, keywords, _ = data
+    if getattr(layer, "vertex_colors", None) is not None:
+        layer.vertex_colors = None  # the number of points may change, and napari slices immediately
+    layer.data = values
+    for name in _PLACE + _LOOK:
+        if name in keywords and keywords[name] is not None:
+            setattr(layer, name, keywords[name])

@@ -1,0 +1,144 @@
+"""The state of a viewer that outlives docks: its runs, and its drawn cuts."""
+
+import weakref
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from napari import Viewer
+from napari.layers import Layer, Surface
+from numpy.typing import NDArray
+from psygnal import Signal
+from qtpy.QtCore import QTimer
+
+from voxflat._napari.gl_context import keep_canvas_current
+from voxflat._napari.results.flat_layers import FlatLayers, Run
+from voxflat._napari.results.layer_list import ListedLayers
+from voxflat.maps.flat_map import FlatMap
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCuts:
+    """Drawn cuts, by the ids of the vertices in the input."""
+
+    paths: list[NDArray[np.int64]]
+    left_out: NDArray[np.int64]  # excluded vertices, as `drop`; may be empty
+
+
+class ViewerState:
+    """The runs of one viewer, independent of the open docks, which `changed` notifies."""
+
+    changed = Signal()
+    """Emitted when runs are added or removed, or the current run changes."""
+
+    cuts_drawn = Signal()
+    """Emitted when cuts were drawn for a layer."""
+
+    flatten_requested = Signal(object, object)
+    """Emitted with a layer and its foreground to flatten it again along the drawn cuts."""
+
+    _of: ClassVar["dict[int, ViewerState]"] = {}
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = weakref.ref(viewer)
+        self._runs: dict[Run, ListedLayers] = {}
+        self._current: Run | None = None
+        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one by one
+        self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
+        self.keeps_earlier = False
+        """Whether earlier runs are kept when a new one is added."""
+
+    @classmethod
+    def of(cls, viewer: Viewer) -> "ViewerState":
+        """Return the state of a viewer, which exists as long as the viewer."""
+        viewer = getattr(viewer, "__wrapped__", viewer)  # napari passes a different proxy to each widget
+        key = id(viewer)  # viewers are not hashable
+        if key not in cls._of:
+            state = cls._of[key] = cls(viewer)
+            viewer.layers.events.inserted.connect(state._adopt)
+            keep_canvas_current(viewer)
+            weakref.finalize(viewer, cls._of.pop, key, None)
+        return cls._of[key]
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The runs, in the order in which they were added."""
+        return tuple(self._runs)
+
+    @property
+    def current(self) -> Run | None:
+        """The run that the docks show."""
+        return self._current
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the layer list contains the layers of the runs, and none of removed runs."""
+        return all(listed.is_settled for listed in self._runs.values())
+
+    def add(self, run: Run, *, keep: bool | None = None) -> None:
+        """Make a run the current one, and add its layers; other runs are kept if `keep`, by default `keeps_earlier`."""
+        viewer = self._viewer()
+        assert viewer is not None
+        replaced: list[ListedLayers] = []
+        if not (self.keeps_earlier if keep is None else keep):
+            replaced = [*self._runs.values()]
+            self._runs.clear()
+        self._runs[run] = ListedLayers(viewer, [layer for listed in replaced for layer in listed.hand_over()])
+        self._current = run
+        self.changed.emit()
+        self._runs[run].show(run.layers)
+
+    def choose(self, run: Run) -> None:
+        """Show a run."""
+        if run in self._runs and run is not self._current:
+            self._current = run
+            self.changed.emit()
+
+    def remove(self, run: Run) -> None:
+        """Remove a run and its layers, if it is there."""
+        if run not in self._runs:
+            return
+        self._runs.pop(run).remove()
+        if run is self._current:
+            self._current = self.runs[-1] if self._runs else None
+        self.changed.emit()
+
+    def _adopt(self, event: Any) -> None:
+        """Add the map of a layer that was opened from a file as a run."""
+        flat_map = event.value.metadata.get("voxflat")
+        if flat_map is None or event.value.source.path is None:
+            return
+        viewer = self._viewer()
+        assert viewer is not None
+        run = next((run for run in self._runs if run.flat_map is flat_map), None)
+        if run is None:
+            run = Run(FlatLayers(flat_map, []), flat_map.metadata["napari"]["layer"])
+            self._opened.add(run)
+            self._runs[run] = ListedLayers(viewer)
+            self._current = run
+        if run in self._opened:
+            layer = event.value.as_layer_data_tuple()
+            (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
+            self._runs[run].take(event.value)
+            QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # an RGB layer is added visible
+            self.changed.emit()
+
+    def map_of(self, layer: Layer | None) -> FlatMap | None:
+        """Return the displayed map, if it may be of a layer: with the same number of vertices, or of voxels."""
+        flat_map = None if self._current is None else self._current.flat_map
+        if layer is None or not isinstance(flat_map, FlatMap):
+            return None
+        if not isinstance(layer, Surface):
+            return flat_map if flat_map.is_voxels else None
+        fits = not flat_map.is_voxels and flat_map.metadata.get("vertices") == len(layer.vertices)
+        return flat_map if fits else None
+
+    def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
+        """Store the cuts that were drawn on a layer."""
+        self._cuts[layer] = cuts
+        self.cuts_drawn.emit()
+
+    def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
+        """Return the cuts that were drawn on a layer, or None."""
+        return None if layer is None else self._cuts.get(layer)

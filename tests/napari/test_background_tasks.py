@@ -1,0 +1,168 @@
+"""Progress and cancelling of background tasks, and the deferral of garbage collection while they run."""
+
+import gc
+import threading
+import weakref
+
+import pytest
+from napari.resources import LOADING_GIF_PATH
+from napari.utils import progress
+from napari_window import PATIENCE, wait_for_threads
+from qtpy.QtGui import QCursor
+from qtpy.QtWidgets import QLabel
+
+from voxflat._napari.garbage_collection import _Deferral, defer_collections
+from voxflat._napari.worker import JobWorker
+from voxflat.errors import Cancelled
+
+
+class Circle:
+    """Garbage that only the collector frees."""
+
+    def __init__(self):
+        self.own = self
+
+
+@pytest.fixture
+def usual(qapp, monkeypatch):
+    """Restores the thresholds of the collector; the mouse rests."""
+    if gc.get_threshold()[2] == 0:
+        pytest.skip("this Python collects in small steps")
+    monkeypatch.setattr(QCursor, "pos", lambda: (0, 0))
+    monkeypatch.setattr(gc, "get_count", lambda: (0, 3, 999))  # nothing is made, and there is enough
+    if _Deferral.one is not None:  # of a test before
+        _Deferral.one._end()
+    yield gc.get_threshold()
+    if _Deferral.one is not None:
+        _Deferral.one._end()
+
+
+def old_garbage():
+    """Return a function that tells whether garbage of the oldest generation still exists."""
+    circle = Circle()
+    gc.collect(1)
+    gc.collect(1)
+    return weakref.ref(circle)
+
+
+def test_a_full_collection_waits_until_the_window_is_idle(usual):
+    defer_collections()
+    assert gc.get_threshold()[:2] == usual[:2]
+    assert gc.get_threshold()[2] > usual[2]
+    garbage = old_garbage()
+    _Deferral.one.look()  # where the mouse is
+    assert garbage() is not None
+    _Deferral.one.look()  # and it has not moved since
+    assert garbage() is None
+    assert _Deferral.one is None
+    assert gc.get_threshold() == usual
+
+
+def test_the_collection_waits_for_jobs_and_the_mouse_for_a_limited_time(usual, monkeypatch):
+    places = iter(range(1, 1000))
+    defer_collections()
+    garbage = old_garbage()
+    for _ in range(30):
+        defer_collections()  # as a job does, many times between two looks
+        _Deferral.one.look()
+    assert garbage() is not None
+    monkeypatch.setattr(QCursor, "pos", lambda: (next(places), 0))
+    for _ in range(8):
+        _Deferral.one.look()
+    defer_collections()  # layers are added, which restarts the deferral
+    for _ in range(9):
+        _Deferral.one.look()
+    assert garbage() is not None
+    _Deferral.one.look()
+    assert garbage() is not None  # who moves the mouse is not disturbed
+    assert _Deferral.one is None
+    assert gc.get_threshold() == usual  # the thresholds are those from before
+
+
+def test_settings_of_others_are_kept(usual):
+    gc.disable()
+    try:
+        defer_collections()
+        assert _Deferral.one is None
+    finally:
+        gc.enable()
+    defer_collections()
+    others = (usual[0] + 1, *usual[1:])
+    gc.set_threshold(*others)
+    try:
+        _Deferral.one._end()
+        assert gc.get_threshold() == others
+    finally:
+        gc.set_threshold(*usual)
+
+
+def test_explicit_collections_run_immediately(usual):
+    defer_collections()
+    garbage = old_garbage()
+    gc.collect()
+    assert garbage() is None
+
+
+class Endless:
+    """Works until it is cancelled."""
+
+    def __init__(self):
+        self.released = threading.Event()
+
+    def run(self, tell):
+        while tell("counting", 3, 7):
+            self.released.wait(0.001)
+        raise Cancelled("cancelled")
+
+
+@pytest.fixture
+def wheel(make_napari_viewer, monkeypatch):
+    """The spinner in the status bar of a window."""
+    monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
+    window = make_napari_viewer().window._qt_window
+    (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
+    return wheel
+
+
+def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
+    worker, errors = JobWorker(Endless().run, "Flatten"), []
+    worker.errored.connect(errors.append)
+    calls = []
+    monkeypatch.setattr("voxflat._napari.worker.defer_collections", lambda: calls.append(worker.stage))
+    worker.start()
+    qtbot.waitUntil(lambda: bool(progress._all_instances), timeout=PATIENCE)
+    (bar,) = progress._all_instances
+    qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
+    assert bar.desc.startswith("Flatten: counting")
+    assert len(calls) > 1  # as long as it works
+    assert wheel.speed() < 20  # %; each of its frames redraws the complete window
+    bar.cancel()  # as the button there
+    qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
+    assert isinstance(errors[0], Cancelled)
+    wait_for_threads(qtbot)
+    assert not progress._all_instances
+    assert wheel.speed() == 100
+
+
+def test_the_spinner_is_slow_while_any_job_runs(wheel, qtbot):
+    workers = [JobWorker(Endless().run, name) for name in ("one", "other")]
+    for worker in workers:
+        worker.start()
+    qtbot.waitUntil(lambda: all(worker.is_running for worker in workers), timeout=PATIENCE)
+    for worker, speed in zip(workers, (12, 100), strict=True):
+        with qtbot.waitSignal(worker.finished, timeout=PATIENCE):
+            worker.quit()
+        qtbot.waitUntil(lambda speed=speed: wheel.speed() == speed, timeout=PATIENCE)
+    wait_for_threads(qtbot)
+
+
+def test_cancelling_immediately_shows_no_bar(make_napari_viewer, qtbot):
+    make_napari_viewer()
+    worker, errors = JobWorker(Endless().run), []
+    worker.errored.connect(errors.append)
+    worker.start()
+    worker.quit()
+    qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
+    assert isinstance(errors[0], Cancelled)
+    assert not progress._all_instances
+    wait_for_threads(qtbot)
