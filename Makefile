@@ -43,6 +43,7 @@ lint: setup ## formats, lints, types, stubs, order of imports, docs of the core,
 	$(RUN) stubtest voxflat._core
 	$(RUN) lint-imports --no-cache
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
+	$(RUN) zizmor --offline --quiet .github
 
 advisories: setup ## known weaknesses of the core's dependencies, by the database of RustSec (network)
 	$(RUN) cargo-deny --locked check

@@ -19,7 +19,7 @@ author = "The voxflat developers"
 copyright = "2026, the voxflat developers"
 version = release = voxflat.__version__
 root_doc = "index"
-exclude_patterns = ["benchmarks", "cluster", "paper", "templates", "tutorials", "gallery", "pictures", "_build"]
+exclude_patterns = ["benchmarks", "cluster", "joss", "paper", "templates", "tutorials", "gallery", "pictures", "_build"]
 templates_path = ["_templates"]
 extensions = [
     "sphinx.ext.autodoc",

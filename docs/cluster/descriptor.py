@@ -1,4 +1,4 @@
-"""The descriptor of `voxflat bids` for Boutiques, made of the command itself.
+"""The Boutiques descriptor of `voxflat bids`, generated from the command itself.
 
 python docs/cluster/descriptor.py > docs/cluster/voxflat.boutiques.json
 """
@@ -15,7 +15,6 @@ import voxflat
 from voxflat.cli.commands.bids import command
 
 OWN = ("help",)
-FOLDERS = ("source", "out")
 
 
 def descriptor() -> dict[str, Any]:
@@ -24,6 +23,7 @@ def descriptor() -> dict[str, Any]:
     summary, _, text = (command.help or "").partition("\n\n")
     return {
         "name": "voxflat bids",
+        "author": "The voxflat developers",
         "description": plain(summary + " " + text),
         "tool-version": voxflat.__version__,
         "schema-version": "0.5",
@@ -35,7 +35,7 @@ def descriptor() -> dict[str, Any]:
             {
                 "id": "maps",
                 "name": "Derivatives",
-                "description": "Maps, measures and reports, as BIDS has derivatives.",
+                "description": "Maps, measures and reports as BIDS derivatives.",
                 "path-template": "[OUT]",
             }
         ],
@@ -45,13 +45,13 @@ def descriptor() -> dict[str, Any]:
 
 
 def entry(parameter: click.Parameter) -> dict[str, Any]:
-    """Return an argument or option as Boutiques has it."""
-    assert parameter.name is not None
+    """Return the descriptor of an argument or option."""
+    assert parameter.name
     told: dict[str, Any] = {"id": parameter.name, "name": parameter.name.replace("_", " "), "type": "String"}
     told |= {"value-key": f"[{parameter.name.upper()}]", "optional": not parameter.required}
     kind = parameter.type
-    if parameter.name in FOLDERS:
-        told["type"] = "String" if parameter.name == "out" else "File"
+    if parameter.name == "source":
+        told["type"] = "File"
     if isinstance(kind, click.Choice):
         told["value-choices"] = list(kind.choices)
     if isinstance(kind, click.types.IntParamType):
