@@ -28,7 +28,7 @@ NAMES = {
     "voxflat.atlases.page": ["FlatPage"],
     "voxflat.distances.path": ["Path"],
     "voxflat.distortion.figures": ["Figures", "StandardErrors", "TriangleFigures"],
-    "voxflat.evaluation.measure": ["Comparison", "JudgedMap"],
+    "voxflat.evaluation.measure": ["Comparison", "MeasuredMap"],
     "voxflat.lab.map_page": ["MapPage"],
     "voxflat.maps.plane": ["FlatTriangles", "Places"],
     "voxflat.maps.raster": ["FlatImage", "FlatStack", "Raster"],

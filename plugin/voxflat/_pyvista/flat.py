@@ -11,7 +11,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.pieces import FIGURES
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.triangles import measure_arrays
-from voxflat.evaluation.measure import JudgedMap
+from voxflat.evaluation.measure import MeasuredMap
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.textures.pictures import place
 from voxflat.pipeline.cut_surface import CutSurface
@@ -126,14 +126,14 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
 
 
 def to_measured_polydata(
-    judged: JudgedMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
+    measured: MeasuredMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
 ) -> pv.PolyData:
     """Return a map that was measured as a mesh in the plane z = 0, in mm."""
-    mesh = triangles(_in_plane(judged.uv), judged.faces)
+    mesh = triangles(_in_plane(measured.uv), measured.faces)
     mesh.point_data["voxel_ids" if in_voxels else "vertex_ids"] = ids
     mesh.point_data["surface_points"] = points
-    _add_measures(mesh, judged.distortion, points, judged.uv)
-    mesh.field_data["voxflat"] = [json.dumps({"distortion": judged.distortion.figures()})]
+    _add_measures(mesh, measured.distortion, points, measured.uv)
+    mesh.field_data["voxflat"] = [json.dumps({"distortion": measured.distortion.figures()})]
     mesh.set_active_scalars("distance_error", preference="point")
     return mesh
 

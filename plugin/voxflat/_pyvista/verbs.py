@@ -513,14 +513,14 @@ class Verbs(Inputs):
         with shown(progress_bar, given.pop("progress", None)) as progress:
             whole = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **given)
             how |= {"threads": given.get("threads"), "progress": progress}
-            judged = compare(whole, {"": rows_of(flat, whole, extracted)}, **how).maps[""]
+            measured = compare(whole, {"": rows_of(flat, whole, extracted)}, **how).maps[""]
         at = np.empty(whole.count, dtype=np.int64)
         at[whole.vertices] = np.arange(len(whole))
-        ids = whole.ids[at[judged.vertex_ids]]
-        points = whole.points[at[judged.vertex_ids]]
+        ids = whole.ids[at[measured.vertex_ids]]
+        points = whole.points[at[measured.vertex_ids]]
         if extracted is None:
-            return to_measured_polydata(judged, points, ids, in_voxels=True)
-        mesh = to_measured_polydata(judged, points, extracted.point_ids[ids])
+            return to_measured_polydata(measured, points, ids, in_voxels=True)
+        mesh = to_measured_polydata(measured, points, extracted.point_ids[ids])
         extracted.carry(mesh, ids)
         mesh.set_active_scalars("distance_error", preference="point")
         return mesh

@@ -42,7 +42,7 @@ _KEPT_SHARE = 4  # a quarter of the free memory
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedMap:
+class MeasuredMap:
     """A flat map with the part of the surface on which it was measured.
 
     A `Comparison` holds one for each map.
@@ -76,7 +76,7 @@ class JudgedMap:
 
     def __repr__(self) -> str:
         error = 100 * self.distortion.raw.relative_error
-        return f"<JudgedMap: {len(self.uv)} points, {len(self.faces)} triangles, relative error {error:.1f} %>"
+        return f"<MeasuredMap: {len(self.uv)} points, {len(self.faces)} triangles, relative error {error:.1f} %>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class Comparison(Recorded):
 
     Parameters
     ----------
-    maps : dict of str to JudgedMap
+    maps : dict of str to MeasuredMap
         The maps by name.
     provenance : dict
         Record of how they were measured.
@@ -103,7 +103,7 @@ class Comparison(Recorded):
     <Comparison of 1 maps: seen from above>
     """
 
-    maps: dict[str, JudgedMap]
+    maps: dict[str, MeasuredMap]
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -135,7 +135,7 @@ class Comparison(Recorded):
         >>> list(comparison.figures())[:2]
         ['seen from above']
         """
-        return {name: judged.distortion.figures() for name, judged in self.maps.items()}
+        return {name: measured.distortion.figures() for name, measured in self.maps.items()}
 
     def table(self) -> str:
         """Return a table of the figures as text.
@@ -158,7 +158,7 @@ class Comparison(Recorded):
         >>> print(comparison.table().splitlines()[0])
         from 300 random sources, ± standard error; exact distances over the triangles
         """
-        return table_of_several({name: judged.distortion for name, judged in self.maps.items()})
+        return table_of_several({name: measured.distortion for name, measured in self.maps.items()})
 
 
 def measure(
@@ -325,12 +325,12 @@ def compare(
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
             distances[id(one)] = measured | {"per_point": per_point}
-    judged = {}
+    measured = {}
     for name, one in matched.items():
         more = {"topology": topologies[name], "voxel_size": whole.voxel_size, "unit": whole.metadata.get("unit", "mm")}
         distortion = Distortion._of(distances[id(one)], one.core.measure(one.uv, progress), reference, **more)
-        judged[name] = JudgedMap(one.uv, one.vertices, one.core.faces, distortion)
-    return Comparison(judged)
+        measured[name] = MeasuredMap(one.uv, one.vertices, one.core.faces, distortion)
+    return Comparison(measured)
 
 
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:

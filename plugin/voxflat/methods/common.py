@@ -38,9 +38,9 @@ def _measured(part: Manifold, result: dict[str, Any], geodesic: str, links_error
     if geodesic == "exact" or links_error > MUCH:
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
         sources = _core.reference_sources(len(part), count, how.seed)
-        judge = part.core.judge
-        judged = judge([result["uv"]], sources, "exact", _core.KEPT_BYTES, how.seed, how.threads, how.progress)
-        reference, distances = "exact", judged[0]
+        evaluate = part.core.judge
+        figures = evaluate([result["uv"]], sources, "exact", _core.KEPT_BYTES, how.seed, how.threads, how.progress)
+        reference, distances = "exact", figures[0]
     of_triangles = part.core.measure(result["uv"], how.progress)
     return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size)
 
