@@ -123,7 +123,7 @@ fn moved((mut points, faces): Triangles, rng: &mut ChaCha8Rng) -> Result<Surface
     stretch(&mut points, rng);
     let size = 10f64.powf(rng.random_range(-1.0..1.5)); // some mm, or a hundred of them: bands of distances end at 10 and 30
     points.iter_mut().flatten().for_each(|x| *x *= size);
-    Ok(Surface::mended(&points, &faces)?.0)
+    Ok(Surface::repaired(&points, &faces)?.0)
 }
 
 fn map(disk: &Surface, sources: usize, weighting: f64, threads: usize, control: &Control) -> Result<FlatMap> {

@@ -136,7 +136,7 @@ fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
 /// Everything that is done to triangles; an error wherever that is not possible.
 fn worked_through((points, faces): &Soup, control: &Control) -> std::result::Result<(), TestCaseError> {
     let defects = Surface::defects(points, faces);
-    for made in [Surface::from_triangles(points, faces), Surface::mended(points, faces)] {
+    for made in [Surface::from_triangles(points, faces), Surface::repaired(points, faces)] {
         let Ok((surface, _)) = made else { continue };
         prop_assert!(defects.is_ok());
         let (low, high) = surface.points().iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(l, h), p| {
@@ -246,7 +246,7 @@ fn sizes_beyond_the_scales_are_refused() {
     for size in [1e107, 1e19, 3e10, 2e10, 1e-9, 2e-10, 1e-30, 1e-200] {
         let is_taken = size == 2e10 || size == 1e-9;
         let sized: Vec<[f64; 3]> = points.iter().map(|point| point.map(|x| size * x)).collect();
-        for made in [Surface::from_triangles(&sized, &faces), Surface::mended(&sized, &faces)] {
+        for made in [Surface::from_triangles(&sized, &faces), Surface::repaired(&sized, &faces)] {
             assert_eq!(made.is_ok(), is_taken, "{size:e}: {:?}", made.err());
         }
     }

@@ -39,8 +39,8 @@ fn damaged_rows(
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("FARTHEST", voxflat::scales::FARTHEST)?;
-    module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
-    module.add("REFERENCE_SOURCES", voxflat::distortion::judge::REFERENCE_SOURCES)?;
+    module.add("KEPT_BYTES", voxflat::distortion::evaluate::KEPT_BYTES)?;
+    module.add("REFERENCE_SOURCES", voxflat::distortion::evaluate::REFERENCE_SOURCES)?;
     module.add("SMALLEST", voxflat::scales::SMALLEST)?;
     module.add_class::<nearest::NearestFinder>()?;
     module.add_class::<raster::TriangleFinder>()?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
-use voxflat::look_up::TriangleFinder as CoreFinder;
+use voxflat::lookup::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
 
 use crate::convert::{self, Given, GivenImage, GivenTable, Table, Values};

@@ -70,17 +70,17 @@ impl Surface {
     ) -> PyResult<(Self, Dict<'py>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
-        let make = if mend { CoreSurface::mended } else { CoreSurface::from_triangles };
-        let (surface, mended) = run(py, Some(1), &None, move |_| make(&points, &faces))?;
+        let make = if mend { CoreSurface::repaired } else { CoreSurface::from_triangles };
+        let (surface, repaired) = run(py, Some(1), &None, move |_| make(&points, &faces))?;
         let dict = dict!(
             py,
-            "turned" = mended.turned,
-            "unused" = mended.unused,
-            "merged" = convert::array(py, &mended.merged)?,
-            "dropped" = mended.dropped,
-            "flipped" = mended.flipped,
-            "duplicates" = mended.duplicates,
-            "split" = mended.split
+            "turned" = repaired.turned,
+            "unused" = repaired.unused,
+            "merged" = convert::array(py, &repaired.merged)?,
+            "dropped" = repaired.dropped,
+            "flipped" = repaired.flipped,
+            "duplicates" = repaired.duplicates,
+            "split" = repaired.split
         );
         Ok((surface.into(), dict))
     }

@@ -11,12 +11,12 @@
 //! predicates, at the end: what did not hold it would fall into its patches again.
 
 mod border;
+mod layout;
 mod merge;
+mod retry;
 mod seams;
 mod settle;
-mod sheet;
 mod strain;
-mod zip;
 
 use std::collections::HashMap;
 
@@ -29,9 +29,9 @@ use crate::distortion::overlap::overlaps;
 use crate::embed::stress::descent::Until;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
+use layout::Layout;
 use seams::{Gluing, Obstacle};
 use settle::are_within;
-use sheet::Sheet;
 
 /// The least and the greatest bound on C.
 pub const BOUNDS: [f64; 2] = [1.000_001, 10.0];
@@ -130,7 +130,7 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
-    let patches = Sheet::new(&facets, labels, flat);
+    let patches = Layout::new(&facets, labels, flat);
     let before = all.iter().map(|&facet| worst(&patches, facet)).fold(1.0, f64::max);
     if !are_within(&patches, &all, bound) {
         let [least, most] = ANGLES;
@@ -142,21 +142,21 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     }
     let mut gluing = Gluing::new(patches.clone(), bound, control);
     gluing.merge()?;
-    gluing.zip()?;
+    gluing.retry()?;
     gluing.finish(LAST, TIMES)?;
-    let Gluing { mut sheet, mut reasons, .. } = gluing;
-    control.begin("checking pieces", sheet.members.len() as u64);
-    for piece in 0..sheet.members.len() as u32 {
-        if !is_valid(&sheet, piece, bound, control)? {
-            for side in sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3) {
+    let Gluing { mut layout, mut reasons, .. } = gluing;
+    control.begin("checking pieces", layout.members.len() as u64);
+    for piece in 0..layout.members.len() as u32 {
+        if !is_valid(&layout, piece, bound, control)? {
+            for side in layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3) {
                 reasons[side as usize] = Some(Obstacle::Overlap);
             }
-            sheet.take_apart(piece, &patches);
+            layout.take_apart(piece, &patches);
         }
         control.advance();
     }
-    let mut glued = collected(&sheet);
-    glued.seams = seams(&sheet, &reasons);
+    let mut glued = collected(&layout);
+    glued.seams = seams(&layout, &reasons);
     glued.patches = patches.members.len();
     glued.before = before;
     Ok(glued)
@@ -169,26 +169,26 @@ pub fn check_bound(bound: f64) -> Result<()> {
 }
 
 /// max(σ1, 1/σ2) of a facet.
-fn worst(sheet: &Sheet<'_>, facet: u32) -> f64 {
-    let [most, least] = stretch_of(sheet.facets.corners(facet), sheet.flat(facet).map(Into::into));
+fn worst(layout: &Layout<'_>, facet: u32) -> f64 {
+    let [most, least] = stretch_of(layout.facets.corners(facet), layout.flat(facet).map(Into::into));
     most.max(least.recip())
 }
 
 /// Is every triangle of a piece within the bound, upright, and on no other? By exact predicates.
-fn is_valid(sheet: &Sheet<'_>, piece: u32, bound: f64, control: &Control) -> Result<bool> {
-    let members = &sheet.members[piece as usize];
-    if !are_within(sheet, members, bound) {
+fn is_valid(layout: &Layout<'_>, piece: u32, bound: f64, control: &Control) -> Result<bool> {
+    let members = &layout.members[piece as usize];
+    if !are_within(layout, members, bound) {
         return Ok(false);
     }
-    let uv: Vec<[f64; 2]> = members.iter().flat_map(|&facet| sheet.flat(facet).map(Into::into)).collect();
+    let uv: Vec<[f64; 2]> = members.iter().flat_map(|&facet| layout.flat(facet).map(Into::into)).collect();
     let faces: Vec<[u32; 3]> = (0..members.len() as u32).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
     Ok(overlaps(&faces, &uv, &control.part())?.covering == 0)
 }
 
 /// The pieces, measured, from the largest to the smallest.
-fn collected(sheet: &Sheet<'_>) -> Glued {
-    let facets = sheet.facets;
-    let mut members: Vec<Vec<u32>> = sheet.members.iter().filter(|members| !members.is_empty()).cloned().collect();
+fn collected(layout: &Layout<'_>) -> Glued {
+    let facets = layout.facets;
+    let mut members: Vec<Vec<u32>> = layout.members.iter().filter(|members| !members.is_empty()).cloned().collect();
     members.iter_mut().for_each(|members| members.sort_unstable());
     let area = |members: &[u32]| members.iter().map(|&facet| facets.areas[facet as usize]).sum::<f64>();
     let mut sorted: Vec<(f64, Vec<u32>)> = members.into_iter().map(|members| (area(&members), members)).collect();
@@ -197,7 +197,7 @@ fn collected(sheet: &Sheet<'_>) -> Glued {
     let mut stretch = vec![[f64::NAN; 2]; facets.len()];
     let mut pieces = Vec::with_capacity(sorted.len());
     for (number, (area, members)) in (0..).zip(sorted) {
-        let piece = measured(sheet, &members, area, &mut stretch);
+        let piece = measured(layout, &members, area, &mut stretch);
         piece.faces.iter().for_each(|&face| labels[face as usize] = number);
         pieces.push(piece);
     }
@@ -205,17 +205,17 @@ fn collected(sheet: &Sheet<'_>) -> Glued {
     Glued { labels, pieces, stretch, seams, patches: 0, before: 1.0 }
 }
 
-fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
-    let (facets, surface) = (sheet.facets, sheet.facets.surface);
+fn measured(layout: &Layout<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
+    let (facets, surface) = (layout.facets, layout.facets.surface);
     let corners = members.iter().flat_map(|&facet| (0..3).map(move |k| (facet, k)));
     let rows =
-        distinct(corners.map(|(facet, k)| (facets.vertices[facet as usize][k], sheet.place[3 * facet as usize + k])));
+        distinct(corners.map(|(facet, k)| (facets.vertices[facet as usize][k], layout.place[3 * facet as usize + k])));
     let row: HashMap<u32, u32> = rows.iter().map(|&(_, place)| place).zip(0..).collect();
     let mut piece = Piece {
         faces: Vec::with_capacity(members.len()),
         corners: Vec::with_capacity(members.len()),
         vertices: rows.iter().map(|&(vertex, _)| vertex).collect(),
-        uv: rows.iter().map(|&(_, place)| sheet.uv[place as usize].into()).collect(),
+        uv: rows.iter().map(|&(_, place)| layout.uv[place as usize].into()).collect(),
         area,
         isometric: 1.0,
         quasi_conformal: 1.0,
@@ -223,28 +223,28 @@ fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 
     let mut by_face: Vec<(u32, u32)> = members.iter().map(|&facet| (facets.faces[facet as usize], facet)).collect();
     by_face.sort_unstable();
     for (face, facet) in by_face {
-        let [most, least] = stretch_of(facets.corners(facet), sheet.flat(facet).map(Into::into));
+        let [most, least] = stretch_of(facets.corners(facet), layout.flat(facet).map(Into::into));
         stretch[face as usize] = [most, least];
         piece.isometric = piece.isometric.max(most).max(least.recip());
         piece.quasi_conformal = piece.quasi_conformal.max(most / least);
         // by the corners of the face, which may begin elsewhere than the facet
         let first =
             (0..3).find(|&k| surface.faces()[face as usize][k] == facets.vertices[facet as usize][0]).unwrap_or(0);
-        let corner = |k: usize| row[&sheet.place[3 * facet as usize + (k + 3 - first) % 3]];
+        let corner = |k: usize| row[&layout.place[3 * facet as usize + (k + 3 - first) % 3]];
         piece.faces.push(face);
         piece.corners.push([corner(0), corner(1), corner(2)]);
     }
     piece
 }
 
-fn seams(sheet: &Sheet<'_>, reasons: &[Option<Obstacle>]) -> Seams {
+fn seams(layout: &Layout<'_>, reasons: &[Option<Obstacle>]) -> Seams {
     let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
-    for (side, twin) in (0..).zip(&sheet.twins).filter(|&(side, &twin)| sheet.seams[side as usize] && side < twin) {
-        let length = sheet.lengths[side as usize];
-        let is_one = sheet.piece[side as usize / 3] == sheet.piece[*twin as usize / 3];
+    for (side, twin) in (0..).zip(&layout.twins).filter(|&(side, &twin)| layout.seams[side as usize] && side < twin) {
+        let length = layout.lengths[side as usize];
+        let is_one = layout.piece[side as usize / 3] == layout.piece[*twin as usize / 3];
         found.length += length;
         let share = match reasons[side as usize] {
-            _ if !sheet.is_cut(side) => &mut found.closed,
+            _ if !layout.is_cut(side) => &mut found.closed,
             Some(Obstacle::Overlap) => &mut found.overlap,
             _ if is_one => &mut found.holonomy,
             _ => &mut found.bound,

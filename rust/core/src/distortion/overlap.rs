@@ -1,8 +1,8 @@
-//! Overlaps: does the flat map lie on itself?
+//! Overlaps of a flat map with itself.
 //!
-//! A map without flipped triangles can still cover itself, where far parts of its boundary run into each other. The tests are
-//! exact, by Shewchuk's predicate (crate `robust`), for places in mm of any size that does not underflow. Only interiors
-//! count: triangles that touch, vertices that are doubled along a cut and edges that lie on each other are no overlap.
+//! A map without flipped triangles can still cover itself where distant parts of its boundary run into each other. The
+//! tests are exact by Shewchuk's predicate (crate `robust`), for positions in mm of any size that does not underflow.
+//! Only interiors count: triangles that touch, doubled vertices along a cut and coincident edges are not overlaps.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,23 +15,24 @@ use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
 use crate::error::{Result, check_points};
 
-/// Searches in one step of the progress.
+/// The number of searches in one step of the progress.
 const CHUNK: usize = 256;
 
-/// Where a flat map lies on itself.
+/// The places where a flat map overlaps itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Overlap {
-    /// Number of pairs of boundary edges that cross at a point that is an end of neither. Zero in an embedding; but a
-    /// boundary that crosses itself exactly at a vertex, or a boundary inside the map, only shows in `covering`.
+    /// The number of pairs of boundary edges that cross at a point that is not an end of either. It is zero in an
+    /// embedding. A boundary that crosses itself exactly at a vertex, or a boundary inside the map, appears only in
+    /// `covering`.
     pub crossings: usize,
-    /// Number of triangles that cover a part of another one.
+    /// The number of triangles that cover a part of another triangle.
     pub covering: usize,
-    /// For each face: does it cover a part of another one?
+    /// For each face, whether it covers a part of another face.
     pub per_face: Vec<bool>,
 }
 
-/// Finds where a flat map (`uv`, mm) of triangles lies on itself. Triangles without area, and those with a corner that has
-/// no place, cover nothing; edges of one face are the boundary.
+/// Finds where a flat map (`uv`, mm) of triangles overlaps itself. Triangles without area or with an undefined corner
+/// cover nothing. Edges with one face form the boundary.
 pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
     check_points(faces.iter().flatten().copied(), uv.len())?;
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };
@@ -55,7 +56,7 @@ fn is_placed(corners: &[Coord<f64>]) -> bool {
     corners.iter().all(|corner| corner.x.is_finite() && corner.y.is_finite())
 }
 
-/// The triangle, turned over if it is clockwise; none if it has no interior.
+/// Returns the triangle with counterclockwise orientation; none if it has no interior.
 pub(crate) fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
     match orient2d(a, b, c) {
         _ if !is_placed(&[a, b, c]) => None,
@@ -65,20 +66,20 @@ pub(crate) fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
     }
 }
 
-/// Do segments cross at a point that is an end of neither?
+/// Returns whether segments cross at a point that is not an end of either.
 fn cross([a, b]: Segment, [c, d]: Segment) -> bool {
     let opposite = |left: f64, right: f64| (left > 0.0 && right < 0.0) || (left < 0.0 && right > 0.0);
     opposite(orient2d(a, b, c), orient2d(a, b, d)) && opposite(orient2d(c, d, a), orient2d(c, d, b))
 }
 
-/// Have counterclockwise triangles a common interior point? Convex sets have none if and only if a line parts them, and
-/// among polygons a line along one of their sides does.
+/// Returns whether counterclockwise triangles have a common interior point. Convex sets have none if and only if a line
+/// separates them; for polygons, a line along one of their sides does.
 pub(crate) fn interiors_meet(a: &Triangle, b: &Triangle) -> bool {
     let outside = |a: &Triangle, k: usize, b: &Triangle| b.iter().all(|&p| orient2d(a[k], a[(k + 1) % 3], p) <= 0.0);
     (0..3).all(|k| !outside(a, k, b) && !outside(b, k, a))
 }
 
-/// Number of pairs of segments that cross at a point that is an end of neither.
+/// Returns the number of pairs of segments that cross at a point that is not an end of either.
 pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result<usize> {
     let tree = Tree::over(segments.iter().map(|ends| Bounds::around(ends)).collect());
     let of_chunk = |chunk: Range<usize>| {
@@ -86,7 +87,7 @@ pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result
         for position in chunk {
             control.check()?;
             let n = tree.order[position];
-            // each pair from its lower number
+            // count each pair once
             tree.any_other(position, &mut |other| {
                 count += usize::from(other > n && cross(segments[n as usize], segments[other as usize]));
                 false
@@ -98,9 +99,9 @@ pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result
     chunks(segments.len()).map(of_chunk).try_reduce(|| 0, |a, b| Ok(a + b))
 }
 
-/// Which triangles cover a part of another one. The search from a triangle ends at the first one it meets, and both are
-/// marked, so that a map with many folds takes no longer than a good one. Marks only ever say what is true, and the search
-/// from an unmarked one is complete: the order of the threads does not matter.
+/// Returns which triangles cover a part of another one. The search from a triangle ends at the first hit, and both are
+/// marked, so that a map with many folds takes no longer than a good one. Marks are always correct, and the search from
+/// an unmarked triangle is complete, so the order of the threads does not matter.
 fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>> {
     let tree = Tree::over(triangles.iter().map(|corners| Bounds::around(corners)).collect());
     let covering: Vec<AtomicBool> = triangles.iter().map(|_| AtomicBool::new(false)).collect();
@@ -128,7 +129,7 @@ fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>>
     Ok(covering.into_iter().map(AtomicBool::into_inner).collect())
 }
 
-/// The numbers below `count`, in parallel, a step of the progress at a time.
+/// Iterates in parallel over the numbers below `count`, in chunks of one progress step.
 fn chunks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     (0..count.div_ceil(CHUNK)).into_par_iter().map(move |n| n * CHUNK..((n + 1) * CHUNK).min(count))
 }

@@ -24,7 +24,7 @@ const LEAST_CURVATURE: f64 = 1e-3;
 pub const MOST_STEPS: usize = 1500;
 
 /// Steps over which the stress is judged, and the part of it by which it changes at most at the end.
-const JUDGED: usize = 20;
+const EVALUATED: usize = 20;
 const SETTLED: f64 = 1e-5;
 
 /// Vertices that are visited together.
@@ -134,7 +134,7 @@ pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) 
 
 /// Did the stress hardly change over the last steps?
 fn is_settled(stresses: &[f64]) -> bool {
-    let Some(first) = stresses.len().checked_sub(JUDGED) else { return false };
+    let Some(first) = stresses.len().checked_sub(EVALUATED) else { return false };
     let least = stresses[first..].iter().copied().fold(f64::INFINITY, f64::min);
     let most = stresses[first..].iter().copied().fold(0.0, f64::max);
     most - least <= SETTLED * most || most < f64::from(f32::EPSILON).powi(2) // distances are f32

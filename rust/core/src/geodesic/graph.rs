@@ -6,7 +6,7 @@
 //! (`needed`). Distances are therefore those of real paths, never too short, symmetric, and obey the triangle
 //! inequality; they are too long where no chain of links runs straight.
 
-mod needed;
+mod pruning;
 mod view;
 
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
-use needed::Needed;
+use pruning::Needed;
 use view::View;
 pub(super) use view::{Beyond, outgoing, unfold};
 

@@ -11,7 +11,7 @@
 //! triangles are the start, for there a triangle's side may be longer than the distance, and no front passes it in time.
 
 pub mod descent;
-mod sight;
+mod visibility;
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

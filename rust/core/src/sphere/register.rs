@@ -28,7 +28,7 @@ const AGAIN: usize = 300;
 const REFINED: usize = 24;
 
 /// Vertices at which rotations are judged, of which every third judges first.
-const JUDGED: usize = 450;
+const EVALUATED: usize = 450;
 
 /// Sweeps over the vertices that come back on a level.
 const NEW_SWEEPS: usize = 3;
@@ -170,7 +170,7 @@ struct Subject<'a> {
     surface: &'a Surface,
     places: Vec<Vector3<f64>>,
     pattern: Pattern,
-    judged: Vec<u32>,
+    evaluated: Vec<u32>,
 }
 
 /// What one stage of the warp does.
@@ -206,14 +206,14 @@ impl<'a> Subject<'a> {
     fn new(surface: &'a Surface, places: Vec<Vector3<f64>>, control: &Control) -> Result<Self> {
         let pattern = pattern(surface, control)?;
         // evenly by area, in the order of the vertices
-        let (mut judged, mut sum) = (Vec::with_capacity(JUDGED), 0.0);
+        let (mut evaluated, mut sum) = (Vec::with_capacity(EVALUATED), 0.0);
         for (v, area) in pattern.areas.iter().enumerate() {
-            sum += area * JUDGED as f64;
-            if sum > judged.len() as f64 + 0.5 {
-                judged.push(v as u32);
+            sum += area * EVALUATED as f64;
+            if sum > evaluated.len() as f64 + 0.5 {
+                evaluated.push(v as u32);
             }
         }
-        Ok(Self { surface, places, pattern, judged })
+        Ok(Self { surface, places, pattern, evaluated })
     }
 
     fn all(&self) -> Vec<u32> {
@@ -283,19 +283,19 @@ impl<'a> Subject<'a> {
             Alignment::new(correlations, self.rigid_fit(template, of, &at)).score
         };
         let best = |of: &[u32], among: Vec<usize>, count: usize| {
-            let judge = |n: usize| {
+            let evaluate = |n: usize| {
                 control.check()?;
                 control.advance();
                 Ok((score(&rotation(n, ROTATIONS), of), n))
             };
-            let mut found: Vec<(f64, usize)> = among.into_par_iter().map(judge).collect::<Result<_>>()?;
+            let mut found: Vec<(f64, usize)> = among.into_par_iter().map(evaluate).collect::<Result<_>>()?;
             found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             found.truncate(count);
             Ok(found)
         };
-        let few: Vec<u32> = self.judged.iter().copied().step_by(3).collect();
+        let few: Vec<u32> = self.evaluated.iter().copied().step_by(3).collect();
         let promising = best(&few, (0..ROTATIONS).collect(), AGAIN)?.into_iter().map(|(_, n)| n).collect();
-        let tried = best(&self.judged, promising, REFINED)?;
+        let tried = best(&self.evaluated, promising, REFINED)?;
         let refine = |&(value, n): &(f64, usize)| {
             let (mut best, mut value) = (rotation(n, ROTATIONS), value);
             for angle in [0.1f64, 0.05, 0.025, 0.0125] {
@@ -305,7 +305,7 @@ impl<'a> Subject<'a> {
                     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
                         for turn in [angle, -angle] {
                             let other = Rotation3::from_axis_angle(&Unit::new_unchecked(axis), turn) * best;
-                            let of_other = score(&other, &self.judged);
+                            let of_other = score(&other, &self.evaluated);
                             if of_other > value {
                                 (best, value) = (other, of_other);
                             }

@@ -2,8 +2,8 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::distortion::evaluate;
 use voxflat::distortion::faces::measure_faces;
-use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
 use voxflat::surface::sulcal_depth::sulcal_depth;
@@ -71,18 +71,18 @@ impl Surface {
         let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;
         maps.iter().try_for_each(|uv| self.check_length(uv.len(), "uv"))?;
         let sources = self.vertices(&sources)?;
-        let judged = self.run(py, threads, &progress, move |inner, control| {
+        let evaluated = self.run(py, threads, &progress, move |inner, control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             with_solver!(geodesic, inner, control, |solver| {
-                judge::judge_all(solver, &maps, &sources, kept, seed, control)
+                evaluate::evaluate_all(solver, &maps, &sources, kept, seed, control)
             })
         })?;
-        judged.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
+        evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
     }
 }
 
 /// The reference sources among so many points, as flattening chooses them.
 #[pyfunction]
 pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Values<'_, u32> {
-    py.detach(|| judge::reference_sources(points, count, seed)).into_pyarray(py)
+    py.detach(|| evaluate::reference_sources(points, count, seed)).into_pyarray(py)
 }

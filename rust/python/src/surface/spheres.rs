@@ -103,9 +103,9 @@ pub fn locate_on_sphere<'py>(
 fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult<CoreSurface> {
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
-    let (sphere, mended) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
+    let (sphere, repaired) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
     let triangles = turned_over(sphere.faces(), sphere.points());
-    let is_whole = mended.turned == 0 && mended.unused == 0 && sphere.boundary().is_empty();
+    let is_whole = repaired.turned == 0 && repaired.unused == 0 && sphere.boundary().is_empty();
     if !is_whole || triangles > 0 {
         return Err(InputError::new_err(format!(
             "the sphere has holes or {triangles} triangles that are turned over: give a sphere that is covered once"

@@ -5,7 +5,7 @@
 use nalgebra::Vector2;
 use robust::{Coord, orient2d};
 
-use super::sheet::Sheet;
+use super::layout::Layout;
 use super::strain::Place;
 use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
@@ -19,16 +19,16 @@ struct Side {
 
 /// Does the boundary of pieces that are to be one meet itself, where `moved` is true of one of the two places?
 pub(super) fn meets_itself(
-    sheet: &Sheet<'_>,
+    layout: &Layout<'_>,
     pieces: &[u32],
     moved: &dyn Fn(u32) -> bool,
     control: &Control,
 ) -> Result<bool> {
-    let facets = pieces.iter().flat_map(|&piece| &sheet.members[piece as usize]);
-    let open = facets.flat_map(|&facet| 3 * facet..3 * facet + 3).filter(|&side| sheet.is_open(side));
+    let facets = pieces.iter().flat_map(|&piece| &layout.members[piece as usize]);
+    let open = facets.flat_map(|&facet| 3 * facet..3 * facet + 3).filter(|&side| layout.is_open(side));
     let side = |side: u32| {
-        let places = sheet.ends(side);
-        let ends = places.map(|place| sheet.uv[place as usize]);
+        let places = layout.ends(side);
+        let ends = places.map(|place| layout.uv[place as usize]);
         Side { places, ends, moved: places.iter().any(|&place| moved(place)) }
     };
     let mut sides: Vec<Side> = open.map(side).collect();

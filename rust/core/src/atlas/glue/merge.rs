@@ -4,8 +4,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use super::layout::Chain;
 use super::seams::Gluing;
-use super::sheet::Chain;
 use crate::adjacency::distinct;
 use crate::error::Result;
 use crate::surface::mesh::next;
@@ -20,7 +20,7 @@ type Candidate = (u64, Reverse<u32>, [u32; 2]);
 impl Gluing<'_> {
     fn between(&self, [a, b]: [u32; 2]) -> Vec<Chain> {
         let (few, other) = if self.size(a) < self.size(b) { (a, b) } else { (b, a) };
-        let mut chains = self.sheet.chains(&self.sheet.members[few as usize], other);
+        let mut chains = self.layout.chains(&self.layout.members[few as usize], other);
         self.longest_first(&mut chains);
         chains
     }
@@ -29,20 +29,20 @@ impl Gluing<'_> {
         let chains = self.between(pieces);
         let first = chains.first()?;
         let boundary = pieces.map(|piece| self.boundaries[piece as usize]);
-        let share = self.sheet.length(first) / boundary[0].min(boundary[1]);
+        let share = self.layout.length(first) / boundary[0].min(boundary[1]);
         Some((share.to_bits(), Reverse(first[0]), pieces))
     }
 
     /// The pieces beside one, each once, in their order.
     fn neighbours(&self, piece: u32) -> Vec<u32> {
-        let sides = self.sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
-        let cuts = sides.filter(|&side| self.sheet.is_cut(side));
-        let beside = cuts.map(|side| self.sheet.piece[self.sheet.twins[side as usize] as usize / 3]);
+        let sides = self.layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
+        let cuts = sides.filter(|&side| self.layout.is_cut(side));
+        let beside = cuts.map(|side| self.layout.piece[self.layout.twins[side as usize] as usize / 3]);
         distinct(beside.filter(|&other| other != piece))
     }
 
     pub fn merge(&mut self) -> Result<()> {
-        let count = self.sheet.members.len();
+        let count = self.layout.members.len();
         self.control.begin("gluing patches", count as u64);
         let mut queue = BinaryHeap::new();
         for piece in 0..count as u32 {
@@ -64,7 +64,7 @@ impl Gluing<'_> {
             let beside = self.neighbours(smaller);
             if self.unite(larger, smaller)? {
                 self.control.advance();
-                self.boundaries[larger as usize] = self.sheet.boundary(larger);
+                self.boundaries[larger as usize] = self.layout.boundary(larger);
                 self.relax_if_grown(larger)?;
                 let others = beside.into_iter().filter(|&other| other != larger);
                 queue.extend(others.filter_map(|other| self.candidate([larger, other])));
@@ -91,12 +91,12 @@ impl Gluing<'_> {
 
     /// The longest chain, and what else fits when it does.
     fn fitting(&self, chains: &[Chain]) -> Vec<u32> {
-        let (turn, shift) = self.sheet.fit(&chains[0]);
+        let (turn, shift) = self.layout.fit(&chains[0]);
         let fits = |&side: &u32| {
-            let twin = self.sheet.twins[side as usize];
+            let twin = self.layout.twins[side as usize];
             let near = |at: u32, from: u32| {
-                (turn * self.sheet.at(from) + shift - self.sheet.at(at)).norm()
-                    < NEAR * self.sheet.lengths[side as usize]
+                (turn * self.layout.at(from) + shift - self.layout.at(at)).norm()
+                    < NEAR * self.layout.lengths[side as usize]
             };
             near(side, next(twin)) && near(next(side), twin)
         };

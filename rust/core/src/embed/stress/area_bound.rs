@@ -27,7 +27,7 @@ pub fn bounded(
     max_area: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
     let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
     assert_eq!(uv.len(), levels.finest().len(), "one place a vertex");

@@ -1,6 +1,6 @@
 //! Descent to a map of least energy: L-BFGS over a factored matrix of springs, in steps that fold nothing.
 
-use super::past::Past;
+use super::lbfgs::History;
 use super::springs::Factor;
 use crate::control::Control;
 use crate::embed::Place;
@@ -21,7 +21,7 @@ const SHORT: f64 = 0.02;
 const MOST_SHORT: usize = 4;
 
 /// Steps over which progress is judged.
-const JUDGED: usize = 5;
+const EVALUATED: usize = 5;
 
 /// What is made less.
 pub trait Objective {
@@ -68,15 +68,15 @@ pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, co
     let (mut energy, mut gradient) = objective.evaluate(uv, control)?;
     let mut factor = objective.factor(uv)?;
     let (mut since, mut short) = (0, 0);
-    let mut past = Past::default();
+    let mut history = History::default();
     let mut energies = vec![energy];
     while energies.len() <= until.steps && energy > until.enough {
         control.check()?;
-        let mut along = past.direction(&gradient, &factor);
+        let mut along = history.direction(&gradient, &factor);
         let mut slope = dot(&gradient, &along);
         if slope >= 0.0 {
-            past.clear();
-            along = past.direction(&gradient, &factor);
+            history.clear();
+            along = history.direction(&gradient, &factor);
             slope = dot(&gradient, &along);
         }
         let mut length = (SAFE * objective.farthest_step(uv, &along)).min(1.0);
@@ -94,27 +94,27 @@ pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, co
             length = if lowest.is_finite() { lowest.clamp(0.1 * length, 0.5 * length) } else { 0.5 * length };
         }
         let Some((next, reached, next_gradient)) = found else {
-            if past.is_empty() {
+            if history.is_empty() {
                 return Ok(Descended { energies, converged: true }); // nothing is downhill any more but for rounding
             }
-            past.clear();
+            history.clear();
             continue;
         };
         let moved: Vec<_> = next.iter().zip(uv.iter()).map(|(to, from)| to - from).collect();
         let bent: Vec<_> = next_gradient.iter().zip(&gradient).map(|(to, from)| to - from).collect();
         let curvature = dot(&moved, &bent);
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&bent, &bent)).sqrt() {
-            past.push(&moved, &bent);
+            history.push(&moved, &bent);
         }
         (*uv, energy, gradient) = (next, reached, next_gradient);
         energies.push(energy);
         control.advance();
         short += usize::from(length < SHORT);
         let is_little = |before: usize| energies[before] - energy < until.gain * energy.abs();
-        let ends = energies.len().checked_sub(1 + JUDGED).is_some_and(|before| before >= since && is_little(before));
+        let ends = energies.len().checked_sub(1 + EVALUATED).is_some_and(|before| before >= since && is_little(before));
         if (short >= MOST_SHORT || ends && short > 0) && !is_little(since) {
             factor = objective.factor(uv)?;
-            past.clear();
+            history.clear();
             (since, short) = (energies.len() - 1, 0);
         } else if ends {
             return Ok(Descended { energies, converged: true });

@@ -32,7 +32,7 @@ const COARSEST: usize = 1600;
 const FOR_A_LANDMARK: usize = 3;
 
 /// Distances are kept to at most so many vertices.
-pub const MOST_JUDGED: usize = 15_000;
+pub const MOST_EVALUATED: usize = 15_000;
 
 /// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 320; two triangles, 160; most of the
 /// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
@@ -42,8 +42,8 @@ const VERTEX_BYTES: u64 = 1110;
 /// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
 pub fn memory_need(points: usize, sources: usize) -> u64 {
     let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
-    let judged = sizes().find(|&size| size <= MOST_JUDGED).or_else(|| sizes().last()).unwrap_or(points);
-    VERTEX_BYTES * points as u64 + 3 * 4 * (judged * sources) as u64
+    let evaluated = sizes().find(|&size| size <= MOST_EVALUATED).or_else(|| sizes().last()).unwrap_or(points);
+    VERTEX_BYTES * points as u64 + 3 * 4 * (evaluated * sources) as u64
 }
 
 /// How many vertices the level has that is next coarser than one, if there is one.
@@ -144,7 +144,7 @@ pub(crate) fn unfold(
     dials: Dials,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let depth = levels.coarser.len();
     let level = levels.prepare(depth, &pairs, control)?;
     control.begin("unfolding", 1);
@@ -224,27 +224,27 @@ impl<'a> Levels<'a> {
 
     /// The vertices to which distances are kept, in ascending order: those of the finest level that has few enough, all landmarks
     /// among them.
-    pub fn judged(&self) -> &[u32] {
-        let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_JUDGED);
+    pub fn evaluated(&self) -> &[u32] {
+        let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_EVALUATED);
         small.unwrap_or(&self.vertices[self.vertices.len() - 1])
     }
 
     /// The distances from the landmarks to the vertices that are judged, all of them numbered as these.
     pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
-        Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.judged(), control)?))
+        Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.evaluated(), control)?))
     }
 
     /// The same of whole rows that were measured before.
     /// Panics if the rows are from others than the landmarks, or do not reach to every vertex.
     pub fn take(&self, rows: &impl Rows, control: &Control) -> Result<DistanceRows> {
         assert_eq!(rows.sources(), self.landmarks, "rows from the landmarks");
-        Ok(self.numbered(rows.to(self.judged(), control)?))
+        Ok(self.numbered(rows.to(self.evaluated(), control)?))
     }
 
     fn numbered(&self, rows: DistanceRows) -> DistanceRows {
-        let judged = self.judged();
-        let number = |vertex: &u32| judged.partition_point(|other| other < vertex) as u32;
-        DistanceRows::new(self.landmarks.iter().map(number).collect(), judged.len(), rows.into_data())
+        let evaluated = self.evaluated();
+        let number = |vertex: &u32| evaluated.partition_point(|other| other < vertex) as u32;
+        DistanceRows::new(self.landmarks.iter().map(number).collect(), evaluated.len(), rows.into_data())
     }
 
     pub(super) fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {

@@ -2,12 +2,12 @@
 
 pub mod area_bound;
 pub(crate) mod descent;
+mod lbfgs;
 pub mod levels;
 pub(crate) mod local;
-mod mend;
 pub(crate) mod outline;
 pub(crate) mod pairs;
-mod past;
+mod repair;
 pub(crate) mod springs;
 pub mod start;
 pub(crate) mod triangles;

@@ -5,9 +5,9 @@ use nalgebra::Vector2;
 
 use super::descent::Objective;
 use super::levels::{APART, Convergence, Dials, HOPELESS, Level, Levels, MOST_ROUNDS, stage, weighted};
-use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::Pairs;
+use super::repair::{Fault, repair};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
@@ -64,13 +64,13 @@ pub fn flatten_from(
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let places = start.counterclockwise(levels.finest())?;
     let dials = Dials { patience: start.patience, ..weighted(weighting) };
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut first = None;
     for depth in 0..=levels.coarser.len() {
         let level = levels.prepare(depth, &pairs, control)?;
         let mut uv: Vec<_> = levels.vertices[depth].iter().map(|&vertex| places[vertex as usize]).collect();
         level.triangles.fit_area(&mut uv);
-        match mend(&level.triangles, &level.outline, &mut uv, control)? {
+        match repair(&level.triangles, &level.outline, &mut uv, control)? {
             Some(fault) => {
                 first.get_or_insert(fault);
             }

@@ -128,7 +128,7 @@ fn cuts_may_be_kept_near_those_that_are_there() {
     let control = Control::default();
     let open = open_to_disk(&shapes::surface(shapes::sphere(4)), &control).unwrap().surface;
     let within = |within| relax(&open, Relaxation { within, length: 2.0, ..Relaxation::default() }, &control).unwrap();
-    let distances = from_lips(&open, &control).unwrap();
+    let distances = from_sides(&open, &control).unwrap();
     let farthest = |relaxed: &Relaxed| {
         let vertices = relaxed.cuts.iter().flat_map(|cut| &cut.vertices);
         vertices.map(|&v| distances[v as usize]).fold(0.0, f64::max)

@@ -14,7 +14,7 @@ use std::collections::HashSet;
 
 use nalgebra::Vector2;
 
-use super::sight::{First, Side, View};
+use super::visibility::{First, Side, View};
 use super::{Marching, SEEN, Wave};
 use crate::adjacency::Groups;
 use crate::control::Control;

@@ -42,7 +42,7 @@ impl<'a> Inward<'a> {
 }
 
 /// The distance along edges, mm, of every vertex from the nearest that shares its id with another: from the lips of cuts.
-pub(crate) fn from_lips(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
+pub(crate) fn from_sides(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
     let mut by_id: Vec<u32> = (0..surface.len() as u32).collect();
     by_id.sort_by_key(|&v| surface.ids()[v as usize]);
     let same = by_id.chunk_by(|&a, &b| surface.ids()[a as usize] == surface.ids()[b as usize]);

@@ -6,10 +6,10 @@
 
 pub mod curvature;
 pub(crate) mod diffusion;
-pub mod loose;
-mod mend;
 pub mod paths;
+mod repair;
 pub mod shapes;
+pub mod triangles;
 
 use nalgebra::Vector3;
 
@@ -437,9 +437,9 @@ mod tests {
                     face.swap(0, 1);
                 }
             }
-            let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
+            let (surface, repaired) = Surface::from_triangles(&points, &faces).unwrap();
             assert_sound(&surface);
-            prop_assert_eq!(mended.turned, turned.iter().filter(|&&turn| turn == outside).count());
+            prop_assert_eq!(repaired.turned, turned.iter().filter(|&&turn| turn == outside).count());
             prop_assert!(surface.normals().iter().zip(whole.normals()).all(|(a, b)| (a - b).norm() < 1e-12));
         }
 

@@ -74,8 +74,8 @@ pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
 /// The surface of a shape.
 /// Panics if the triangles are no surface, or do not run counterclockwise as seen from outside.
 pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
-    let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
-    assert_eq!((mended.turned, mended.unused), (0, 0));
+    let (surface, repaired) = Surface::from_triangles(&points, &faces).unwrap();
+    assert_eq!((repaired.turned, repaired.unused), (0, 0));
     surface
 }
 

@@ -1,4 +1,4 @@
-//! Mending loose triangles: what keeps them from being a surface is taken away where that has one right answer.
+//! Repair loose triangles: what keeps them from being a surface is taken away where that has one right answer.
 //!
 //! - Triangles that share no vertex with any other are a soup, as STL knows it: what lies at one place is one vertex.
 //! - Of triangles with the same corners one is kept.
@@ -34,7 +34,7 @@ const MOST_FLIPS: usize = 16;
 
 /// Triangles after mending.
 #[derive(Debug, Default)]
-pub(super) struct Mending {
+pub(super) struct Repair {
     /// The triangles that are left, in their order.
     pub faces: Vec<[u32; 3]>,
     /// The number that each of them had.
@@ -50,7 +50,7 @@ pub(super) struct Mending {
 }
 
 /// Mends triangles; what has no one right answer is left.
-pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
+pub(super) fn repair(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Repair {
     let mut groups = Sets::new(points.len());
     if is_soup(&faces, points.len()) {
         for group in at_one_place(points, faces.as_flattened().to_vec()) {
@@ -58,27 +58,27 @@ pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
         }
         faces.iter_mut().for_each(|face| *face = face.map(|v| groups.find(v)));
     }
-    let mut mending = Mending::default();
+    let mut repair = Repair::default();
     let mut is_kept = vec![true; faces.len()];
     for (face, is_kept) in faces.iter().zip(&mut is_kept) {
         if face[0] == face[1] || face[1] == face[2] || face[2] == face[0] {
             *is_kept = false;
-            mending.dropped += 1;
+            repair.dropped += 1;
         }
     }
     for face in duplicates(&faces) {
-        mending.duplicates += usize::from(std::mem::replace(&mut is_kept[face as usize], false));
+        repair.duplicates += usize::from(std::mem::replace(&mut is_kept[face as usize], false));
     }
     if faces.iter().zip(&is_kept).any(|(face, &is_kept)| is_kept && has_no_area(points, face)) {
         let mut complex = Complex::new(points, faces, is_kept, groups);
-        complex.take_away_what_has_no_area(&mut mending);
+        complex.take_away_what_has_no_area(&mut repair);
         (faces, is_kept, groups) = (complex.faces, complex.is_kept, complex.groups);
     }
     let used = faces.iter().zip(&is_kept).zip(0..).filter(|&((_, &is_kept), _)| is_kept);
-    (mending.faces, mending.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.find(v)), n)).unzip();
+    (repair.faces, repair.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.find(v)), n)).unzip();
     let all = 0..points.len() as u32;
-    mending.merged = all.map(|v| [v, groups.find(v)]).filter(|[v, lowest]| v != lowest).collect();
-    mending
+    repair.merged = all.map(|v| [v, groups.find(v)]).filter(|[v, lowest]| v != lowest).collect();
+    repair
 }
 
 /// Do a face's corners lie on a line, or at the same place?
@@ -150,7 +150,7 @@ impl<'a> Complex<'a> {
         complex
     }
 
-    fn take_away_what_has_no_area(&mut self, mending: &mut Mending) {
+    fn take_away_what_has_no_area(&mut self, repair: &mut Repair) {
         let is_flat = |complex: &Self, face: u32| {
             let corners = &complex.faces[face as usize];
             let is_flat = || {
@@ -167,16 +167,16 @@ impl<'a> Complex<'a> {
                 if !is_flat(self, face) {
                     continue;
                 }
-                match self.mend(face, mending.flipped < most_flips) {
+                match self.repair(face, repair.flipped < most_flips) {
                     Some(Done::Collapsed(gone, changed)) => {
-                        mending.dropped += gone;
+                        repair.dropped += gone;
                         queue.extend(changed);
                     }
                     Some(Done::Flipped(changed)) => {
-                        mending.flipped += 1;
+                        repair.flipped += 1;
                         queue.extend(changed);
                     }
-                    Some(Done::Dropped) => mending.dropped += 1,
+                    Some(Done::Dropped) => repair.dropped += 1,
                     None => {
                         waiting.push(face);
                         continue;
@@ -190,7 +190,7 @@ impl<'a> Complex<'a> {
             }
         }
         let left: Vec<u32> = queue.into_iter().filter(|&face| is_flat(self, face)).collect();
-        mending.dropped += self.drop_specks(&left);
+        repair.dropped += self.drop_specks(&left);
     }
 
     /// Drops components of which no triangle has an area, unless all are such.
@@ -221,7 +221,7 @@ impl<'a> Complex<'a> {
     }
 
     /// Takes a triangle without area away, if there is one right way.
-    fn mend(&mut self, face: u32, may_flip: bool) -> Option<Done> {
+    fn repair(&mut self, face: u32, may_flip: bool) -> Option<Done> {
         let corners = self.faces[face as usize];
         let lengths = self.lengths(&corners);
         let [shortest, longest] = [f64::lt, f64::gt].map(|is_more: fn(&f64, &f64) -> bool| {

@@ -2,14 +2,14 @@
 
 use nalgebra::Vector3;
 
-use super::mend::{Mending, at_one_place, duplicates, has_no_area, is_soup, mend};
+use super::repair::{Repair, at_one_place, duplicates, has_no_area, is_soup};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
 use crate::adjacency::distinct;
 use crate::error::{Error, Result};
 
 /// What was mended when a mesh was read.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Mended {
+pub struct Repairs {
     /// Faces that were turned over, so that neighbours agree and closed components point outside.
     pub turned: usize,
     /// Vertices that no face uses, which were left out.
@@ -71,43 +71,43 @@ impl Defects {
 
 impl Surface {
     /// A surface from points (mm) and triangles, with what was done: faces may be turned over, and nothing else.
-    pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
+    pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Repairs)> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();
         let twins = join(points, &mut faces, &mut defects);
         defects.refuse()?;
-        let (surface, mended) = Self::joined(points, &faces, twins, defects, Mending::default());
+        let (surface, repaired) = Self::joined(points, &faces, twins, defects, Repair::default());
         surface.check_scales()?;
-        Ok((surface, mended))
+        Ok((surface, repaired))
     }
 
     /// The same, with everything mended that has one right answer. Triangles without area are dropped or flipped away and
     /// vertices merged for that, of which the lowest keeps its number as id; duplicates are dropped; every fan around a
     /// vertex gets a vertex of its own. Triangles that were good before are the surface that [`Surface::from_triangles`]
     /// makes of them, bit by bit.
-    pub fn mended(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
+    pub fn repaired(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Repairs)> {
         let given = checked(points, faces)?;
         let mut faces = given.clone();
         let mut defects = Defects::default();
         let mut twins = join(points, &mut faces, &mut defects);
-        let mut mending = Mending { numbers: (0..faces.len() as u32).collect(), ..Mending::default() };
+        let mut repair = Repair { numbers: (0..faces.len() as u32).collect(), ..Repair::default() };
         if !defects.degenerate.is_empty() || !defects.duplicate.is_empty() || is_soup(&given, points.len()) {
-            mending = mend(points, given);
-            if mending.faces.is_empty() {
+            repair = super::repair::repair(points, given);
+            if repair.faces.is_empty() {
                 defects.refuse()?;
             }
-            faces = std::mem::take(&mut mending.faces);
+            faces = std::mem::take(&mut repair.faces);
             defects = Defects::default();
             twins = join(points, &mut faces, &mut defects);
         }
         let split = std::mem::take(&mut defects.pinched);
-        let as_given = |found: &mut Vec<u32>| found.iter_mut().for_each(|f| *f = mending.numbers[*f as usize]);
+        let as_given = |found: &mut Vec<u32>| found.iter_mut().for_each(|f| *f = repair.numbers[*f as usize]);
         [&mut defects.degenerate, &mut defects.duplicate, &mut defects.one_sided].into_iter().for_each(as_given);
         defects.refuse()?;
         defects.pinched = split;
-        let (surface, mended) = Self::joined(points, &faces, twins, defects, mending);
+        let (surface, repaired) = Self::joined(points, &faces, twins, defects, repair);
         surface.check_scales()?;
-        Ok((surface, mended))
+        Ok((surface, repaired))
     }
 
     fn joined(
@@ -115,22 +115,22 @@ impl Surface {
         faces: &[[u32; 3]],
         twins: Vec<u32>,
         defects: Defects,
-        mending: Mending,
-    ) -> (Self, Mended) {
+        repair: Repair,
+    ) -> (Self, Repairs) {
         let points: Vec<Vector3<f64>> = points.iter().map(|&p| p.into()).collect();
         let ids: Vec<u32> = (0..points.len() as u32).collect();
         let surface = Self::assemble(&points, &ids, faces, twins);
-        let known = surface.ids.chunk_by(|a, b| a == b).count() + mending.merged.len(); // ids ascend
-        let mended = Mended {
+        let known = surface.ids.chunk_by(|a, b| a == b).count() + repair.merged.len(); // ids ascend
+        let repaired = Repairs {
             turned: defects.turned.len(),
             unused: points.len() - known,
-            merged: mending.merged,
-            dropped: mending.dropped,
-            flipped: mending.flipped,
-            duplicates: mending.duplicates,
+            merged: repair.merged,
+            dropped: repair.dropped,
+            flipped: repair.flipped,
+            duplicates: repair.duplicates,
             split: defects.pinched,
         };
-        (surface, mended)
+        (surface, repaired)
     }
 
     /// Everything that is wrong with a mesh.

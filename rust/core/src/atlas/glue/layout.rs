@@ -17,7 +17,7 @@ use crate::surface::mesh::{BORDER, next, previous};
 pub(super) type Chain = Vec<u32>;
 
 #[derive(Clone)]
-pub(super) struct Sheet<'a> {
+pub(super) struct Layout<'a> {
     pub facets: &'a Facets<'a>,
     /// The side beyond each side, or [`BORDER`].
     pub twins: Vec<u32>,
@@ -48,7 +48,7 @@ pub(super) struct Joined {
     pub at: Vec<u32>,
 }
 
-impl<'a> Sheet<'a> {
+impl<'a> Layout<'a> {
     /// Patches, given by the label and the flat corners of each face of the surface.
     pub fn new(facets: &'a Facets<'a>, labels: &[u32], flat: &[[[f64; 2]; 3]]) -> Self {
         let surface = facets.surface;
@@ -69,7 +69,7 @@ impl<'a> Sheet<'a> {
         let (piece, members) = components(facets, labels);
         let is_inside = |(side, &twin): (usize, &u32)| twin != BORDER && piece[side / 3] == piece[twin as usize / 3];
         let joined: Vec<bool> = twins.iter().enumerate().map(is_inside).collect();
-        let mut sheet = Self {
+        let mut layout = Self {
             lengths: half_edge.iter().map(|&h| surface.length(h)).collect(),
             seams: twins.iter().zip(&joined).map(|(&twin, &joined)| twin != BORDER && !joined).collect(),
             rests: (0..count as u32).map(|facet| Rest::of(facets.corners(facet), [0, 1, 2], 0.0)).collect(),
@@ -81,8 +81,8 @@ impl<'a> Sheet<'a> {
             members,
             joined,
         };
-        sheet.number_places(&(0..count as u32).collect::<Vec<u32>>());
-        sheet
+        layout.number_places(&(0..count as u32).collect::<Vec<u32>>());
+        layout
     }
 
     /// Makes the corners of facets that are joined around a vertex one place.
@@ -99,7 +99,7 @@ impl<'a> Sheet<'a> {
     }
 
     /// A piece falls into the pieces of another sheet of the same surface.
-    pub fn take_apart(&mut self, piece: u32, patches: &Sheet<'_>) {
+    pub fn take_apart(&mut self, piece: u32, patches: &Layout<'_>) {
         let facets = std::mem::take(&mut self.members[piece as usize]);
         for number in distinct(facets.iter().map(|&facet| patches.piece[facet as usize])) {
             let members = patches.members[number as usize].clone();

@@ -29,7 +29,7 @@ pub(super) enum Fault {
 }
 
 /// Mends a map; if that cannot be done, says what is wrong with it as it was given.
-pub(super) fn mend(
+pub(super) fn repair(
     triangles: &TriangleEnergy,
     outline: &Outline,
     uv: &mut [Place],

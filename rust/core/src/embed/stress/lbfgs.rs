@@ -23,7 +23,7 @@ const BATCH: usize = 2048;
 const TOGETHER: usize = 4;
 
 #[derive(Debug, Default)]
-pub(super) struct Past {
+pub(super) struct History {
     /// How the map moved.
     moved: VecDeque<Vec<Vector2<f32>>>,
     /// How the gradient changed over it.
@@ -32,7 +32,7 @@ pub(super) struct Past {
     products: VecDeque<VecDeque<f64>>,
 }
 
-impl Past {
+impl History {
     pub fn is_empty(&self) -> bool {
         self.moved.is_empty()
     }
@@ -185,9 +185,9 @@ mod tests {
             };
             let is_curved = |(moved, bent): &(Vectors, Vectors)| dot(moved, bent) > dot(moved, moved) + 1.0;
             let steps: Vec<_> = steps.iter().map(known).filter(is_curved).collect();
-            let mut past = Past::default();
-            steps.iter().for_each(|(moved, bent)| past.push(moved, bent));
-            let found = past.direction(&vectors(&gradient), &factor);
+            let mut history = History::default();
+            steps.iter().for_each(|(moved, bent)| history.push(moved, bent));
+            let found = history.direction(&vectors(&gradient), &factor);
             let expected = two_loops(&vectors(&gradient), &steps[steps.len().saturating_sub(MEMORY)..], &factor);
             let scale = 1.0 + expected.iter().map(Vector2::norm).fold(0.0, f64::max);
             for (found, expected) in found.iter().zip(&expected) {

@@ -1,7 +1,7 @@
 //! What is left when pieces are united is tried again, in parts.
 
+use super::layout::Chain;
 use super::seams::{BRIEFLY, Gluing};
-use super::sheet::Chain;
 use crate::error::Result;
 
 /// Times that all cuts are tried again at most.
@@ -12,16 +12,16 @@ const LITTLE: f64 = 5e-4;
 
 impl Gluing<'_> {
     /// Tries to close what is left, in parts where it cannot be closed as a whole.
-    pub fn zip(&mut self) -> Result<()> {
+    pub fn retry(&mut self) -> Result<()> {
         let seams: f64 =
-            self.sheet.seams.iter().zip(&self.sheet.lengths).filter(|(seam, _)| **seam).map(|(_, l)| l).sum();
+            self.layout.seams.iter().zip(&self.layout.lengths).filter(|(seam, _)| **seam).map(|(_, l)| l).sum();
         for _ in 0..ROUNDS {
             let before = self.cut_length();
             let mut chains = self.all_chains();
             self.longest_first(&mut chains);
             self.control.begin("closing seams", chains.len() as u64);
             for chain in chains {
-                self.zip_chain(chain)?;
+                self.retry_chain(chain)?;
                 self.control.advance();
             }
             self.finish(BRIEFLY, 1)?;
@@ -33,31 +33,31 @@ impl Gluing<'_> {
     }
 
     fn all_chains(&self) -> Vec<Chain> {
-        let cuts = (0..self.sheet.twins.len() as u32).filter(|&side| self.sheet.is_cut(side));
-        let owner = |side: u32| self.sheet.piece[side as usize / 3];
+        let cuts = (0..self.layout.twins.len() as u32).filter(|&side| self.layout.is_cut(side));
+        let owner = |side: u32| self.layout.piece[side as usize / 3];
         let mut keyed: Vec<([u32; 2], u32)> =
-            cuts.map(|side| ([owner(side), owner(self.sheet.twins[side as usize])], side)).collect();
+            cuts.map(|side| ([owner(side), owner(self.layout.twins[side as usize])], side)).collect();
         keyed.retain(|([a, b], _)| a <= b);
         keyed.sort_unstable();
         keyed
             .chunk_by(|p, q| p.0 == q.0)
-            .flat_map(|few| self.sheet.chained(few.iter().map(|few| few.1).collect()))
+            .flat_map(|few| self.layout.chained(few.iter().map(|few| few.1).collect()))
             .collect()
     }
 
     /// The length of all cuts, each from both sides, mm.
     pub fn cut_length(&self) -> f64 {
-        let cuts = (0..self.sheet.twins.len() as u32).filter(|&side| self.sheet.is_cut(side));
-        cuts.map(|side| self.sheet.lengths[side as usize]).sum()
+        let cuts = (0..self.layout.twins.len() as u32).filter(|&side| self.layout.is_cut(side));
+        cuts.map(|side| self.layout.lengths[side as usize]).sum()
     }
 
-    fn zip_chain(&mut self, chain: Chain) -> Result<()> {
-        let open: Vec<u32> = chain.into_iter().filter(|&side| self.sheet.is_cut(side)).collect();
+    fn retry_chain(&mut self, chain: Chain) -> Result<()> {
+        let open: Vec<u32> = chain.into_iter().filter(|&side| self.layout.is_cut(side)).collect();
         if open.is_empty() {
             return Ok(());
         }
-        let owner = |side: u32| self.sheet.piece[side as usize / 3];
-        let pieces = [owner(open[0]), owner(self.sheet.twins[open[0] as usize])];
+        let owner = |side: u32| self.layout.piece[side as usize / 3];
+        let pieces = [owner(open[0]), owner(self.layout.twins[open[0] as usize])];
         let closed = if pieces[0] == pieces[1] {
             self.close(&open)?
         } else {
@@ -67,8 +67,8 @@ impl Gluing<'_> {
         };
         if !closed && open.len() > 1 {
             let (one, other) = open.split_at(open.len() / 2);
-            self.zip_chain(one.to_vec())?;
-            self.zip_chain(other.to_vec())?;
+            self.retry_chain(one.to_vec())?;
+            self.retry_chain(other.to_vec())?;
         }
         Ok(())
     }

@@ -150,7 +150,7 @@ impl Needed {
             let lacking = needed.still_lacks(&mut lines, ends[1], control)?;
             let layer = Layer::of(&lacking, vertices, ends[0])?;
             drop(lacking);
-            let stays = needed.judge(&layer, control)?;
+            let stays = needed.evaluate(&layer, control)?;
             needed.layers.push(layer.only(&stays));
         }
         Ok(needed)
@@ -257,7 +257,7 @@ impl Needed {
     /// Finds out which links of a new layer stay besides those of earlier ones, so that every other is replaced by two that stay: one
     /// after the other, shorter ones first. Most verdicts do not depend on links of nearly the same length, and are found by all
     /// threads.
-    fn judge(&self, layer: &Layer, control: &Control) -> Result<Vec<bool>> {
+    fn evaluate(&self, layer: &Layer, control: &Control) -> Result<Vec<bool>> {
         let known: Vec<AtomicU8> = layer.arcs.iter().map(|_| AtomicU8::new(OPEN)).collect();
         let of_batch = |beside: &mut Beside, batch: Range<usize>| {
             control.check()?;
