@@ -198,7 +198,7 @@ const STAGES: [Stage; 4] = [
 /// The unit of differences of positions (relative to [`super::pattern::RADIUS`]).
 const PLACE_UNIT: f64 = 20.0;
 
-/// The damping that shortens steps, relative to the Gauss-Newton matrix of differences of 1 and slopes of 1 per radian.
+/// The damping that is added to the diagonal of the Gauss-Newton matrix and shortens steps, for slopes in 1/radian.
 const DAMPING: f64 = 2.0;
 
 /// The longest step in radians.

@@ -1,5 +1,5 @@
-//! Pieces are united along what they share of their boundaries: first those of which one shares the greatest part of its own
-//! with the other. (By the length alone large pieces grow on, with long boundaries that later do not fit.)
+//! Pieces are united along their common boundaries, first those that share the largest part of the boundary of one of
+//! them. (With the length alone, large pieces would grow on, with long boundaries that do not fit later.)
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -10,11 +10,12 @@ use crate::adjacency::distinct;
 use crate::error::Result;
 use crate::surface::mesh::next;
 
-/// Sides that lie apart by less than this part of their length are closed together.
+/// Sides are closed together if their gap is smaller than this share of their length.
 const NEAR: f64 = 0.35;
 
-/// Two pieces whose common boundary may be closed, behind the bits of the longest chain between them as a part of the shorter one of
-/// their boundaries (positive numbers sort as their bits), and the chain's first side: the greatest share comes first.
+/// Two pieces with a common boundary, and the first side of the longest chain between them. The key is the length of
+/// this chain as a share of the shorter one of their boundaries, as bits (positive numbers sort as their bits): the
+/// largest share comes first.
 type Candidate = (u64, Reverse<u32>, [u32; 2]);
 
 impl Gluing<'_> {
@@ -33,7 +34,7 @@ impl Gluing<'_> {
         Some((share.to_bits(), Reverse(first[0]), pieces))
     }
 
-    /// The pieces beside one, each once, in their order.
+    /// Returns the adjacent pieces of a piece, each once, in their order.
     fn neighbours(&self, piece: u32) -> Vec<u32> {
         let sides = self.layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
         let cuts = sides.filter(|&side| self.layout.is_cut(side));
@@ -73,7 +74,7 @@ impl Gluing<'_> {
         Ok(())
     }
 
-    /// Closes the longest chain between two pieces, and those that fit when it is closed.
+    /// Closes the longest chain between two pieces, and those that then fit.
     fn unite(&mut self, larger: u32, smaller: u32) -> Result<bool> {
         let chains: Vec<Chain> =
             self.between([larger, smaller]).into_iter().map(|chain| self.seen_from(larger, chain)).collect();
@@ -89,7 +90,7 @@ impl Gluing<'_> {
         self.close(&fitting)
     }
 
-    /// The longest chain, and what else fits when it does.
+    /// Returns the longest chain, and the chains that fit with it.
     fn fitting(&self, chains: &[Chain]) -> Vec<u32> {
         let (turn, shift) = self.layout.fit(&chains[0]);
         let fits = |&side: &u32| {

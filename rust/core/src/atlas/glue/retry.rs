@@ -1,17 +1,17 @@
-//! What is left when pieces are united is tried again, in parts.
+//! Cuts that remain after uniting pieces are tried again, in parts.
 
 use super::layout::Chain;
 use super::seams::{BRIEFLY, Gluing};
 use crate::error::Result;
 
-/// Times that all cuts are tried again at most.
+/// The maximum number of rounds over all cuts.
 const ROUNDS: usize = 16;
 
-/// A round that closes less than this part of the seams is the last.
+/// A round that closes less than this share of the seams is the last.
 const LITTLE: f64 = 5e-4;
 
 impl Gluing<'_> {
-    /// Tries to close what is left, in parts where it cannot be closed as a whole.
+    /// Tries to close the remaining cuts, in parts if they cannot be closed completely.
     pub fn retry(&mut self) -> Result<()> {
         let seams: f64 =
             self.layout.seams.iter().zip(&self.layout.lengths).filter(|(seam, _)| **seam).map(|(_, l)| l).sum();
@@ -45,7 +45,7 @@ impl Gluing<'_> {
             .collect()
     }
 
-    /// The length of all cuts, each from both sides, mm.
+    /// Returns the length of all cuts, counted from both sides, in mm.
     pub fn cut_length(&self) -> f64 {
         let cuts = (0..self.layout.twins.len() as u32).filter(|&side| self.layout.is_cut(side));
         cuts.map(|side| self.layout.lengths[side as usize]).sum()

@@ -1,4 +1,4 @@
-//! Closing seams, within the bound and without overlap.
+//! Closing of seams within the bound and without overlap.
 
 use std::collections::HashSet;
 
@@ -9,45 +9,45 @@ use crate::control::Control;
 use crate::embed::stress::descent::Until;
 use crate::error::Result;
 
-/// Rings of places around a seam that are moved to close it: first few, then more.
+/// The numbers of rings of places around a seam that are moved to close it: first few, then more.
 const RINGS: [usize; 3] = [2, 6, 15];
 
-/// Steps towards a better place after a seam is closed.
+/// The number of steps that reduce distortion after a seam is closed.
 const STEPS: usize = 6;
 
-/// Wider gaps, in lengths of a side, are not tried to be closed.
+/// Wider gaps, in lengths of a side, are not closed.
 const WIDE: f64 = 10.0;
 
-/// A piece is relaxed as a whole when it is so many times as large as it was when that was done before.
+/// A piece is relaxed as a whole when it has grown by this factor since the last time.
 const GROWN: f64 = 1.3;
 
-/// The descent of a whole piece between.
+/// The intermediate optimisation of a complete piece.
 pub(super) const BRIEFLY: Until = Until { steps: 20, gain: 1e-3, enough: 1e-16 };
 
-/// Why a cut is there.
+/// The reason for a cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Obstacle {
-    /// Triangles would change beyond the bound.
+    /// Triangles would exceed the bound.
     Bound,
-    /// The piece would lie on itself.
+    /// The piece would overlap itself.
     Overlap,
 }
 
-/// Patches while they are glued.
+/// Patches during gluing.
 pub(super) struct Gluing<'a> {
     pub layout: Layout<'a>,
-    /// Why each side was not closed when that was tried last.
+    /// Why each side was not closed in the last attempt.
     pub reasons: Vec<Option<Obstacle>>,
-    /// The length of the boundary of each piece, mm.
+    /// The length of each piece's boundary in mm.
     pub(super) boundaries: Vec<f64>,
     bound: f64,
-    /// The facets of each piece when it was relaxed last.
+    /// The number of facets of each piece when it was last relaxed.
     relaxed: Vec<usize>,
     pub(super) control: &'a Control,
 }
 
 impl<'a> Gluing<'a> {
-    /// Of pieces that are within the bound.
+    /// Starts gluing from pieces that are within the bound.
     pub fn new(layout: Layout<'a>, bound: f64, control: &'a Control) -> Self {
         let relaxed = layout.members.iter().map(Vec::len).collect();
         let boundaries = (0..layout.members.len() as u32).map(|piece| layout.boundary(piece)).collect();
@@ -62,7 +62,7 @@ impl<'a> Gluing<'a> {
         chains.sort_by(|p, q| self.layout.length(q).total_cmp(&self.layout.length(p)).then(p[0].cmp(&q[0])));
     }
 
-    /// The chain by its sides in a piece.
+    /// Returns the chain as sides of a piece.
     pub(super) fn seen_from(&self, piece: u32, chain: Chain) -> Chain {
         if self.layout.piece[chain[0] as usize / 3] == piece {
             return chain;
@@ -70,8 +70,8 @@ impl<'a> Gluing<'a> {
         chain.iter().rev().map(|&side| self.layout.twins[side as usize]).collect()
     }
 
-    /// Closes cuts, all of them, if that is possible within the bound and without overlap. The cuts of two pieces are given
-    /// from the larger one's side; the smaller is placed beside it.
+    /// Closes all of the given cuts, if this is possible within the bound and without overlap. The cuts of two pieces
+    /// are sides of the larger one; the smaller one is placed beside it.
     pub(super) fn close(&mut self, cuts: &[u32]) -> Result<bool> {
         self.control.check()?;
         let owner = |side: u32| self.layout.piece[side as usize / 3];
@@ -93,7 +93,7 @@ impl<'a> Gluing<'a> {
         Ok(reason.is_none())
     }
 
-    /// Joins cuts and settles what is around; says why not, if that is so.
+    /// Joins cuts and optimises their surroundings; returns the obstacle if this fails.
     fn closed(&mut self, cuts: &[u32], pieces: [u32; 2]) -> Result<Option<Obstacle>> {
         let joined = self.layout.join(cuts);
         let mut reason = Obstacle::Bound;
@@ -120,7 +120,7 @@ impl<'a> Gluing<'a> {
         Ok(Some(reason))
     }
 
-    /// Relaxes a piece that is much larger than when that was done before.
+    /// Relaxes a piece that is much larger than when it was last relaxed.
     pub(super) fn relax_if_grown(&mut self, piece: u32) -> Result<()> {
         if (self.size(piece) as f64) < GROWN * self.relaxed[piece as usize] as f64 {
             return Ok(());
@@ -128,7 +128,7 @@ impl<'a> Gluing<'a> {
         self.relax(piece, BRIEFLY, 1)
     }
 
-    /// Moves a whole piece to where its triangles change less, as long as it does not come to lie on itself.
+    /// Reduces the distortion of a complete piece, as long as it does not overlap itself.
     pub fn relax(&mut self, piece: u32, until: Until, times: usize) -> Result<()> {
         self.relaxed[piece as usize] = self.size(piece);
         let corners = self.layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
@@ -151,7 +151,7 @@ impl<'a> Gluing<'a> {
         Ok(())
     }
 
-    /// Moves every piece to where its triangles change least.
+    /// Minimises the distortion of every piece.
     pub fn finish(&mut self, until: Until, times: usize) -> Result<()> {
         self.control.begin("relaxing pieces", self.layout.members.len() as u64);
         for piece in 0..self.layout.members.len() as u32 {

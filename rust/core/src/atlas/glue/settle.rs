@@ -1,4 +1,4 @@
-//! Settling: what lies around a new seam is moved until every triangle is within the bound, and then to a better place.
+//! Settling: the surroundings of a new seam are moved until every triangle is within the bound, and then optimised.
 
 use std::collections::HashMap;
 
@@ -11,34 +11,35 @@ use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::triangles::Rest;
 use crate::error::{Error, Result};
 
-/// The excess over such a part of the range, by its logarithm, is made less: what is within it is well within the bound.
+/// The excess over this share of the range (by its logarithm) is minimised, so that the result is well within the
+/// bound.
 const ASIDE: f64 = 0.8;
 
-/// Steps of descent of the excess between two looks at the bound.
+/// The number of optimisation steps between two checks of the bound.
 const STEPS: usize = 10;
 
-/// Looks at the bound.
+/// The number of checks of the bound.
 const LOOKS: usize = 8;
 
-/// A part of the excess that remains after the steps between two looks: if more does, it is given up.
+/// The attempt is abandoned if more than this share of the excess remains between two checks.
 const REMAINS: f64 = 0.7;
 
-/// A place on the boundary has less than a full turn of triangles, by so much.
+/// The triangles around a place on the boundary fill less than a full turn by this angle.
 const SLIT: f64 = 1e-9;
 
-/// Part of a sheet that is moved while the rest is held.
+/// The moving part of a layout; the rest is fixed.
 pub(super) struct Around {
-    /// The places that move, as they are numbered in the region.
+    /// The moving places, in the numbering of the region.
     pub free: Vec<u32>,
     /// All facets that change.
     pub facets: Vec<u32>,
     region: Region,
-    /// Nothing is held.
+    /// Whether nothing is fixed.
     pub is_all: bool,
 }
 
 impl Around {
-    /// The places so many rings around others.
+    /// Returns the places within this number of rings around given places.
     pub fn new(layout: &Layout<'_>, places: &[u32], rings: usize, control: &Control) -> Result<Self> {
         let mut number: HashMap<u32, u32> = places.iter().copied().zip(0..).collect();
         let mut order = places.to_vec();
@@ -83,8 +84,8 @@ impl Around {
         self.free.iter().zip(uv).for_each(|(&place, &uv)| layout.uv[place as usize] = uv);
     }
 
-    /// Moves the free places until every facet is within the bound, and then so many steps to where they change less. Returns
-    /// where they were; nothing, and moves none, if the bound is not reached.
+    /// Moves the free places until every facet is within the bound, and then reduces distortion for a number of steps.
+    /// Returns the previous positions; if the bound is not reached, returns nothing and moves nothing.
     pub fn settle(
         &self,
         layout: &mut Layout<'_>,
@@ -123,12 +124,12 @@ impl Around {
         Ok(are_within(layout, &self.facets, bound))
     }
 
-    /// Are all facets within the bound, and beside each other around every place?
+    /// Returns whether all facets are within the bound and surround every place without overlap.
     pub fn is_sound(&self, layout: &Layout<'_>, bound: f64) -> bool {
         is_sound(layout, &self.facets, &self.free, bound)
     }
 
-    /// Moves the free places of a map within the bound to where triangles change less.
+    /// Reduces the distortion of a layout within the bound by moving the free places.
     pub fn relax(&self, layout: &mut Layout<'_>, bound: f64, until: Until, control: &Control) -> Result<bool> {
         let mut uv = self.read(layout);
         let strain = Strain { region: &self.region, price: Price::Change(bound) };
@@ -141,7 +142,7 @@ impl Around {
     }
 }
 
-/// Are facets upright and within a bound?
+/// Returns whether facets are upright and within a bound.
 pub(super) fn are_within(layout: &Layout<'_>, facets: &[u32], bound: f64) -> bool {
     facets.iter().all(|&facet| {
         let flat = layout.flat(facet);
@@ -151,8 +152,8 @@ pub(super) fn are_within(layout: &Layout<'_>, facets: &[u32], bound: f64) -> boo
     })
 }
 
-/// Besides: do the facets around each place lie beside each other? Inside a piece they go around it once, at its boundary not
-/// quite.
+/// Returns whether, in addition, the facets around each place do not overlap. Inside a piece, they go around it once;
+/// at its boundary, less than once.
 fn is_sound(layout: &Layout<'_>, facets: &[u32], places: &[u32], bound: f64) -> bool {
     use std::f64::consts::{PI, TAU};
     let angle = |&corner: &u32| {

@@ -31,8 +31,8 @@ const MOST_INNER: f64 = 0.05;
 /// The number of steps within which other voxels contribute to a voxel's normal.
 const STEPS: usize = 3;
 
-/// The product of a surfel's direction and the normal above which its side is certain. The angle, at most 45 degrees in
-/// effect, separates the steps of a slanted sheet from its treads.
+/// The product of a surfel's direction and the normal above which its side is certain. It separates the steps of a
+/// slanted sheet from its treads.
 const DECIDED: f64 = 0.5;
 
 /// The longest run of foreground that is followed through the sheet.
