@@ -53,7 +53,7 @@ impl<'a> Locator<'a> {
         let mut cells = Vec::with_capacity(6 * side * side);
         for n in 0..6 * side * side {
             let (face, row, column) = (n / (side * side), n / side % side, n % side);
-            let column = if row % 2 == 0 { column } else { side - 1 - column }; // back and forth: short walks
+            let column = if row % 2 == 0 { column } else { side - 1 - column }; // short walks
             from = found.walk(&centre_of_cell(face, row, column, side), from).face;
             cells.push((face * side * side + row * side + column, from));
         }

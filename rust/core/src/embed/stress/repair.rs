@@ -64,7 +64,7 @@ fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], contr
         for vertex in vertices {
             let n = vertex as usize;
             let opposite = triangles.around(n).map(|(rest, corner)| {
-                [1, 2].map(|next| uv[rest.corners[(corner + next) % 3] as usize] - uv[n]) // around 0: no digits are lost
+                [1, 2].map(|next| uv[rest.corners[(corner + next) % 3] as usize] - uv[n]) // around 0, to keep digits
             });
             let sides: Vec<_> = opposite.collect();
             if let Some(to) = seeing(&sides, is_inside[n], Vector2::zeros()) {

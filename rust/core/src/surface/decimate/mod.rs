@@ -212,7 +212,7 @@ struct Scratch {
 impl<'a> Work<'a> {
     fn new(surface: &Surface, keep: &[u32], options: &'a Options) -> Self {
         let count = surface.len();
-        let centre = surface.points().iter().sum::<Vector3<f64>>() / count.max(1) as f64; // quadrics are inexact far from 0
+        let centre = surface.points().iter().sum::<Vector3<f64>>() / count.max(1) as f64; // preserves digits
         let points: Vec<Vector3<f64>> = surface.points().iter().map(|p| p - centre).collect();
         let stays = marked(count, keep);
         Self {
