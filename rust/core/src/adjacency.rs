@@ -32,8 +32,7 @@ pub trait Links: Sync {
 /// Connected components of the vertices of a graph, or of the faces of a surface.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Components {
-    /// The component of each member, numbered in the order of their first members; [`NONE`](Self::NONE) for members of
-    /// none.
+    /// The component of each member, numbered by their first members; [`NONE`](Self::NONE) for members of none.
     pub labels: Vec<u32>,
     /// The number of members of each component.
     pub sizes: Vec<usize>,
@@ -43,8 +42,7 @@ impl Components {
     /// The label of members that belong to no component.
     pub const NONE: u32 = u32::MAX;
 
-    /// Finds the components among the allowed ones of `count` members: a flood fill starts from each member not yet
-    /// reached.
+    /// Finds the components among the allowed ones of `count` members by flood fills from members not yet reached.
     pub(crate) fn of<I: Iterator<Item = u32>>(
         count: usize,
         neighbours: impl Fn(u32) -> I,

@@ -45,8 +45,7 @@ impl Control {
         Progress { stage, done: self.done.load(Ordering::Relaxed).min(total), total }
     }
 
-    /// Runs a stage that computes one value per item in parallel, in the order of the items. One step handles `chunk`
-    /// items.
+    /// Runs a stage that computes one value per item in parallel, in order. One step handles `chunk` items.
     pub(crate) fn each<T: Sync, U: Copy + Send>(
         &self,
         stage: &'static str,
@@ -64,8 +63,7 @@ impl Control {
         Ok(items.par_chunks(chunk).map(of_chunk).collect::<Result<Vec<Vec<U>>>>()?.concat())
     }
 
-    /// Returns a control for a part of the work. It is cancelled together with this one, but its progress is not
-    /// reported.
+    /// Returns a control for a part of the work, which is cancelled with this one, but reports no progress.
     pub fn part(&self) -> Self {
         Self { stop: Arc::clone(&self.stop), ..Self::default() }
     }
@@ -75,8 +73,7 @@ impl Control {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Returns [`Error::Cancelled`] if cancellation was requested. Computations call it at least every few
-    /// milliseconds.
+    /// Returns [`Error::Cancelled`] if cancellation was requested. Computations call it every few milliseconds.
     #[inline]
     pub fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }

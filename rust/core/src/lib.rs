@@ -1,8 +1,6 @@
-//! **voxflat** flattens curved surfaces, such as the cerebral cortex, into the plane while preserving geodesic
-//! distances.
+//! **voxflat** flattens curved surfaces, such as the cerebral cortex, while preserving geodesic distances.
 //!
-//! The modules are listed in processing order. Each module is one stage, and imports only modules that are listed above
-//! it:
+//! The modules are listed in processing order. Each one is a stage, and imports only modules listed above it:
 //!
 //! | module | stage | contents |
 //! |---|---|---|

@@ -5,8 +5,7 @@ use nalgebra::Vector2;
 use crate::control::Control;
 use crate::error::Result;
 
-/// The tolerance in barycentric coordinates, so that rounding does not leave positions on a common side in neither
-/// triangle.
+/// The tolerance in barycentric coordinates, so that positions on a common side lie in at least one triangle.
 const SLACK: f64 = 1e-9;
 
 /// The number of positions that one worker looks up between two checks for cancellation.

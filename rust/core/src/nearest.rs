@@ -68,8 +68,7 @@ impl NearestFinder {
         Self { corners, order, levels }
     }
 
-    /// Returns the nearest point on the surface that is no farther away than `limit` mm. None for points that are not
-    /// finite.
+    /// Returns the nearest point on the surface within `limit` mm. None for points that are not finite.
     pub fn find(&self, point: [f64; 3], limit: f64) -> Option<Nearest> {
         let point = Vector3::from(point);
         if !point.iter().all(|x| x.is_finite()) || self.corners.is_empty() || limit.is_nan() || limit < 0.0 {

@@ -1,5 +1,4 @@
-//! The outside of a surface, and the orientation of a map. Distances leave rotation and handedness open; anatomy
-//! determines them.
+//! The outside of a surface, and the orientation of a map. Distances leave rotation and handedness open.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -57,8 +56,7 @@ fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> V
 }
 
 /// Rotates a map about its mean, and mirrors it if necessary, such that
-/// - the surface is seen from outside (from the background); a voxel sheet with background on both sides is not
-///   mirrored;
+/// - the surface is seen from outside (from the background); a voxel sheet without an outside is not mirrored;
 /// - superior is up, if a direction of the map corresponds to it; otherwise anterior, otherwise right.
 ///
 /// `seen_from_outside` is positive if the map already shows the surface from outside, and negative if from inside.
@@ -78,8 +76,7 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 
 /// Rotates and translates a map rigidly such that the positions `places` on it come as close as possible to `onto`, by
 /// least squares (Procrustes; Schönemann 1966). The means coincide afterwards. Returns the angle in radians,
-/// counterclockwise; 0 if the positions do not determine it.
-/// Panics if the numbers of positions differ.
+/// counterclockwise; 0 if the positions do not determine it. Panics if the numbers of positions differ.
 ///
 /// # Examples
 /// ```
@@ -136,8 +133,7 @@ pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     0.5 * faces.iter().map(double).sum::<f64>()
 }
 
-/// Returns the direction in the map along which superior (else anterior, else right) grows fastest, by linear
-/// regression.
+/// Returns the direction in the map along which superior (else anterior, right) grows fastest, by regression.
 fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) -> Option<Vector2<f64>> {
     let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     let centred = || uv.iter().map(|&place| Vector2::from(place) - mean);

@@ -10,8 +10,7 @@ use crate::error::Result;
 /// The number of threads is that of the caller's pool. If there are several, new threads are started, because the
 /// threads of the pool sleep: on virtual processors, a thread that is woken can wait for 20 ms beside the thread that
 /// woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself, because it runs
-/// outside the pool.
-/// Errors: The first error of `work`, after which no further item is started.
+/// outside the pool. Errors: The first error of `work`, after which no further item is started.
 pub(crate) fn in_turn<I, T>(
     items: I,
     scratch: impl Fn() -> T + Sync,

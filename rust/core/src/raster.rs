@@ -3,8 +3,7 @@
 //! The positions in the plane are joined by a Delaunay triangulation. Its triangles within the map become faces, and
 //! each pixel's centre is described by its face and barycentric coordinates. They determine its position on the surface
 //! (linear), its surface voxel (the nearest corner) and any value of the points. A face is torn if its corners are
-//! neighbours in the plane but not on the surface; there is nothing between them, so its pixels show the nearest
-//! corner.
+//! neighbours in the plane but not on the surface; its pixels show the nearest corner.
 
 use nalgebra::Vector2;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
@@ -18,8 +17,7 @@ use crate::surface::voxels::graph::VoxelGraph;
 /// The maximum number of pixels of an image: 10,000 by 10,000 take 2.4 GB.
 const MOST_PIXELS: f64 = 1e8;
 
-/// A face belongs to the map if no side in the plane is longer than this multiple of the usual flat distance of
-/// neighbours.
+/// The longest side of a face of the map, as a multiple of the usual flat distance of neighbours.
 const LONGEST_SIDE: f64 = 3.0;
 
 /// Pixels of a flat map. Row 0 is at the top (largest v), and column 0 is on the left (smallest u).
@@ -43,7 +41,7 @@ impl Raster {
     /// The vertex number of pixels outside the map.
     pub const OUTSIDE: u32 = u32::MAX;
 
-    /// Draws faces in the plane. Pixels of a `torn` face show its nearest corner. Where faces overlap, the first one is
+    /// Draws faces in the plane. Pixels of a `torn` face show its nearest corner. Of overlapping faces, the first is
     /// drawn.
     pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
@@ -59,8 +57,7 @@ impl Raster {
         Ok(raster)
     }
 
-    /// Creates a raster that covers all positions. Pixel centres lie at multiples of the pixel size, so that rasters
-    /// align.
+    /// Covers all positions. Pixel centres lie at multiples of the pixel size, so that rasters align.
     fn blank(uv: &[[f64; 2]], pixel_size: f64) -> Result<Self> {
         let extreme = |axis: usize, least: bool| {
             let values = uv.iter().map(|place| place[axis] / pixel_size);
@@ -139,8 +136,7 @@ impl HasPosition for Place {
 pub struct Faces {
     /// The three vertices of each face, the lowest first, counterclockwise in the plane.
     pub corners: Vec<[u32; 3]>,
-    /// Whether two of the corners are more than two links apart on the surface, because the map is compressed or folded
-    /// there.
+    /// Whether two corners are more than two links apart on the surface: the map is compressed or folded there.
     pub torn: Vec<bool>,
 }
 

@@ -11,8 +11,7 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::Result;
 
-/// The tolerance in barycentric coordinates, so that rounding does not leave voxels on a common side in neither
-/// tetrahedron.
+/// The tolerance in barycentric coordinates, so that voxels on a common side lie in at least one tetrahedron.
 const SLACK: f64 = 1e-9;
 
 /// The number of triangles that one worker processes between two checks for cancellation.

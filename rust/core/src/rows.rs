@@ -1,5 +1,4 @@
-//! Distance rows: the distances from many sources, computed in parallel. They are kept in memory here, and on disk in
-//! [`crate::store`].
+//! Distance rows: the distances from many sources, computed in parallel; [`crate::store`] keeps them on disk.
 
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -14,12 +13,10 @@ pub trait Rows {
     /// Returns the length of a row.
     fn columns(&self) -> usize;
 
-    /// Passes all rows in the order of the sources. `visit(n, rows)` receives complete rows, beginning with the n-th,
-    /// one after the other.
+    /// Passes all rows in the order of the sources. `visit(n, rows)` receives complete rows from the n-th on.
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
 
-    /// Returns the columns of the given vertices.
-    /// Panics if the rows do not contain all of them.
+    /// Returns the columns of the given vertices. Panics if the rows do not contain all of them.
     fn to(&self, targets: &[u32], control: &Control) -> Result<DistanceRows> {
         let sources = self.sources();
         let mut data = Vec::with_capacity(sources.len() * targets.len());
@@ -33,8 +30,7 @@ pub trait Rows {
         Ok(DistanceRows::new(sources.to_vec(), targets.len(), data))
     }
 
-    /// Returns the columns of the sources.
-    /// Panics if the rows do not contain all of them.
+    /// Returns the columns of the sources. Panics if the rows do not contain all of them.
     fn among(&self, control: &Control) -> Result<DistanceRows> {
         self.to(self.sources(), control)
     }

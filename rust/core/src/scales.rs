@@ -4,8 +4,7 @@
 /// The largest absolute coordinate of a point along an axis, in mm: a hundred thousand km.
 pub const FARTHEST: f64 = 1e11;
 
-/// The smallest supported size of a voxel, and of the longest side of a surface's bounding box, in mm: a thousandth of
-/// a nanometre.
+/// The smallest size of a voxel, and of the longest side of a surface's box, in mm: a thousandth of a nanometre.
 pub const SMALLEST: f64 = 1e-9;
 
 /// The shortest edge of a mesh whose bounding box is scaled to 1. Fans with edges down to 1e-10 were mapped without

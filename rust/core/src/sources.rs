@@ -28,8 +28,7 @@ const BEND_RINGS: usize = 3;
 /// Ways to choose sources. The same seed gives the same sources on every machine.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sources {
-    /// Each source is the point farthest along the surface from the previous ones; the first is random. They cover the
-    /// surface evenly.
+    /// Evenly spread: each is the point farthest along the surface from the previous ones; the first is random.
     Farthest {
         /// The number of sources.
         count: usize,

@@ -37,8 +37,7 @@ use settle::are_within;
 /// The smallest and the largest bound on C.
 pub const BOUNDS: [f64; 2] = [1.000_001, 10.0];
 
-/// The final optimisation of each piece: it ends when the energy hardly decreases, or when triangles have their
-/// original shape.
+/// The final optimisation of each piece ends when the energy hardly decreases, or no triangle is distorted.
 const LAST: Until = Until { steps: 40, gain: 1e-6, enough: 1e-16 };
 
 /// The number of such optimisations.

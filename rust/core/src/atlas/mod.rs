@@ -1,8 +1,7 @@
 //! Quasi-isometric patches with a certificate, by Appleboim, Saucan and Zeevi (2006).
 //!
-//! A patch is projected orthogonally onto a plane. If every direction in it is inclined by at most θ to the plane, no
-//! length changes by more than a factor C ≤ 1 + tan θ, and no angle by a dilatation of more than K ≤ (1 + tan θ)^1.5
-//! (Gehring, Väisälä).
+//! A patch is projected orthogonally onto a plane. If every direction in it is inclined by at most θ to the plane,
+//! lengths change by a factor C ≤ 1 + tan θ at most, and angles by a dilatation K ≤ (1 + tan θ)^1.5 (Gehring, Väisälä).
 //!
 //! The paper accepts a triangle whose two new edges are inclined by at most θ. This is not sufficient: a triangle can
 //! be steeper between its edges, and the edges of one that is thin along a contour line can all be level while it is
@@ -47,8 +46,7 @@ const BISECTIONS: usize = 12;
 pub enum Limit {
     /// The maximum inclination in degrees of any direction to its patch's plane; certified by the paper's theorem.
     Angle(f64),
-    /// The maximum factor by which any length, or the ratio of two lengths at a point, changes; certified by the
-    /// cosine.
+    /// The maximum change factor of lengths, and of ratios of two lengths at a point; certified by the cosine.
     Bound(f64),
     /// The maximum number of patches, with the smallest angle for which they were found.
     Count(usize),
@@ -57,8 +55,8 @@ pub enum Limit {
 /// How the seeds of patches are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seeds {
-    /// In the flattest regions: candidates grow around all of them and are rotated to become as large as possible; the
-    /// largest one is kept first.
+    /// In the flattest regions: candidates grow around all of them, rotated to become as large as possible, and the
+    /// largest one is kept.
     Curvature,
     /// At the flattest free triangle, repeatedly; each patch stays on the plane of its seed, as in the paper.
     Flattest,

@@ -3,8 +3,7 @@
 //! Each triangle of the surface is mapped to the plane by an affine map. The singular values σ1 ≥ σ2 ≥ 0 of its
 //! Jacobian are the largest and the smallest stretch. Measures are raw: a flat map is in mm, and σ1 = σ2 = 1 is
 //! perfect. Only areas are also given at the scale that preserves the total area. Undefined values (a triangle without
-//! area on the surface or in the plane, a vertex without a position) are NaN. They are excluded from the summary, which
-//! counts them.
+//! area on the surface or in the plane, a vertex without a position) are NaN. The summary only counts them.
 //!
 //! Areas are absolute and σ2 is not negative, as in Connectome Workbench. A map with folds can therefore have good
 //! figures here; [`Flipped`] and [`overlap`](super::overlap) report folds.
@@ -37,22 +36,18 @@ pub struct FaceDistortion {
     /// The summary of `areal` at that scale.
     pub equal_area: Summary,
     /// The share of the surface, by area, in triangles whose area changes by more than each of [`AREA_FACTORS`] in
-    /// either direction, at that scale. A triangle without area in the plane exceeds all factors. NaN where there is no
-    /// scale.
+    /// either direction, at that scale. A triangle without area in the plane exceeds all factors. NaN without a scale.
     pub area_beyond: [f64; 3],
     /// |l_flat / l_surface − 1| over the edges; each edge counts once. (Workbench's `-edge-method` gives, for each vertex, the
     /// mean of |log2(l_flat / l_surface)| over its edges.) Edges of length 0 mm on the surface are undefined.
     pub edge: Summary,
     /// The number of edges, including undefined ones.
     pub edges: usize,
-    /// For each face σ1/σ2, the quasi-conformal error (Haker et al., Ju et al.); 1 preserves angles. The summary is by
-    /// area.
+    /// For each face σ1/σ2, the quasi-conformal error (Haker et al., Ju et al.); 1 preserves angles. Summary by area.
     pub quasi_conformal: Measure,
-    /// For each face, the mean over its corners of |angle in the plane − angle on the surface|, in degrees. The summary
-    /// is by area.
+    /// For each face, the mean of |angle in the plane − angle on the surface| in degrees. The summary is by area.
     pub angle: Measure,
-    /// For each face max(σ1, 1/σ2), the C of a C-quasi-isometry (Saucan et al.); 1 preserves lengths. The summary is by
-    /// area.
+    /// For each face max(σ1, 1/σ2), the C of a C-quasi-isometry (Saucan et al.); 1 preserves lengths. Summary by area.
     pub isometric: Measure,
     /// For each face, the symmetric Dirichlet energy ½(σ1² + σ2² + σ1⁻² + σ2⁻²) (SLIM, Rabinovich et al.); 2 preserves
     /// lengths. The summary is by area.
@@ -105,8 +100,7 @@ pub struct Flipped {
 }
 
 /// Measures a flat map of triangles: `points` (mm) on the surface and `uv` (mm) in the plane are positions of the same
-/// vertices.
-/// Panics if the numbers of points and of positions differ.
+/// vertices. Panics if the numbers of points and of positions differ.
 pub fn measure_faces(
     points: &[Vector3<f64>],
     faces: &[[u32; 3]],
@@ -161,8 +155,7 @@ pub fn measure_faces(
 }
 
 /// Returns the factor by which a map must be multiplied to have the area of the surface: √(Σ A_surface / Σ A_flat). NaN
-/// if the map has no area.
-/// Panics if the numbers of points and of positions differ.
+/// if the map has no area. Panics if the numbers of points and of positions differ.
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     assert_eq!(points.len(), uv.len(), "one place a vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();
@@ -172,8 +165,7 @@ pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64;
     if flat > 0.0 { (on_surface / flat).sqrt() } else { f64::NAN }
 }
 
-/// Returns the share of the surface in triangles whose area changes by more than a factor in either direction, at a
-/// scale.
+/// Returns the share of the surface in triangles whose area changes by more than a factor either way, at a scale.
 fn share_beyond(factor: f64, triangles: &[Triangle], scale: f64) -> f64 {
     let known = || triangles.iter().filter(|triangle| triangle.surface > 0.0 && triangle.flat.is_finite());
     let is_beyond = |triangle: &&Triangle| {
@@ -202,8 +194,7 @@ pub(super) fn sorted_edges(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     edges
 }
 
-/// Returns σ1 and σ2 of the affine map between a triangle on the surface and one in the plane; NaN where it is
-/// undefined.
+/// Returns σ1 and σ2 of the affine map from a triangle on the surface to one in the plane; NaN if undefined.
 pub(crate) fn stretch_of(points: [Vector3<f64>; 3], places: [[f64; 2]; 3]) -> [f64; 2] {
     Triangle::of(points, places.map(|[u, v]| Vector3::new(u, v, 0.0))).stretch
 }
@@ -223,8 +214,7 @@ struct Triangle {
 
 impl Triangle {
     fn of(points: [Vector3<f64>; 3], places: [Vector3<f64>; 3]) -> Self {
-        // above its longest side, a triangle's apex projects onto that side, which makes the Jacobian as accurate as
-        // possible
+        // the apex above its longest side projects onto that side, which makes the Jacobian most accurate
         let side = |k: usize| (points[(k + 1) % 3] - points[k]).norm_squared();
         let first = if side(0) >= side(1).max(side(2)) { 0 } else { 1 + usize::from(side(2) > side(1)) };
         let turned = |corners: [Vector3<f64>; 3]| [0, 1, 2].map(|k| corners[(first + k) % 3]);

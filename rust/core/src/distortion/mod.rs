@@ -117,8 +117,7 @@ impl Block<'_> {
         &self.data[n * self.columns..(n + 1) * self.columns]
     }
 
-    /// Computes one value per source in parallel, in the order of the sources; `value` receives the source's number in
-    /// the block.
+    /// Computes one value per source in parallel, in order; `value` receives the source's number in the block.
     fn each_source<T: Send>(&self, control: &Control, value: impl Fn(usize) -> T + Sync) -> Result<Vec<T>> {
         let of_source = |n| control.check().map(|()| value(n));
         (0..self.sources.len()).into_par_iter().map(of_source).collect()

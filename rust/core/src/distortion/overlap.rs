@@ -22,8 +22,7 @@ const CHUNK: usize = 256;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Overlap {
     /// The number of pairs of boundary edges that cross at a point that is not an end of either. It is zero in an
-    /// embedding. A boundary that crosses itself exactly at a vertex, or a boundary inside the map, appears only in
-    /// `covering`.
+    /// embedding. A boundary that crosses itself exactly at a vertex, or inside the map, appears only in `covering`.
     pub crossings: usize,
     /// The number of triangles that cover a part of another triangle.
     pub covering: usize,

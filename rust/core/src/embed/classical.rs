@@ -1,8 +1,7 @@
 //! Classical scaling.
 //!
 //! Grossmann et al. (2002), section 3: with distances Δ and J = I − 11ᵀ/m, B = −½ J (Δ∘Δ) J. With (λ₁, v₁), (λ₂, v₂)
-//! the two largest positive eigenpairs of B, the positions are X = [√λ₁ v₁ | √λ₂ v₂]. They minimise the strain
-//! directly.
+//! the two largest positive eigenpairs of B, the positions are X = [√λ₁ v₁ | √λ₂ v₂]. They minimise strain.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::SelfAdjointEigen;

@@ -2,12 +2,11 @@
 //!
 //! Schwartz, Shaw and Wolfson (1989), equation 1: over pairs at geodesic distance δ and flat distance d,
 //!
-//! L = (1/Σδ) Σ (d − δ)²/δ.
+//!   L = (1/Σδ) Σ (d − δ)²/δ.
 //!
 //! All points move at once against their gradients. Each coordinate is divided by the magnitude of its second
 //! derivative (the diagonal of the Hessian) and multiplied by a factor μ (the "magic factor" of Sammon 1969). A
-//! coordinate with hardly any curvature takes a leap. Leaps sometimes increase the stress, but they also lead out of
-//! folds.
+//! coordinate with hardly any curvature takes a leap. Leaps sometimes increase the stress, but lead out of folds.
 
 use rayon::prelude::*;
 

@@ -17,8 +17,7 @@ use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
 /// Flattens a connected part of a voxel surface by the method of Grossmann, Kiryati and Kimmel (2002): chain-code
-/// geodesics, classical scaling of the sources, and radial functions for the other points. The map optionally keeps the
-/// distance rows.
+/// geodesics, classical scaling of the sources, and radial functions for the other points. Rows are kept on request.
 pub fn grossmann2002(
     surface: &VoxelSurface,
     graph: &VoxelGraph,

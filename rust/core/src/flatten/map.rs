@@ -37,6 +37,5 @@ impl FlatMap {
 /// The memory that is needed for any size in bytes: threads, buffers, the allocator's reserve.
 pub(super) const BASE_BYTES: u64 = 24 << 20;
 
-/// The memory per vertex of the Python arrays in bytes: the complete surface, the cut surface and the map
-/// (docs/decisions/0034).
+/// The memory per vertex of Python's arrays in bytes: complete and cut surface, and map (docs/decisions/0034).
 pub(super) const PYTHON_BYTES: u64 = 450;

@@ -32,8 +32,7 @@ const MOST_CUTS: usize = 32;
 /// longest one is preferred, because many short cuts leave more pieces between them.
 const POWER: f64 = 0.7;
 
-/// The number of cuts that are tried at a time. It does not depend on the threads, because it decides which cuts are
-/// tried.
+/// The number of cuts that are tried at a time. It decides which cuts are tried, so it is fixed.
 const AT_A_TIME: usize = 4;
 
 /// Limits on the cuts.
@@ -48,8 +47,7 @@ pub struct Relaxation {
     pub least_relief: f64,
     /// If the distance error without cuts is at most this, no cut is made.
     pub bearable: f64,
-    /// Cuts stay within this distance (mm along edges) of the surface's existing cuts, which are vertices that share an
-    /// id.
+    /// Cuts stay within this distance (mm along edges) of existing cuts, whose vertices share ids.
     pub within: f64,
 }
 
@@ -90,8 +88,7 @@ pub struct Relaxed {
     pub errors: [f64; 2],
 }
 
-/// Cuts a disk open where this reduces the distortion of its map most. The result does not depend on the number of
-/// threads.
+/// Cuts a disk open where this reduces the distortion of its map most. The result is deterministic.
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
     check_disk(surface)?;
@@ -195,8 +192,7 @@ impl Trials {
     ///
     /// After a cut is made near by, the gain of another cut decreases, and hardly ever increases. Therefore, the cuts
     /// that were most valuable in their last trial are tried first, and cuts whose last value is below the best new one
-    /// are skipped (Minoux 1978). No gain exceeds the total energy, so that few cuts are tried on a nearly flat
-    /// surface.
+    /// are skipped (Minoux 1978). No gain exceeds the total energy, so few cuts are tried if it is low.
     fn best(&mut self, longest: f64, control: &Control) -> Result<Option<Trial>> {
         let mut untried = self.slits(longest, control)?;
         let mut best: Option<(f64, Trial)> = None;

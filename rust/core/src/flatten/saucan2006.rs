@@ -11,8 +11,7 @@ use crate::geodesic::graph::GeodesicGraph;
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
 
-/// The largest angle of the patches in degrees, as in the paper's first figures; smaller where the bound on C requires
-/// it.
+/// The largest angle of the patches in degrees, as in the paper's first figures; less if the bound on C requires it.
 const ANGLE: f64 = 10.0;
 
 /// The share of the permitted angle that is used, so that rounding does not move triangles out of the bound.
@@ -39,9 +38,8 @@ pub struct Whole {
 
 /// Flattens a surface in certified patches, glues them into one piece such that max(σ1, 1/σ2) ≤ `bound` for every
 /// triangle, and cuts the surface open along the remaining seams. Distances are only used for the evaluation: along the
-/// links of the uncut graph.
-/// Errors: [`Error::NotOnePiece`] if several pieces remain, and the errors of [`patches`], [`glue::glue`] and the
-/// stages.
+/// links of the uncut graph. Errors: [`Error::NotOnePiece`] if several pieces remain, and the errors of [`patches`],
+/// [`glue::glue`] and the stages.
 pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -> Result<Whole> {
     glue::check_bound(bound)?;
     // C of a projection is 1/cos of the angle, and patches must satisfy the bound before they are glued
@@ -91,8 +89,7 @@ fn opened(surface: &Surface, piece: &Piece) -> Surface {
 /// optimisation. It was 2,400 to 3,100 bytes on cortex of 500 and 2,500 vertices. The growth of patches needs less.
 const GLUING_BYTES: u64 = 4000;
 
-/// Returns the maximum memory in bytes of [`saucan2006`] beside the surface's input: of gluing and then of the
-/// evaluation.
+/// Returns the maximum memory in bytes of [`saucan2006`] beside the surface's input: gluing, then evaluation.
 pub fn memory_need(points: usize, threads: usize) -> u64 {
     let evaluating = GeodesicGraph::memory_need(points)
         + threads as u64 * BundleScratch::memory_need(points)

@@ -22,8 +22,7 @@ use crate::surface::Surface;
 /// The share of the surface in a neighbourhood: "roughly 10 percent of the surface area of the entire problem".
 const SHARE: f64 = 0.1;
 
-/// The minimum number of vertices in a neighbourhood, if the surface has so many: a tenth of a small surface is too
-/// few.
+/// The minimum number of vertices in a neighbourhood, if there are as many: a tenth can be too few.
 const SMALLEST: f64 = 100.0;
 
 /// The distances that are preserved, and the start of the optimisation.
@@ -54,8 +53,7 @@ pub struct Mapped {
 
 /// Flattens a disk by the method of Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a
 /// few sources, and Newton steps along each coordinate, from random starts, to the map with the smallest stress. All
-/// vertices take part.
-/// Panics if the number of starts is 0.
+/// vertices take part. Panics if the number of starts is 0.
 pub fn schwartz1989(
     surface: &Surface,
     graph: &GeodesicGraph,

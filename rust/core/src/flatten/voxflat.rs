@@ -120,7 +120,7 @@ const WAVE_BYTES: u64 = 160;
 
 /// Returns the maximum memory in bytes of [`voxflat`] beside the surface's input, for a surface of `points` vertices:
 /// the permanent part, and the maximum over the stages (links, comparison with exact distances, rows, optimisation,
-/// evaluation).
+/// figures).
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let (vertices, workers) = (points as u64, threads as u64);
     let searches = workers * BundleScratch::memory_need(points);

@@ -18,8 +18,7 @@ use crate::sources::{Sources, check_enough};
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
 
-/// The weight of edge lengths against the quadric error; it is higher than usual, so that the sources are evenly
-/// spaced.
+/// The weight of edge lengths against the quadric error; higher than usual, so that sources are evenly spaced.
 const EVENNESS: f64 = 0.1;
 
 /// How the sources are chosen, which also determines how the other vertices are placed.
@@ -50,12 +49,10 @@ enum Rest<'a> {
 }
 
 /// Flattens a disk by the method of Zigelman, Kimmel and Kiryati (2002): fast marching among the sources, classical
-/// scaling of the sources, and placement of the other vertices between them. The evaluation uses distances along the
-/// graph, as for all methods.
+/// scaling of the sources, and placement of the other vertices between them. The evaluation uses the graph, as always.
 ///
 /// Vertices that decimation cannot remove without harm to the surface also become sources. The map optionally keeps the
-/// distance rows.
-/// Panics if the number of pixels differs from the number of vertices.
+/// distance rows. Panics if the number of pixels differs from the number of vertices.
 pub fn zigelman2002(
     surface: &Surface,
     graph: &GeodesicGraph,

@@ -32,8 +32,7 @@ const CACHED: usize = 1 << 12;
 /// then below this number. then the minimum is this.
 const FEWEST_CACHED: usize = 32;
 
-/// The number of vertices of a window, relative to the square root of their total number, such that its data fit into
-/// the cache.
+/// The size of a window in square roots of the number of vertices, such that its data fit into the cache.
 const WINDOW: f64 = 4.0;
 
 /// The number of positions by which links are prefetched.
@@ -93,8 +92,7 @@ impl BundleScratch {
     }
 
     /// Writes the distances from each source of a bundle, its centre first, to every vertex or to the targets: one row
-    /// per source.
-    /// Panics if there are more sources than a bundle can have.
+    /// per source. Panics if there are more sources than a bundle can have.
     pub fn rows(
         &mut self,
         graph: &impl Links,
@@ -310,8 +308,7 @@ impl<G: Links> Visits<'_, G> {
         }
     }
 
-    /// Passes the distances of the vertex at a position to its neighbours; returns a range that contains those that
-    /// came closer.
+    /// Passes the distances of the vertex at a position to its neighbours; returns a range with those that came closer.
     #[inline(always)]
     fn visit(&mut self, place: usize) -> Range<usize> {
         let BundleScratch { order, places, waiting, distances, .. } = &mut *self.scratch;

@@ -7,8 +7,7 @@
 //!
 //! Two measures keep windows few. Parts that are not shorter than a path through an edge's ends are dropped before they
 //! get there (Xin and Wang 2009, applied here to parts of windows too), and windows wait in buckets, so that most are
-//! trimmed before they are processed (Xu et al. 2015). Every distance is the length of a real path; rounding can only
-//! add to it.
+//! trimmed before they are processed (Xu et al. 2015). Distances are lengths of real paths; rounding only adds to them.
 
 mod envelope;
 mod frame;
@@ -28,8 +27,7 @@ use frame::Frames;
 pub struct Reach {
     /// The maximum distance in mm.
     pub mm: f64,
-    /// The number of rings of faces around the source to which paths are restricted; faces that touch it are the first
-    /// ring.
+    /// The number of rings of faces around the source that paths may use; faces that touch it are the first ring.
     pub rings: Option<u32>,
 }
 

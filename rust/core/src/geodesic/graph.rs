@@ -22,7 +22,7 @@ pub(super) use view::{Beyond, outgoing, unfold};
 /// The number of links that one task measures.
 const BATCH: usize = 1 << 16;
 
-/// The number of layers of links that are evaluated, shorter ones first; links replaced by one layer are not evaluated
+/// The number of layers of links that are evaluated, shorter ones first; links that one replaces are not evaluated
 /// again.
 const LAYERS: usize = 8;
 
@@ -34,8 +34,7 @@ fn edges_crossed(vertices: usize) -> u32 {
     }
 }
 
-/// Straight links over a surface, stored at both of their ends in compressed rows; a vertex's arcs are ordered by
-/// neighbour.
+/// Straight links over a surface, stored at both ends in compressed rows; a vertex's arcs are ordered by neighbour.
 ///
 /// # Examples
 /// ```

@@ -88,8 +88,7 @@ impl<'a> Marching<'a> {
         Ok(Self { surface, starts, fronts: fronts.into_iter().map(|(_, front)| front).collect(), wave })
     }
 
-    /// Returns where the march begins: at the source and, with circles, at all vertices visible from it across a few
-    /// triangles.
+    /// Returns where the march begins: at the source and, with circles, at vertices visible across a few triangles.
     fn starts_around(&self, source: u32) -> Vec<Arc> {
         let mut seen = vec![Arc { to: source, length: 0.0 }];
         if self.wave == Wave::Circle {
@@ -201,8 +200,7 @@ struct Crossing {
 }
 
 impl Wave {
-    /// Returns how a front that passes (0, 0) and (`side`, 0) at two distances reaches (x, y), if it arrives between
-    /// the two.
+    /// Returns how a front that passes (0, 0) and (`side`, 0) at two distances reaches (x, y) between them, if so.
     fn across(self, here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
         let crossing = match self {
             Self::Plane => plane(here, there, side, x, y),
@@ -252,8 +250,7 @@ fn acute(surface: &Surface, corner: u32) -> impl Iterator<Item = [Placed; 2]> {
     first.into_iter().chain(second)
 }
 
-/// Returns the first vertex beyond the opposite side of an obtuse corner that lies at acute angles to both of its
-/// sides.
+/// Returns the first vertex beyond the opposite side of an obtuse corner at acute angles to both of its sides.
 fn splitting(surface: &Surface, corner: u32, right: Placed, left: Placed) -> Option<Placed> {
     let (mut right, mut left) = (right, left);
     let (first, last) = (right.1, left.1);

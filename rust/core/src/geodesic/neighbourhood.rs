@@ -34,16 +34,14 @@ pub struct Neighbourhoods {
 }
 
 impl Neighbourhoods {
-    /// Measures exact distances from every vertex within `rings` rings of faces (everywhere, if None), and from
-    /// `sources` to all vertices.
+    /// Measures exact distances from every vertex within `rings` (everywhere if None), and from `sources` to all.
     ///
     /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used.
     pub fn measure(surface: &Surface, rings: Option<u32>, sources: &[u32], control: &Control) -> Result<Self> {
         Ok(Self::measure_with_rows(surface, rings, sources, false, control)?.0)
     }
 
-    /// Does the same, and optionally also returns the rows from the sources to all vertices, one after the other, as
-    /// measured.
+    /// Does the same, and optionally also returns the rows from the sources to all vertices, as measured.
     pub fn measure_with_rows(
         surface: &Surface,
         rings: Option<u32>,

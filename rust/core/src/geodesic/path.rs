@@ -1,4 +1,4 @@
-//! Paths over a surface, as traced by the solvers: points at vertices and on edges, connected by straight lines within
+//! Paths over a surface, as traced by the solvers: points at vertices and on edges, joined by straight lines within
 //! triangles.
 
 use nalgebra::Vector3;

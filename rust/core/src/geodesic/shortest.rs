@@ -144,9 +144,8 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
 }
 
 /// Returns the vertices of a shortest path from the source of `row` to `target`, including both; of equal paths, the
-/// one through the lowest vertices. (The black path in figure 3 of Grossmann et al.)
-/// Errors: [`Error::Unreachable`] if the row is infinite at `target`, or does not start at `source`;
-/// [`Error::Cancelled`].
+/// one through the lowest vertices. (The black path in figure 3 of Grossmann et al.) Errors: [`Error::Unreachable`] if
+/// the row is infinite at `target`, or does not start at `source`; [`Error::Cancelled`].
 pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32, control: &Control) -> Result<Vec<u32>> {
     let unreachable = || Error::Unreachable { source_vertex: source as usize, vertex: target as usize };
     if row[target as usize].is_infinite() {

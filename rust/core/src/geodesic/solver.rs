@@ -1,5 +1,4 @@
-//! The common trait of all solvers. Every graph with [`Links`] is one: by searches, or by bundles if there are many
-//! sources.
+//! The common trait of all solvers. Every graph with [`Links`] is one: by searches, or by bundles for many sources.
 
 use super::bundle::{self, BundleScratch};
 use crate::adjacency::Links;
@@ -27,8 +26,8 @@ pub trait Solver: Sync {
         Ok((0..sources.len() as u32).map(|number| vec![number]).collect())
     }
 
-    /// Writes the distances in mm from each source of a bundle to every vertex, or to the targets; infinity where one
-    /// cannot be reached.
+    /// Writes the distances in mm from each source of a bundle to every vertex or to the targets; infinity if
+    /// unreachable.
     fn rows(
         &self,
         bundle: &[u32],

@@ -71,8 +71,7 @@ pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSur
     surface.subset(&inside)
 }
 
-/// Returns the part of a surface to flatten, with its graph: the selected patch, or the largest component if none is
-/// selected.
+/// Returns the part of a surface to flatten, with its graph: the selected patch, or else the largest component.
 /// Errors: Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a selected patch is not connected.
 pub fn cut_out(
     surface: &VoxelSurface,

@@ -3,8 +3,7 @@
 //!
 //! Where the neighbours' positions are not convex, a vertex placed by weights may flip a triangle. It is then moved
 //! into the kernel of its ring, from which the complete ring is visible. The kernel is not empty if no triangle of the
-//! coarse map was flipped, because the ring is visible from the vertex onto which the removed one moved. So no flips
-//! arise.
+//! coarse map was flipped, because the ring is visible from the vertex onto which the removed one moved.
 
 use nalgebra::Vector2;
 
@@ -96,8 +95,7 @@ fn sees(ring: &[Place], is_closed: bool, at: Place) -> bool {
     sides(ring, is_closed).all(|side| area(at, side) > 0.0)
 }
 
-/// Returns the polygon of all positions from which the ring is visible, within a box around it; none if it has no
-/// interior.
+/// Returns the polygon of positions from which the ring is visible, within a box around it; none if it is empty.
 fn kernel(ring: &[Place], is_closed: bool) -> Option<Vec<Place>> {
     kernel_of(&sides(ring, is_closed).collect::<Vec<_>>(), is_closed)
 }

@@ -42,15 +42,14 @@ const LAST_SWEEPS: usize = 20;
 /// A sweep with a smaller relative decrease in energy is the last one of its level.
 const GAIN: f64 = 1e-4;
 
-/// The minimum area of a triangle relative to an equilateral one on its longest edge; thinner ones count as if they had
-/// it.
+/// The minimum area of a triangle relative to an equilateral one on its longest edge, which thinner ones get.
 const THINNEST: f64 = 0.05;
 
 /// No determinant falls below this share of itself in one step.
 const LEAST_LEFT: f64 = 0.1;
 
-/// Returns the vertices' positions on the unit sphere: triangles run counterclockwise as seen from outside, and their
-/// areas sum to 4π.
+/// Returns the vertices' positions on the unit sphere: triangles run counterclockwise as seen from outside, and cover
+/// it once.
 ///
 /// The rotation is arbitrary; the result for a surface is deterministic, bit by bit.
 /// Errors: [`Error::NotASphere`] if the surface is not closed, not connected, or has handles; [`Error::Folded`] if
@@ -63,8 +62,7 @@ pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3
     Ok(places)
 }
 
-/// Returns the map of a level by way of all coarser ones: of the surface itself, which is level 0, or of the n-th
-/// decimation.
+/// Returns the map of a level by way of all coarser ones: of the surface (level 0), or of the n-th decimation.
 pub(crate) fn laid_out(
     surface: &Surface,
     levels: &[Decimation],
@@ -95,8 +93,7 @@ pub(crate) fn determinant([a, b, c]: [Vector3<f64>; 3]) -> f64 {
 /// Returns the surface with its holes closed; its own vertices come first.
 ///
 /// Holes are filled by triangles of minimal area. Holes with too many edges for this, such as opened cuts, are closed
-/// ear by ear, the narrowest first, which joins the two sides of cuts; a remaining hole is closed by a fan around its
-/// centre.
+/// ear by ear, the narrowest first, which joins the two sides of cuts, or else by a fan around their centre.
 pub(crate) fn closed(surface: &Surface, control: &Control) -> Result<Surface> {
     let loops = Topology::of(surface).loops;
     if loops.is_empty() {
@@ -131,8 +128,7 @@ pub(crate) fn closed(surface: &Surface, control: &Control) -> Result<Surface> {
     Ok(closed)
 }
 
-/// Returns a surface with additional points and faces, which may have no area, joined to its boundary and to each
-/// other.
+/// Returns a surface with additional points and faces, which may have no area, joined to it and to each other.
 fn joined(surface: &Surface, points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Surface {
     let mut twins = surface.twins().to_vec();
     twins.resize(3 * faces.len(), BORDER);
@@ -244,8 +240,7 @@ pub(crate) fn refined(
     if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(found) }
 }
 
-/// Returns a position in the middle of those from which all of a counterclockwise spherical polygon is visible; none if
-/// there is none.
+/// Returns a position in the middle of those from which all of a counterclockwise spherical polygon is visible, if any.
 ///
 /// In a projection from the sphere's centre onto a tangent plane, great circles are lines, and the kernel is a convex
 /// polygon. It is found by clipping a large square along the sides. The plane touches at the middle of the polygon, or,
@@ -300,8 +295,7 @@ pub(crate) fn kernel_centre(ring: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     is_inside.then_some(place)
 }
 
-/// Returns the position closest to a wish, on the way there from the kernel's centre, from which the polygon is well
-/// visible.
+/// Returns the position closest to a wish, on a line from the kernel's centre, that sees the polygon well.
 fn sees_all(ring: &[Vector3<f64>], centre: Vector3<f64>, wish: Vector3<f64>) -> Vector3<f64> {
     let sides = |p: Vector3<f64>| (0..ring.len()).map(move |k| determinant([p, ring[k], ring[(k + 1) % ring.len()]]));
     let towards = |share: f64| (centre + (wish - centre) * share).normalize();
@@ -398,8 +392,7 @@ impl Metric {
         Ok(())
     }
 
-    /// Moves a vertex by a Newton step that reduces the distortion of the triangles around it; returns their previous
-    /// energy.
+    /// Moves a vertex by a Newton step that reduces the energy of its triangles; returns their previous energy.
     pub(crate) fn ease(
         &self,
         surface: &Surface,

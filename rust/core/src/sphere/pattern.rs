@@ -4,8 +4,7 @@
 //! a scale is how far it lies inwards of its smoothed position, along the smoothed surface's normal. It is positive in
 //! sulci, like FreeSurfer's `sulc`, which is computed by inflation. The depth is then smoothed itself, by half the
 //! scale. Lengths are in units in which the root mean square distance of the surface from its centre is [`RADIUS`],
-//! which is about mm for an adult's hemisphere. Depths have mean 0 and standard deviation 1 over the surface, and
-//! outliers are limited.
+//! which is about mm for an adult's hemisphere. Depths have mean 0 and standard deviation 1; outliers are limited.
 
 use nalgebra::Vector3;
 

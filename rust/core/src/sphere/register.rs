@@ -70,8 +70,7 @@ pub struct Registration {
     pub alignments: Vec<Alignment>,
     /// The correlations of depths after the warp for each scale.
     pub correlations: Vec<f64>,
-    /// The share of the variance of the template's positions that is explained by an affine map of the surface's
-    /// positions.
+    /// The share of the variance of the template's positions that an affine map of the surface's explains.
     pub affine: f64,
 }
 
@@ -325,8 +324,7 @@ impl<'a> Subject<'a> {
         Ok(best.map_or_else(Rotation3::identity, |best| best.2))
     }
 
-    /// Returns the least-squares affine map of the positions to the template's, and the share of their variance that it
-    /// explains.
+    /// Returns the least-squares affine map of the positions to the template's, and the explained variance share.
     fn affine(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> (Matrix3x4<f64>, f64) {
         let faces = template.sphere.faces();
         let (mut normal, mut right) = (Matrix4::zeros(), Matrix3x4::zeros());

@@ -8,8 +8,8 @@ use crate::surface::decimate::{Options, decimate};
 use crate::surface::mesh::diffusion::{Stiffness, masses};
 use crate::surface::mesh::{Surface, vertex_normals};
 
-/// The largest number of vertices without decimation: with triangles of 1 mm and less, the solver's steps grow faster
-/// than vertices.
+/// The largest number of vertices without decimation: below 1 mm triangles, the solver's steps grow faster than
+/// vertices.
 pub const FINEST: usize = 200_000;
 
 /// The number of steps of the flow; with more, depths change by half a mm on average on a hemisphere.
@@ -19,8 +19,7 @@ const STEPS: usize = 8;
 /// (docs/decisions/0024-anatomy.md).
 const LEAST_AREA: f64 = 1.0 / 3.0;
 
-/// Returns the sulcal depth of each vertex in mm: positive in sulci, negative on gyri, with mean 0 over the area of
-/// each component.
+/// Returns the sulcal depth of each vertex in mm: positive in sulci, negative on gyri, with area mean 0 per component.
 ///
 /// As FreeSurfer's `sulc` (Fischl, Sereno, Dale 1999), it is the displacement of a vertex along the outer normal while
 /// the surface unfolds, Σ n · (y − x). Here, the surface unfolds by mean curvature flow within the metric's conformal
@@ -29,8 +28,8 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 /// current areas of the vertices, but at least a third of the initial ones. The flow depends on lengths, not on
 /// triangles. A boundary is free.
 ///
-/// A surface with more than [`FINEST`] vertices is decimated to a third of them; removed vertices get the weighted
-/// depth of their neighbours.
+/// A surface with more than [`FINEST`] vertices is decimated to a third; removed vertices get the weighted depth of
+/// their neighbours.
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     if surface.len() > FINEST { by_fewer(surface, FINEST / 3, flow, control) } else { by_all(surface, flow, control) }
 }

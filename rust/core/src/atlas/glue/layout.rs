@@ -1,8 +1,7 @@
 //! The layout of flat pieces during gluing: which edges are joined, and the position of each corner.
 //!
 //! Corner `3 f + k` is corner k of facet f, and also the side from it to corner k + 1. Joined corners around a vertex
-//! form one *place*, which is numbered by its first corner. All numbers are those of [`Facets`], and independent of the
-//! input's numbers.
+//! form one *place*, which is numbered by its first corner. All numbers are those of [`Facets`], not of the input.
 
 use std::collections::{HashMap, HashSet};
 
@@ -136,8 +135,7 @@ impl<'a> Layout<'a> {
         [0, 1, 2].map(|k| self.at(3 * facet + k))
     }
 
-    /// Returns the corners that are joined with a corner around its vertex, counterclockwise; at the boundary, starting
-    /// from it.
+    /// Returns the corners that are joined around a corner's vertex, counterclockwise, starting from a boundary.
     pub fn around(&self, corner: u32) -> Vec<u32> {
         let mut first = corner;
         while self.joined[first as usize] {
@@ -308,8 +306,8 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// Returns the connected parts with equal labels, numbered by their first facets: the part of each facet, and its
-/// members.
+/// Returns the connected parts with equal labels, numbered by their first facets: each facet's part, and each part's
+/// facets.
 fn components(facets: &Facets<'_>, labels: &[u32]) -> (Vec<u32>, Vec<Vec<u32>>) {
     let label = |facet: u32| labels[facets.faces[facet as usize] as usize];
     let mut piece = vec![NONE; facets.len()];

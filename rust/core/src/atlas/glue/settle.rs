@@ -11,8 +11,7 @@ use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::triangles::Rest;
 use crate::error::{Error, Result};
 
-/// The excess over this share of the range (by its logarithm) is minimised, so that the result is well within the
-/// bound.
+/// The excess over this share of the range (by its logarithm) is minimised, to stay well within the bound.
 const ASIDE: f64 = 0.8;
 
 /// The number of optimisation steps between two checks of the bound.

@@ -112,8 +112,8 @@ proptest! {
     }
 }
 
-/// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says where in
-/// space a place of the plane comes to lie.
+/// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says
+/// where in space a place of the plane comes to lie.
 fn folded(m: usize, n: usize, at: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
     moved(&shapes::sheet(m, n), |&[x, y, _]| {
         let inner = y > 0.5 && y < n as f64 - 0.5;

@@ -2,8 +2,7 @@
 //!
 //! The two loops of L-BFGS visit the steps one by one. If the products of all stored steps and gradient changes are
 //! known, the loops become sums over a few numbers. Each step is then read four times instead of eight, together with
-//! the others, by all threads. Steps are stored as 32-bit numbers; sums have 64 bits, and are the same for any number
-//! of threads.
+//! the others, by all threads. Steps have 32 bits; sums have 64 bits, and are the same for any number of threads.
 
 use crate::embed::Place;
 use std::collections::VecDeque;
@@ -58,8 +57,7 @@ impl History {
         self.products.push_back(products(&self.moved, bent).into());
     }
 
-    /// Returns the direction of descent: minus the gradient times the inverse Hessian, approximated by springs and past
-    /// steps.
+    /// Returns the direction of descent: minus the gradient times an inverse Hessian from springs and past steps.
     pub fn direction(&self, gradient: &[Place], factor: &Factor) -> Vec<Place> {
         let steps = self.moved.len();
         let mut shares = products(&self.moved, gradient);

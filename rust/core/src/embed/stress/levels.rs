@@ -87,8 +87,7 @@ pub(crate) const FINAL: Dials = Dials {
     patience: 1,
 };
 
-/// The factor on the weight of near distances and shapes at the local end of the weighting, and its inverse at the
-/// global end.
+/// The factor on near distances and shapes at the local end of the weighting, and its inverse at the global end.
 const WIDEST: f64 = 10.0;
 
 /// Returns [`FINAL`] for a weighting between 0, local, and 1, global.
@@ -268,8 +267,7 @@ impl<'a> Levels<'a> {
         Ok((settled?, finer?))
     }
 
-    /// Returns the map of the finest level from that of the coarsest remaining one, and its convergence. Levels are
-    /// dropped after use.
+    /// Returns the finest level's map from that of the coarsest remaining one, and its convergence. Drops used levels.
     pub(super) fn refined(
         &mut self,
         mut uv: Vec<Place>,

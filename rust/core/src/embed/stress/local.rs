@@ -23,8 +23,7 @@ const FLATTEST: f64 = 1e-6;
 /// The number of vertices between two checks for cancellation.
 const BATCH: usize = 1 << 12;
 
-/// Moves the free vertices one after the other until the energy of the triangles hardly decreases. No triangle is
-/// flipped.
+/// Moves the free vertices one after the other until the energy hardly decreases. No triangle is flipped.
 pub fn ease(
     triangles: &TriangleEnergy,
     shape: Shape,

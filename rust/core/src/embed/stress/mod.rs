@@ -1,5 +1,4 @@
-//! Stress: positions in the plane whose distances are close to geodesic ones, with triangles that keep their shape and
-//! never fold.
+//! Stress: positions in the plane with distances close to geodesic ones, and triangles that never fold.
 
 pub mod area_bound;
 pub(crate) mod descent;

@@ -3,7 +3,7 @@
 //! A map that folds no triangle and whose boundary does not cross itself does not overlap itself. Therefore, only the
 //! boundary is controlled: its vertices are pushed away from its edges where they come close, by
 //!
-//! Σ max(0, g/d − 1)²
+//!   Σ max(0, g/d − 1)²
 //!
 //! with d the distance of a vertex from an edge and g the gap at which it begins. No step goes beyond the point where
 //! the first vertex meets an edge (Smith, Schaefer 2015).
@@ -112,8 +112,7 @@ impl Outline {
         }
     }
 
-    /// Returns how far the boundary may move along `direction`, as a share of it, until a vertex meets an edge; `most`
-    /// if none does.
+    /// Returns how far the boundary may move along `direction`, as a share, until a vertex meets an edge, or `most`.
     pub fn farthest_step(&self, uv: &[Place], direction: &[Place], most: f64) -> f64 {
         let swept = |edge: usize| {
             let [a, b] = self.ends(edge, uv);
@@ -130,8 +129,7 @@ impl Outline {
     }
 
     /// Returns, for each boundary vertex that shares its position with another one, a vector into its own triangles
-    /// along the bisector of its angle, half as long as its gap, so that both of its edges move inwards. Zero for all
-    /// others.
+    /// along the bisector of its angle, half as long as its gap, so that both of its edges move inwards; else zero.
     pub fn inwards(&self, uv: &[Place]) -> Vec<Place> {
         let mut ways = vec![Place::zeros(); uv.len()];
         let key = |vertex: u32| uv[vertex as usize].map(|x| (x + 0.0).to_bits()); // + 0.0, so that −0 is 0
@@ -198,8 +196,7 @@ impl Outline {
     }
 }
 
-/// Returns when a moving point first meets a moving segment; infinite if never. `at` are the point and the segment's
-/// ends.
+/// Returns when a moving point first meets a moving segment, if ever. `at` are the point and the segment's ends.
 fn meeting(at: [Place; 3], way: [Place; 3]) -> f64 {
     let [p0, b0] = [at[0] - at[1], at[2] - at[1]];
     let [p1, b1] = [way[0] - way[1], way[2] - way[1]];

@@ -1,9 +1,8 @@
 //! The stress of a map: the deviation of its distances from those on the surface.
 //!
-//! Over pairs of a landmark and a vertex with the geodesic distance δ and the flat distance d, r = (d − δ)/δ, the
-//! stress is
+//! Over pairs of a landmark and a vertex with geodesic distance δ and flat distance d, r = (d − δ)/δ, the stress is
 //!
-//! Σ_b a_b · mean over the pairs of band b of ρ(r),   ρ(r) = 2κ² (√(1 + r²/κ²) − 1)
+//!   Σ_b a_b · mean over the pairs of band b of ρ(r),   ρ(r) = 2κ² (√(1 + r²/κ²) − 1)
 //!
 //! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error above
 //! which it grows only like |r| (pseudo-Huber), so that a few distances that no map can preserve do not dominate it.
@@ -82,8 +81,7 @@ impl Pairs {
         Self { landmarks, vertices, table, width, counts, nearest }
     }
 
-    /// Returns the pairs among some vertices, in ascending order and with all landmarks, by their numbers in this
-    /// order.
+    /// Returns the pairs among some vertices, ascending and with all landmarks, by their numbers in this order.
     pub fn among(&self, vertices: &[u32]) -> Self {
         let number = |vertex: &u32| vertices.binary_search(vertex).ok().map(|number| number as u32);
         let rows = self.vertices.iter().zip(self.table.chunks_exact(self.width.max(1)));

@@ -50,8 +50,7 @@ pub(super) fn repair(
     Ok((crossings + touches > 0).then_some(Fault::Crossing(crossings + touches)))
 }
 
-/// Moves vertices of folded triangles, one after the other, to where none of their own is folded; returns whether none
-/// is left.
+/// Moves vertices of folded triangles, one after the other, to remove the folds; returns whether none is left.
 fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], control: &Control) -> Result<bool> {
     let is_inside = outline.inside(uv.len());
     for _ in 0..ROUNDS {

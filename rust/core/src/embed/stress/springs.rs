@@ -36,8 +36,7 @@ const HELD: u32 = u32::MAX;
 pub struct Factor(Llt<u32, f64>);
 
 impl Springs {
-    /// Creates springs along the edges of triangles, given by their corners. Corners that are not vertices below
-    /// `vertices` are fixed.
+    /// Creates springs along the edges of triangles, given by their corners. Corners from `vertices` on are fixed.
     pub fn new(triangles: Vec<[u32; 3]>, vertices: usize, control: &Control) -> Result<Self> {
         let ends = |[a, b, c]: [u32; 3]| [(a, b), (a, c), (b, c)].map(|(a, b)| (a.min(b), a.max(b)));
         let is_free = |&(_, larger): &(u32, u32)| (larger as usize) < vertices;

@@ -1,5 +1,4 @@
-//! A known map as the start: the optimisation continues from it on the finest level on which it can be repaired
-//! (`repair`).
+//! A known map as the start: the optimisation continues on the finest level on which it can be repaired (`repair`).
 
 use crate::embed::Place;
 use nalgebra::Vector2;
@@ -53,11 +52,10 @@ impl Start<'_> {
 /// Returns the map (mm) with the smallest energy near a known one, with the guarantees of
 /// [`flatten`](super::levels::flatten). The optimisation starts at the scale with the smallest energy. Vertices with
 /// flipped triangles are moved to remove the flips, and coincident sides of a cut are drawn apart slightly. Where this
-/// is not sufficient, it starts on the finest coarser level where it is.
-/// Errors: [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and
-/// [`Error::StartStuck`] if the start cannot be repaired on any level, or makes no progress; and those of
+/// is not sufficient, it starts on the finest coarser level where it is. Errors: [`Error::StartMismatch`],
+/// [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the start
+/// cannot be repaired on any level, or makes no progress; and those of [`flatten`](super::levels::flatten). Panics like
 /// [`flatten`](super::levels::flatten).
-/// Panics like [`flatten`](super::levels::flatten).
 pub fn flatten_from(
     levels: &mut Levels,
     rows: &DistanceRows,

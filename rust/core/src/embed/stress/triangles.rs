@@ -1,10 +1,10 @@
-//! The distortion of triangles as an energy: zero where they keep their shape and size, and without bound where they
-//! are about to fold.
+//! The distortion of triangles as an energy: zero where they keep their shape and size, infinite where they fold.
 //!
 //! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is
 //! the mean over the surface of
 //!
-//! ψ(J) = 2κ² (√(1 + φ(J)/κ²) − 1), φ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
+//!   ψ(J) = 2κ² (√(1 + φ(J)/κ²) − 1),
+//!   φ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
 //!
 //! infinite for folded triangles. σ are J's singular values. The first term is as rigid as possible (Liu et al. 2008).
 //! The second, the symmetric Dirichlet energy (Smith, Schaefer 2015), is as stiff around an undistorted map, but also a
@@ -93,8 +93,7 @@ impl Rest {
         (signed_area(self.corners, uv) / self.area).ln() + self.trim
     }
 
-    /// Returns the off-diagonal entries of the matrix of springs with the energy ½ ‖J‖² times `scale`: for corners 01,
-    /// 02, 12.
+    /// Returns the off-diagonal spring entries for the energy ½ ‖J‖² times `scale`: for corners 01, 02, 12.
     pub(crate) fn springs(&self, scale: f64) -> [f64; 3] {
         let (b, c) = (self.inverse.row(0), self.inverse.row(1));
         let a = -b - c;
@@ -127,8 +126,7 @@ impl Price {
     /// The value for a fold.
     const INFINITE: Self = Self { value: f64::INFINITY, slopes: [0.0; 2], bends: [0.0; 3] };
 
-    /// Returns its curvatures with respect to J: the eigenvalues of its Hessian, two of which concern only changes of
-    /// the singular values.
+    /// Returns its curvatures with respect to J: its Hessian's eigenvalues, two of which only change singular values.
     pub(super) fn curvatures(&self, jacobian: &Matrix2<f64>) -> [f64; 4] {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
         let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
@@ -197,8 +195,7 @@ impl Shape {
         self.outlier.is_finite()
     }
 
-    /// Returns the same, given h, D and its logarithm. It has no branches, so that many triangles can be processed
-    /// together.
+    /// Returns the same, given h, D and its logarithm. Without branches, many triangles are processed together.
     #[inline(always)]
     fn price_of<const OUTLIERS: bool>(&self, half: f64, area: f64, log: f64) -> Price {
         let inverse = area.powi(2).recip();
@@ -357,8 +354,7 @@ impl TriangleEnergy {
         self.rests.par_iter().with_min_len(BATCH).filter(|rest| signed_area(rest.corners, uv) <= 0.0).count()
     }
 
-    /// Returns how far a map without folds may move along `direction`, as a share of it, until the first triangle has
-    /// no area.
+    /// Returns how far a map without folds may move along `direction`, as a share, until a triangle has no area.
     pub fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64 {
         let of_batch = |rests| lanes::farthest_step(rests, uv, direction);
         self.rests.par_chunks(BATCH).map(of_batch).reduce(|| f64::INFINITY, f64::min)

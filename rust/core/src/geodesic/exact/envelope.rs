@@ -31,8 +31,7 @@ impl Envelopes {
         self.count
     }
 
-    /// Takes the waiting windows of an edge that begin below a distance; returns the smallest distance of those that
-    /// still wait.
+    /// Takes the waiting windows of an edge that begin below a distance; returns the smallest distance of the others.
     pub fn take(&mut self, edge: u32, below: f64, taken: &mut Vec<Window>) -> f64 {
         let mut rest = f64::INFINITY;
         for window in self.lists[edge as usize].iter_mut().filter(|window| window.waits) {

@@ -107,8 +107,7 @@ impl Frame {
     }
 }
 
-/// Iterates over the half-edges that begin at the origin of `first`, counterclockwise, until the boundary or all
-/// around.
+/// Iterates over the half-edges from the origin of `first`, counterclockwise, until the boundary or all around.
 pub(super) fn around(surface: &Surface, first: u32) -> impl Iterator<Item = u32> + '_ {
     std::iter::successors(Some(first), move |&half_edge| {
         let next = surface.twins()[previous(half_edge) as usize];

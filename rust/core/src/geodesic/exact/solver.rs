@@ -8,8 +8,7 @@ use crate::geodesic::solver::{Fingerprint, Solver};
 
 impl Exact<'_> {
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then also
-    /// knows the [paths](Self::path).
-    /// Panics if the number of values in `row` differs from the number of vertices.
+    /// knows the [paths](Self::path). Panics if the number of values in `row` differs from the number of vertices.
     pub fn distances(&self, source: u32, row: &mut [f64], wave: &mut Wave, control: &Control) -> Result<()> {
         wave.run(self, source, control)?;
         row.copy_from_slice(&wave.distance);

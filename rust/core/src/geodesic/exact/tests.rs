@@ -56,8 +56,8 @@ fn along_edges(surface: &Surface, source: u32) -> Vec<f64> {
     }
 }
 
-/// The shortest of all lines that run straight through some sequence of faces, none of them twice, and of chains of such
-/// lines: what a shortest path is, by definition.
+/// The shortest of all lines that run straight through some sequence of faces, none of them twice, and of chains of
+/// such lines: what a shortest path is, by definition.
 fn unfolded(surface: &Surface) -> Vec<Vec<f64>> {
     let n = surface.len();
     let mut rows = vec![vec![f64::INFINITY; n]; n];

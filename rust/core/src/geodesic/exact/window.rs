@@ -1,7 +1,6 @@
 //! Windows: the parts of edges that are visible from a source.
 
-/// A stretch of an edge that straight lines reach from one point, through the faces in between, unfolded into the
-/// plane.
+/// A stretch of an edge that straight lines reach from one point, through faces unfolded into the plane.
 ///
 /// The edge's half-edge with the lower number is the x-axis. In mm.
 #[derive(Debug, Clone, Copy)]
@@ -90,8 +89,8 @@ impl Window {
         }
     }
 
-    /// Returns where both are equally near, if anywhere: roots of 2 δ √(x² + y²) = b − 2 d x, squared, so that one of
-    /// the two may be spurious.
+    /// Returns where both are equally near, if anywhere: roots of 2 δ √(x² + y²) = b − 2 d x, squared; one may be
+    /// spurious.
     #[inline]
     fn ties(&self, old: &Self) -> [f64; 2] {
         let delta = self.sigma - old.sigma;
@@ -127,8 +126,7 @@ impl Contest {
     }
 }
 
-/// Returns up to where on an axis a point at (`x`, `y`) is no nearer than the path through the origin, to which it is
-/// `ahead`.
+/// Returns up to where on an axis a point at (`x`, `y`) is no nearer than the path through the origin, `ahead` away.
 #[inline]
 fn nearer_beyond(x: f64, y: f64, ahead: f64) -> f64 {
     if ahead == f64::INFINITY {

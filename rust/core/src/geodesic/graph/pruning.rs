@@ -45,8 +45,7 @@ impl Lines {
     }
 }
 
-/// Links within a range of lengths, stored at both of their ends in compressed rows; a vertex's arcs are ordered by
-/// neighbour.
+/// Links within a range of lengths, stored at both ends in compressed rows; arcs are ordered by neighbour.
 #[derive(Debug)]
 struct Layer {
     /// No link is shorter, in mm.
@@ -238,7 +237,7 @@ impl Needed {
     }
 
     /// Calls `work` with the length of a vertex's link to each other vertex, infinite where there is none. `lengths` is
-    /// reused for all vertices.
+    /// reused.
     fn beside<T>(&self, vertex: u32, lengths: &mut Vec<f32>, work: impl FnOnce(&[f32]) -> T) -> T {
         lengths.resize(self.vertices, f32::INFINITY);
         let links = || self.layers.iter().flat_map(|layer| layer.links_of(vertex));

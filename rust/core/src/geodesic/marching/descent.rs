@@ -5,12 +5,10 @@
 //! sides of the current triangle are not more accurate than those farther away, but a line would bend at every side
 //! where it stops. So it looks as far as the march does from its source, across several sides that are unfolded into
 //! the plane (`visibility`). A visible vertex is taken if the path through it is shorter than by any front: at saddles,
-//! on borders, at the source. The march is finished and every distance is known, so obtuse corners need no special
-//! treatment.
+//! on borders, at the source. The march is finished and every distance is known, so obtuse corners need no care.
 //!
 //! A path ends, because its legs lead from one vertex to another whose distance was final earlier, and a leg crosses no
-//! half-edge twice. Where distances contradict each other so much that a leg finds no such path, it continues along
-//! edges.
+//! half-edge twice. Where contradictory distances permit no such path, a leg continues along edges.
 
 use std::collections::HashSet;
 
@@ -62,8 +60,7 @@ impl Marched<'_> {
     /// Returns a path from `target` back to the source. The distance of a march is an estimate, but the path is a line
     /// over the surface. [Its length](crate::geodesic::path::length) can be more or less than this distance, but never
     /// less than the exact one. Across a triangle that is folded back onto another one, it can be some per cent more (9
-    /// were observed).
-    /// Errors: [`Error::Unreachable`] if no front reached the target, [`Error::Cancelled`].
+    /// were observed). Errors: [`Error::Unreachable`] if no front reached the target, [`Error::Cancelled`].
     pub fn path(&self, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if self.distance[target as usize] == f64::INFINITY {
             return Err(self.unreachable(target));

@@ -1,5 +1,4 @@
-//! What is visible from a point on a surface, straight across the sides of triangles that are unfolded one after the
-//! other.
+//! What is visible from a point on a surface, across the sides of triangles that are unfolded in turn.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -41,8 +40,7 @@ impl View {
         self.from.perp(&place) >= 0.0 && self.to.perp(&place) <= 0.0
     }
 
-    /// Returns what is visible across the side: the corner beyond, unless it is hidden, and the other sides of its
-    /// triangle.
+    /// Returns what is visible across the side: the corner beyond, unless hidden, and the triangle's other sides.
     pub fn beyond(&self, surface: &Surface) -> (Option<Placed>, impl Iterator<Item = Self>) {
         let Side { half_edge, right, left } = self.side;
         let twin = surface.twins()[half_edge as usize];

@@ -16,8 +16,7 @@ pub const MOST_EDGES: usize = 500;
 /// A triangle counts as degenerate if its area, divided by the square of its longest side, is below this.
 const FLAT: f64 = 1e-9;
 
-/// The weight of long edges relative to the area, enough to choose among coverings of a plane hole, which have the same
-/// area.
+/// The weight of long edges relative to the area, to choose among coverings of a plane hole, whose areas are equal.
 const SLENDER: f64 = 0.01;
 
 /// A surface with filled holes.
@@ -39,8 +38,8 @@ pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
     loops
 }
 
-/// Fills holes with triangles between the vertices around each, of minimal area (Barequet, Sharir 1995). Each filled
-/// hole raises χ by one.
+/// Fills holes with triangles between the vertices around each, of minimal area (Barequet, Sharir 1995). Each raises χ
+/// by one.
 ///
 /// A hole remains open if it has more than [`MOST_EDGES`] edges, if it is not a boundary loop of this surface, or if
 /// every triangulation needs a triangle without area or an existing edge. A slit between two vertices is closed without

@@ -27,8 +27,7 @@ impl<'a> Inward<'a> {
         Ok(inward)
     }
 
-    /// Returns the half-edges of the path from the boundary to the vertex with an id; none for vertices on the
-    /// boundary.
+    /// Returns the half-edges of the path from the boundary to the vertex with an id; none if it is on the boundary.
     pub fn to(&self, id: u32) -> Option<Vec<u32>> {
         let mut vertex = self.surface.ids().iter().position(|&other| other == id)? as u32;
         let mut path = Vec::new();
@@ -42,8 +41,7 @@ impl<'a> Inward<'a> {
     }
 }
 
-/// Returns the distance along edges in mm of every vertex from the nearest one that shares its id: from the sides of
-/// cuts.
+/// Returns the distance along edges in mm of every vertex from the sides of cuts, where vertices share their ids.
 pub(crate) fn from_sides(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
     let mut by_id: Vec<u32> = (0..surface.len() as u32).collect();
     by_id.sort_by_key(|&v| surface.ids()[v as usize]);

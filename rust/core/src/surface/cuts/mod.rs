@@ -208,8 +208,7 @@ fn is_all_but_closed(surface: &Surface, cuts: &[Vec<u32>]) -> bool {
 }
 
 /// Returns a path between two distant points, along the depths of folds rather than over crowns. It may enter a
-/// boundary loop and continue at another point of it. It has at least two edges if possible, because a single edge
-/// doubles no vertex.
+/// boundary loop and continue at another point of it. It has at least two edges if possible; one doubles no vertex.
 fn seam(surface: &Surface, control: &Control) -> Result<Vec<u32>> {
     let shrunk = Shrunk::new(surface, TOLL);
     let mut search = EdgeSearch::new(surface.len());

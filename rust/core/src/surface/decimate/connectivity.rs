@@ -90,8 +90,7 @@ impl Connectivity {
         }
     }
 
-    /// Returns whether the surface keeps its topology if a vertex with this ring moves onto the `k`-th vertex of the
-    /// ring.
+    /// Returns whether the topology is kept if a vertex with this ring moves onto the `k`-th vertex of the ring.
     ///
     /// The link condition (Dey et al. 1999): the two have no common neighbours except across the faces between them,
     /// and a vertex of the boundary moves only along the boundary.

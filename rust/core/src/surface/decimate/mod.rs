@@ -140,7 +140,7 @@ impl Removals {
 }
 
 /// Removes vertices, except those to `keep`, until the desired number is left or no more can be removed. The result is
-/// deterministic, bit by bit.
+/// deterministic.
 /// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
 ///
 /// # Examples
@@ -340,8 +340,7 @@ impl<'a> Work<'a> {
                 || ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k, ring)))
     }
 
-    /// Returns whether a face neither flips nor becomes a sliver when its apex moves onto the `k`-th vertex of the
-    /// ring.
+    /// Returns whether a face neither flips nor becomes a sliver when its apex moves onto the ring's `k`-th vertex.
     fn stays_sound(&self, vertex: u32, side: [usize; 2], k: usize, ring: &Ring) -> bool {
         let [a, b, to] = [side[0], side[1], k].map(|n| self.points[ring.vertices[n] as usize]);
         let from = self.points[vertex as usize];

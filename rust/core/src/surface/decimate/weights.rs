@@ -1,13 +1,11 @@
 //! Weights of a vertex: its position as a combination of the ring of neighbours, unfolded into the plane.
 //!
-//! Weights are complex numbers with sum one, so that rotating, moving and scaling the ring has the same effect on the
-//! vertex.
+//! Weights are complex numbers with sum one, so that rotating, moving and scaling the ring does the same to the vertex.
 //!
 //! Inside a ring, they are real and positive. The ring is unfolded as by Floater (1997): lengths are kept, and angles
 //! are scaled to a full turn. Mean value coordinates (Floater 2003) of the vertex in this polygon are positive because
 //! all of it is visible. For a plane ring, they are exact under every affine map. A vertex on the boundary lies outside
-//! its neighbours, where no positive weights exist; its weights are those of the similarity that fits the neighbours
-//! best.
+//! its neighbours, where no positive weights exist; its weights are those of the best-fitting similarity.
 
 use std::f64::consts::{PI, TAU};
 

@@ -15,8 +15,7 @@ const STEPS: usize = 3;
 ///
 /// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003); each end gets half of
 /// it. A face gives a third of its area to each corner. Both are summed over a neighbourhood of `rings` rings before
-/// they are divided, which smooths the steps of surfaces from voxels. The boundary has no angle. Takes O(n) time per
-/// ring.
+/// they are divided, which smooths the steps of surfaces from voxels. The boundary has no angle. Takes O(n) per ring.
 pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     let mut bend = bends(surface);
     let mut area = masses(surface.points(), surface.faces());
@@ -27,8 +26,7 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
 }
 
 /// Returns the mean curvature at each vertex in 1/mm, averaged along the surface by a Gaussian of standard deviation
-/// `smoothing` in mm. Unlike [`mean_curvature`], which smooths over rings, it depends little on the size of the
-/// triangles.
+/// `smoothing` in mm. Unlike [`mean_curvature`], which smooths over rings, it depends little on triangle sizes.
 ///
 /// With the integrals b of the edges, (M + t L)ⁿ h = b, where M are the vertices' areas, L is the stiffness matrix of
 /// linear finite elements, and n t = smoothing² / 2. Nothing flows through a boundary.

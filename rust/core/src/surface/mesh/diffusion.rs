@@ -1,5 +1,4 @@
-//! Diffusion over a surface: values at vertices spread along it, by an amount in mm that does not depend on the
-//! triangles.
+//! Diffusion over a surface: values at vertices spread along it by a length in mm, whatever the triangles.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -17,8 +16,8 @@ const BATCH: usize = 4096;
 /// The maximum weight of an edge, that opposite an angle of 0.6°: the cotangents of slivers grow without bound.
 const STIFFEST: f64 = 100.0;
 
-/// The stiffness matrix of linear finite elements, L: (L x)ᵢ = Σⱼ wᵢⱼ (xᵢ − xⱼ) with the cotangent weights
-/// wᵢⱼ = ½ (cot α + cot β) (Pinkall, Polthier 1993), at least 0.
+/// The stiffness matrix of linear finite elements, L: (L x)ᵢ = Σⱼ wᵢⱼ (xᵢ − xⱼ) with the cotangent weights wᵢⱼ = ½ (cot
+/// α + cot β) (Pinkall, Polthier 1993), at least 0.
 pub(crate) struct Stiffness {
     /// Where the neighbours of each vertex begin.
     first: Vec<u32>,

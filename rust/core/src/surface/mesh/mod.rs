@@ -23,9 +23,7 @@ pub const BORDER: u32 = u32::MAX;
 /// An oriented 2-manifold of triangles, with or without a boundary.
 ///
 /// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`. Faces run counterclockwise as seen from
-/// outside.
-///
-/// # Examples
+/// outside. # Examples
 /// ```
 /// use voxflat::surface::Surface;
 ///
@@ -55,8 +53,7 @@ pub const fn previous(half_edge: u32) -> u32 {
 }
 
 /// Returns unit normals of the vertices, weighted by the areas of the faces, on the side from which the faces run
-/// counterclockwise; zero where undefined.
-/// Panics if a corner is not a valid point.
+/// counterclockwise; zero where undefined. Panics if a corner is not a valid point.
 pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {
@@ -143,8 +140,7 @@ impl Surface {
         Ok(moved)
     }
 
-    /// Returns it as a separate input: each vertex gets its number as id, and the faces of a mirrored surface are
-    /// reversed.
+    /// Returns it as a separate input: each vertex gets its number as id; faces of a mirrored surface are reversed.
     pub(crate) fn into_input(mut self, is_mirrored: bool) -> Self {
         self.ids = (0..self.points.len() as u32).collect();
         if is_mirrored {
@@ -306,8 +302,7 @@ impl Surface {
     }
 }
 
-/// Returns the pairs of half-edges after faces were reversed by exchanging their corners 1 and 2, and thus their
-/// half-edges 0 and 2.
+/// Returns the pairs after faces were reversed by exchanging their corners 1 and 2, and so their half-edges 0 and 2.
 fn twins_of_turned(pairs: &[u32], turned: &[bool]) -> Vec<u32> {
     let renamed = |h: u32| if turned[h as usize / 3] { h - h % 3 + (2 - h % 3) } else { h };
     let mut twins = vec![BORDER; pairs.len()];

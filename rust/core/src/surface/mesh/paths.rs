@@ -141,8 +141,7 @@ impl EdgeSearch {
         }
     }
 
-    /// Settles and returns the next node, whose distance is then final, and continues to its neighbours that
-    /// `may_enter`.
+    /// Settles and returns the next node, whose distance is final, and continues to neighbours that `may_enter`.
     pub fn settle(&mut self, network: &Network, may_enter: impl Fn(u32) -> bool) -> Option<u32> {
         loop {
             let Reverse((_, node)) = self.heap.pop()?;
@@ -197,8 +196,7 @@ impl EdgeSearch {
 }
 
 /// Returns the half-edges along a path of vertices. An edge with a single half-edge is represented by it, which can
-/// lead back.
-/// Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices without a common edge.
+/// lead back. Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices without a common edge.
 /// [`shortest_path`] finds the vertices between them.
 pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
     Network::of(surface).along(surface, vertices)
@@ -207,8 +205,7 @@ pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
 /// Returns the vertices of the shortest path along edges through `stops` in their order, including the stops. With
 /// `factors` per vertex, the cost of an edge is its length times the mean of the factors of its ends.
 ///
-/// Takes O(n log n) time for each stop.
-/// Panics if the number of factors differs from the number of vertices.
+/// Takes O(n log n) time for each stop. Panics if the number of factors differs from the number of vertices.
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
     check_points(stops.iter().copied(), surface.len())?;
     let network = match factors {
@@ -233,8 +230,7 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 
 /// Returns the vertices of the cheapest path along edges from a vertex to any vertex of `to`, including both, through
 /// vertices that `may_pass`: a simple path that meets `to` only at its end. The cost of an edge is its length times the
-/// mean of its ends' factors.
-/// Panics if the number of factors or flags differs from the number of vertices.
+/// mean of its ends' factors. Panics if the number of factors or flags differs from the number of vertices.
 pub fn path_to_any(
     surface: &Surface,
     from: u32,

@@ -188,8 +188,7 @@ fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> V
     twins
 }
 
-/// Returns, for each half-edge, the one with the same two vertices in either direction; [`BORDER`] if there is none or
-/// more than one.
+/// Returns, for each half-edge, the only other one with the same vertices in either direction, or [`BORDER`].
 fn pair_up(faces: &[[u32; 3]], defects: &mut Defects) -> Vec<u32> {
     let corners = faces.as_flattened();
     let ends = |h: u32| {

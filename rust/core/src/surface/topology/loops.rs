@@ -4,12 +4,10 @@
 //! through a vertex consists of two shortest paths from it and an edge (Thomassen 1990). Every such loop meets one of
 //! the 2 g generating loops, so that only their vertices must be searched from (Kutz 2006). Searches begin with a short
 //! reach, which is then doubled repeatedly. The shortest loop is taken first, then the shortest one that does not touch
-//! it and is still not separating, and so on. Finally, the surface is cut open along them. This is a greedy choice:
-//! none of the loops is much longer than necessary, but their sum need not be minimal, for which no efficient algorithm
-//! is known.
+//! it and is still not separating, and so on. Finally, the surface is cut open along them. This is a greedy choice: no
+//! loop is much longer than necessary, but the sum need not be minimal, for which no efficient algorithm is known.
 //!
-//! Loops of r edges among V vertices take O(V log V) for each doubling of the reach, and O(r² log r) for each searched
-//! vertex.
+//! Loops of r edges among V vertices take O(V log V) per doubling of the reach, and O(r² log r) per searched vertex.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -171,8 +169,7 @@ impl<'a> Seeker<'a> {
         distinct(roots)
     }
 
-    /// Returns the shortest non-separating loop through a node that does not touch a taken loop and is shorter than
-    /// `limit` (mm).
+    /// Returns the shortest non-separating loop through a node, off taken loops and shorter than `limit` (mm).
     fn shortest_through(&mut self, root: u32, limit: f64, control: &Control) -> Result<Option<Found>> {
         let Self { shrunk, homology, search, marks, is_taken, .. } = self;
         if is_taken[root as usize] {

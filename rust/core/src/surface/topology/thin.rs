@@ -1,7 +1,6 @@
 //! Thin parts: where the two sides of a solid are much closer through the solid than along its surface.
 //!
-//! There, a label is about one voxel thick. Distances measured through the solid take a short cut, and handles are
-//! likely.
+//! There, a label is about one voxel thick. Distances through the solid take a short cut, and handles are likely.
 
 use std::collections::HashMap;
 

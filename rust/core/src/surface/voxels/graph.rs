@@ -13,8 +13,7 @@ struct PackedArc(u32);
 const NEIGHBOUR_BITS: u32 = 29;
 const NEIGHBOUR: u32 = (1 << NEIGHBOUR_BITS) - 1;
 
-/// The graph in compressed rows. Links are of seven kinds with one length each. The arcs of a vertex are ordered by
-/// neighbour.
+/// The graph in compressed rows. Links are of seven kinds with one length each. Arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct VoxelGraph {
     starts: Vec<u32>,

@@ -56,8 +56,7 @@ impl VoxelSurface {
         Ok(Self { shape: mask.shape(), affine, voxels, outward })
     }
 
-    /// Returns the voxels for which `keep` is true.
-    /// Panics if the number of values differs from the number of voxels.
+    /// Returns the voxels for which `keep` is true. Panics if the number of values differs from the number of voxels.
     pub fn subset(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.voxels.len(), "one value a voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
@@ -125,8 +124,7 @@ impl VoxelSurface {
         Err(Error::NotOnSurface { voxel, nearest: self.voxels[self.nearest(voxel).0] })
     }
 
-    /// Returns the nearest surface voxel to a voxel, and its distance in mm.
-    /// Panics if the surface is empty.
+    /// Returns the nearest surface voxel to a voxel, and its distance in mm. Panics if the surface is empty.
     pub fn nearest(&self, voxel: [i64; 3]) -> (usize, f64) {
         let place = self.affine.to_mm(voxel.map(|x| x as f64));
         let distances = self.points().into_iter().map(|point| (point - place).norm());

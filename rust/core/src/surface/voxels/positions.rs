@@ -7,8 +7,8 @@
 //! distances too short. Nodes that stick out of the mean of their neighbours are therefore finally moved further
 //! outwards (docs/decisions/0006).
 //!
-//! With an intensity or a probability image, the surface passes where the image has a given value, which is better than
-//! any fit.
+//! With an intensity or a probability image, the surface is where the image has a given value, which is better than a
+//! fit.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
@@ -130,8 +130,7 @@ impl Places {
     }
 
     /// Moves each node along its normal away from the mean of its neighbours on the same side, by `share` of the
-    /// distance, and by at most a quarter of a voxel. Where a blade is one voxel thick, a larger shift would produce
-    /// spikes.
+    /// distance, and by at most a quarter of a voxel. On a blade one voxel thick, more would produce spikes.
     ///
     /// A chord of length h of a curve with curvature κ is too short by κ²h²/24 of itself; moving the curve outwards by
     /// κh²/24 makes chords as long as the arcs were. Neighbours at distance h have their mean (κ₁ + κ₂)h²/4 below the
@@ -196,8 +195,7 @@ impl Around {
         Self { seen: vec![u32::MAX; nodes], nodes: Vec::new() }
     }
 
-    /// Collects the nodes within `reach` of `centre`, first itself, that are reached in a few steps without leaving
-    /// this radius.
+    /// Collects `centre` and the nodes within `reach` of it that are reached in a few steps within this radius.
     fn collect(&mut self, centre: u32, points: &[Vector3<f64>], neighbours: &Neighbours, reach: f64, anisotropy: f64) {
         let steps = (1.5 * reach * anisotropy).ceil() as usize;
         self.nodes.clear();

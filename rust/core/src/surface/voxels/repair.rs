@@ -1,5 +1,4 @@
-//! Repair of a volume's topology: a few voxels are removed or added, so that the foreground's boundary is a single
-//! sphere.
+//! Repair of a volume's topology: a few voxels are removed or added, so that the foreground's boundary is a sphere.
 //!
 //! A voxel is *simple* if flipping it between foreground and background creates, breaks or joins no component, tunnel
 //! or cavity of either. Its 26 neighbours determine this (Bertrand, Malandain 1994, A new characterization of
@@ -252,8 +251,8 @@ struct Shape<'a> {
     cells: Vec<bool>,
     /// The number of cells in which it differs from the solid.
     changes: usize,
-    /// The cells to visit, each once: the bits of its priority above those of its number, which are inverted so that
-    /// the lower one comes first.
+    /// The cells to visit, each once: the bits of its priority above those of its number, inverted so that the lower
+    /// one comes first.
     queue: BinaryHeap<u64>,
     is_queued: Vec<bool>,
 }
@@ -282,8 +281,7 @@ impl<'a> Shape<'a> {
         Ok(shape)
     }
 
-    /// Returns this shape with pieces that the other one changed instead of its own changes, where this leaves fewer
-    /// changes.
+    /// Returns this shape with changed pieces of the other one instead of its own, where this leaves fewer changes.
     fn exchanged(&self, other: &Self, control: &Control) -> Result<Self> {
         let goal = &self.solid.cells;
         let offsets: Vec<_> = neighbours().collect();

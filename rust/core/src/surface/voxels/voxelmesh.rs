@@ -47,8 +47,7 @@ pub struct VoxelMesh {
     pub split: usize,
     /// χ of a solid's surfels, which equals that of the surface.
     pub euler: i64,
-    /// The number of pairs of neighbouring voxels of a sheet whose sides disagree: it has one side only, or touches
-    /// itself.
+    /// The number of pairs of neighbouring voxels of a sheet whose sides disagree: it is one-sided, or touches itself.
     pub conflicts: usize,
 }
 
@@ -68,9 +67,8 @@ impl VoxelMesh {
     }
 
     /// Extracts one surface with a boundary through the middle of a sheet, including all components. In a sheet thicker
-    /// than a voxel, the voxels that are visible only from the other side are not vertices.
-    /// Errors: [`Error::NoFaces`] if the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`],
-    /// [`Error::Cancelled`].
+    /// than a voxel, the voxels that are visible only from the other side are not vertices. Errors: [`Error::NoFaces`]
+    /// if the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
         let voxels = VoxelSurface::from_mask(mask, *affine, control)?;
         let both = Surfels::new(mask, &voxels, Touching::Joined, control)?;

@@ -10,8 +10,7 @@ const LANES: usize = 8;
 
 type Lanes = [f64; LANES];
 
-/// Sets the energies of triangles in a map, and `scale` times the gradients with respect to the positions of their
-/// corners.
+/// Sets the energies of triangles in a map, and `scale` times the gradients with respect to their corners.
 pub(super) fn energies(
     rests: &[Rest],
     uv: &[Place],

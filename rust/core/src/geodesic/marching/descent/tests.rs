@@ -37,8 +37,8 @@ fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5; none if one of them is
-/// turned over, so that the sheet is folded.
+/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5; none if one of them
+/// is turned over, so that the sheet is folded.
 fn irregular(seed: u64, is_bent: bool) -> Option<Surface> {
     let (flat, faces) = (bumpy(16, 14, seed), shapes::sheet(16, 14).1);
     let is_turned = |face: &[u32; 3]| {

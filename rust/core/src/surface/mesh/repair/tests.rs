@@ -25,8 +25,8 @@ fn by_numbers(surface: &Surface) -> Vec<[u32; 3]> {
     faces
 }
 
-/// Splits an inner vertex: from one neighbour to another, counted around it, its triangles get a second vertex at the same
-/// place, and two triangles without area lie between.
+/// Splits an inner vertex: from one neighbour to another, counted around it, its triangles get a second vertex at the
+/// same place, and two triangles without area lie between.
 fn split(mesh: &mut Mesh, vertex: i64, from: usize, to: usize) {
     let ring = ring(&mesh.1, vertex);
     let (m, n) = (from % ring.len(), to % ring.len());

@@ -92,7 +92,8 @@ fn several_components_have_their_own() {
     assert_eq!(assert_cut(&surface).len(), 4);
 }
 
-/// The shortest loop that separates nothing: from every vertex along shortest paths, over every edge, each cut open to see.
+/// The shortest loop that separates nothing: from every vertex along shortest paths, over every edge, each cut open to
+/// see.
 fn shortest_of_all(surface: &Surface) -> f64 {
     let shrunk = Shrunk::new(surface, TOLL);
     let genus = Topology::of(surface).genus;

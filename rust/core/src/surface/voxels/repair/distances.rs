@@ -5,8 +5,7 @@ use crate::control::Control;
 use crate::error::Result;
 
 /// Returns the Euclidean distance of every cell to the nearest site, by squared distances along one axis after the
-/// other (Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions). `scale` is the distance between
-/// neighbours.
+/// other (Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions). `scale` separates neighbours.
 pub(super) fn distances(
     grid: &Grid,
     scale: [f64; 3],

@@ -26,8 +26,7 @@ pub(super) fn neighbourhood(cells: &[bool], grid: &Grid, cell: usize) -> u32 {
     bits
 }
 
-/// Returns whether the centre is simple, if foreground connects through faces and background through faces and edges:
-/// (6⁺, 18).
+/// Returns whether the centre is simple, if foreground connects through faces, background also through edges: (6⁺, 18).
 ///
 /// It is simple if the surrounding foreground that is reached from its faces within three steps is connected, and so is
 /// the background that is reached from its faces and edges. The centre's own side does not matter.

@@ -24,8 +24,8 @@ fn ball(v: [usize; 3], centre: i64, radius: i64) -> bool {
     squared_norm(minus(v.map(|x| x as i64), [centre; 3])) <= radius * radius
 }
 
-/// Number of pieces, by adding one voxel after the other and joining the pieces it touches. Two voxels touch if
-/// their squared distance is at most `reach`: 1 through faces, 2 through edges, 3 through corners.
+/// Number of pieces, by adding one voxel after the other and joining the pieces it touches. Two voxels touch if their
+/// squared distance is at most `reach`: 1 through faces, 2 through edges, 3 through corners.
 fn count_pieces(voxels: &Voxels, reach: i64) -> usize {
     let mut pieces: Vec<Vec<[i64; 3]>> = Vec::new();
     for &voxel in voxels {
