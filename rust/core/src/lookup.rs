@@ -106,7 +106,7 @@ impl TriangleFinder {
 
     /// Calls [`find`](Self::find) for many positions in parallel.
     pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<InTriangle>>> {
-        control.each("looking places up", places, CHUNK, |&place| self.find(place))
+        control.each("looking up positions", places, CHUNK, |&place| self.find(place))
     }
 }
 

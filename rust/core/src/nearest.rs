@@ -109,7 +109,7 @@ impl NearestFinder {
 
     /// Calls [`find`](Self::find) for many points in parallel.
     pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
-        control.each("finding the nearest places", points, CHUNK, |&point| self.find(point, limit))
+        control.each("finding the nearest points", points, CHUNK, |&point| self.find(point, limit))
     }
 }
 

@@ -41,8 +41,8 @@ impl Raster {
     /// The vertex number of pixels outside the map.
     pub const OUTSIDE: u32 = u32::MAX;
 
-    /// Draws faces in the plane. Pixels of a `torn` face show its nearest corner. Of overlapping faces, the first is
-    /// drawn.
+    /// Draws faces in the plane. Pixels of a `torn` face show its nearest corner. The first of overlapping faces
+    /// counts.
     pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
             return Err(Error::PixelSizeNotPositive { pixel_size });

@@ -51,8 +51,8 @@ impl DistanceRows {
         Self::measured(solver, sources, None, control)
     }
 
-    /// Computes rows from every source to the given vertices, which become the columns. Complete rows exist only for
-    /// one bundle per thread at a time.
+    /// Computes rows from every source to the given vertices, which become the columns. Only one bundle of complete
+    /// rows exists per thread.
     pub fn compute_to<S: Solver>(solver: &S, sources: &[u32], targets: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, Some(targets), control)
     }

@@ -1,7 +1,8 @@
-//! Random surfaces: whatever their shape, the default map turns no triangle over, covers nothing twice, and is the same, bit for bit, by
-//! any number of threads.
+//! Random surfaces: whatever their shape, the default map turns no triangle over, covers nothing twice, and is the
+//! same, bit for bit, by any number of threads.
 //!
-//! `VOXFLAT_CASES=10000 cargo test --release --workspace --test folds` tries as many, in half an hour of two processors.
+//! `VOXFLAT_CASES=10000 cargo test --release --workspace --test folds` tries as many, in half an hour of two
+//! processors.
 
 use std::f64::consts::TAU;
 

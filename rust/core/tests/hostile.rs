@@ -74,7 +74,8 @@ fn soup() -> impl Strategy<Value = Soup> {
     })
 }
 
-/// A sheet, a ball or a ring, some of whose vertices were moved anywhere and some of whose triangles were taken out, turned or doubled.
+/// A sheet, a ball or a ring, some of whose vertices were moved anywhere and some of whose triangles were taken out,
+/// turned or doubled.
 fn spoiled() -> impl Strategy<Value = Soup> {
     let whole = prop::sample::select(vec![0, 1, 2]).prop_map(|kind| match kind {
         0 => shapes::sheet(5, 4),

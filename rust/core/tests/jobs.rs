@@ -1,4 +1,5 @@
-//! What holds of all that takes long: it ends when it is cancelled, and any number of threads finds the same, bit by bit.
+//! What holds of all that takes long: it ends when it is cancelled, and any number of threads finds the same, bit by
+//! bit.
 
 use std::fmt::Debug;
 

@@ -106,8 +106,7 @@ impl Parts<'_, '_> {
     }
 
     /// Returns a normal within the angle of those of a patch, of the facets moved to it, and of one more facet, and the
-    /// smallest cosine to them; none if there is no such normal. Only normals outside the cone of the previous ones
-    /// matter.
+    /// smallest cosine to them, if there is one. Only normals outside the cone of the previous ones matter.
     fn turned(&self, facet: u32, to: u32, moves: &[Move]) -> Option<(Vector3<f64>, f64)> {
         let normal = |facet: u32| self.facets.normals[facet as usize];
         let moved = moves.iter().filter(|m| m.to == to).map(|m| m.facet);

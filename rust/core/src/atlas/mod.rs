@@ -55,8 +55,8 @@ pub enum Limit {
 /// How the seeds of patches are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seeds {
-    /// In the flattest regions: candidates grow around all of them, rotated to become as large as possible, and the
-    /// largest one is kept.
+    /// In the flattest regions: candidates grow around all of them, rotated to be as large as possible; the largest is
+    /// kept.
     Curvature,
     /// At the flattest free triangle, repeatedly; each patch stays on the plane of its seed, as in the paper.
     Flattest,

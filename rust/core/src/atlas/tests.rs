@@ -59,8 +59,7 @@ fn check(surface: &Surface, atlas: &Atlas) {
     assert!(atlas.patches.windows(2).all(|two| two[0].area >= two[1].area));
 }
 
-/// Every direction in every triangle, not its sides alone, is within the angle, and lengths change by its cosine at
-/// most.
+/// Every direction in every triangle, not its sides alone, is within the angle, and lengths change by its cosine.
 fn check_plane(patch: &Patch, points: &[Vector3<f64>], faces: &[[u32; 3]], angle: f64) {
     let Plane { normal, axes: [u, v], .. } = patch.plane;
     assert!((u.cross(&v) - normal).norm() < 1e-14 && (normal.norm() - 1.0).abs() < 1e-14);

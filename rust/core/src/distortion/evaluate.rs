@@ -13,16 +13,16 @@ pub const REFERENCE_SOURCES: usize = 200;
 /// The maximum memory in bytes for keeping the rows from reference sources when several maps are compared.
 pub const KEPT_BYTES: u64 = 256 << 20;
 
-/// Returns the maximum memory in bytes for evaluating a map of `points` points by [`REFERENCE_SOURCES`]: rows of four
-/// bytes per point, and the figures.
+/// Returns the maximum memory in bytes for evaluating a map of `points` points by [`REFERENCE_SOURCES`], and their
+/// rows.
 pub fn memory_need(points: usize) -> u64 {
     let (rows, of_points) = (4 * points.min(REFERENCE_SOURCES) as u64, 16);
     (rows + of_points) * points as u64 + WORK_BYTES
 }
 
 /// Evaluates a map by the distances from `count` random reference sources.
-pub fn evaluate<S: Solver>(
-    solver: &S,
+pub fn evaluate(
+    solver: &impl Solver,
     uv: &[[f64; 2]],
     count: usize,
     seed: u64,

@@ -30,7 +30,7 @@ pub fn grossmann2002(
     let sources = sources.choose(graph, control)?;
     check_enough(sources.len())?;
     let (among, rows) = DistanceRows::among_sources(graph, &sources, keep_rows, control)?;
-    control.begin("scaling", 1);
+    control.begin("classical scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
     let mut uv = place_rest(&surface.points(), &sources, &scaling.places, control)?;

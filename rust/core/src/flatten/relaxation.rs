@@ -101,7 +101,7 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
     };
     let mut open = surface.clone().into_input(false); // the id of a vertex is now its number
     let coarse = decimate(&open, &[], &Options { vertices: COARSE, ..Options::default() }, control)?.surface;
-    control.begin("cutting", MOST_CUTS as u64);
+    control.begin("choosing relaxation cuts", MOST_CUTS as u64);
     if coarse.len() <= LANDMARKS {
         return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
     }

@@ -88,7 +88,7 @@ fn best_of_starts(
     let mut best: Option<Descended> = None;
     let mut stresses = Vec::new();
     for start in 0..options.starts {
-        control.begin("moving points from a random start", MOST_STEPS as u64 + 1);
+        control.begin("optimising from a random start", MOST_STEPS as u64 + 1);
         let found = sammon::descend(pairs, scattered(surface.len(), side, options.seed, start), control)?;
         stresses.push(found.least);
         if best.as_ref().is_none_or(|best| found.least < best.least) {
@@ -150,8 +150,7 @@ const VERTEX_BYTES: u64 = 1500;
 /// The memory per vertex and thread of exact distances, in bytes.
 const WAVE_BYTES: u64 = 400;
 
-/// Returns the maximum memory in bytes of [`schwartz1989`] beside the surface's input. The sizes of neighbourhoods are
-/// estimated from a sample of vertices.
+/// Returns the maximum memory in bytes of [`schwartz1989`] beside the surface's input. Neighbourhoods are sampled.
 pub fn memory_need(
     surface: &Surface,
     rings: Option<u32>,

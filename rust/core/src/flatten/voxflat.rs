@@ -35,7 +35,7 @@ pub fn voxflat(
     check_disk(surface)?;
     let sources = levels.landmarks().to_vec();
     check_enough(sources.len())?;
-    control.begin("scaling", 1);
+    control.begin("classical scaling", 1);
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;
     control.check()?;
@@ -119,8 +119,7 @@ const FLAT_FACES_BYTES: u64 = 260;
 const WAVE_BYTES: u64 = 160;
 
 /// Returns the maximum memory in bytes of [`voxflat`] beside the surface's input, for a surface of `points` vertices:
-/// the permanent part, and the maximum over the stages (links, comparison with exact distances, rows, optimisation,
-/// figures).
+/// the permanent part, and the maximum over the stages (links, exact distances, rows, optimisation, figures).
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let (vertices, workers) = (points as u64, threads as u64);
     let searches = workers * BundleScratch::memory_need(points);

@@ -67,7 +67,7 @@ pub fn zigelman2002(
     let marching = Marching::new(surface, wave, control)?;
     let (among, rows) = DistanceRows::among_sources(&marching, &sources, keep_rows, control)?;
     drop(marching);
-    control.begin("scaling", 1);
+    control.begin("classical scaling", 1);
     let scaling = classical_scaling(&among)?;
     drop(among);
     control.check()?;

@@ -21,15 +21,13 @@ use crate::error::Result;
 /// The maximum number of sources of a bundle: their distances fill a cache line.
 pub const MOST_SOURCES: usize = 16;
 
-/// Below this number, the sources of a surface are too far apart for bundles, The minimum number of sources that are
-/// bundled; fewer are too far apart,
+/// The minimum number of sources that are bundled, because fewer are too far apart,
 const FEWEST_SOURCES: usize = 96;
 
-/// unless all distances of a bundle, to this number of vertices, fit into the cache; unless the surface has at most
-/// this number of vertices, so that all distances of a bundle fit into the cache;
+/// unless the surface has at most this number of vertices, so that all distances of a bundle fit into the cache;
 const CACHED: usize = 1 << 12;
 
-/// then below this number. then the minimum is this.
+/// then the minimum is this.
 const FEWEST_CACHED: usize = 32;
 
 /// The size of a window in square roots of the number of vertices, such that its data fit into the cache.

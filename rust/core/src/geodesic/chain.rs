@@ -3,8 +3,7 @@
 //! # The estimator
 //! Grossmann et al. (2002), equations 1 and 2, after Kiryati and Kübler (1995): a digital path with N₁ direct, N₂ minor
 //! diagonal and N₃ major diagonal links has length 0.9016 N₁ + 1.289 N₂ + 1.615 N₃ voxels. Of all linear estimators
-//! that are unbiased for straight lines of uniformly random direction, this one has the least mean square error (RMS
-//! 2.88 %).
+//! that are unbiased for straight lines of uniformly random direction, it has the least mean square error (RMS 2.88 %).
 //!
 //! # Any spacing
 //! The same principle gives the weights of an anisotropic grid. A line of unit length (mm) in direction u advances a =

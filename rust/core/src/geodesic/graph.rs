@@ -22,8 +22,7 @@ pub(super) use view::{Beyond, outgoing, unfold};
 /// The number of links that one task measures.
 const BATCH: usize = 1 << 16;
 
-/// The number of layers of links that are evaluated, shorter ones first; links that one replaces are not evaluated
-/// again.
+/// The number of layers of links, shorter ones first; links that one replaces are not evaluated again.
 const LAYERS: usize = 8;
 
 /// Returns how many edges a link may cross (docs/decisions/0007). Fewer save memory and time on large surfaces.
@@ -60,8 +59,8 @@ pub struct GeodesicGraph {
 }
 
 impl GeodesicGraph {
-    /// Returns the maximum memory in bytes of a graph, which is reached while its links are found: slightly more than
-    /// was measured (docs/decisions/0034).
+    /// Returns the maximum memory in bytes of a graph, while its links are found: more than was measured
+    /// (docs/decisions/0034).
     pub fn memory_need(vertices: usize) -> u64 {
         vertices as u64 * if edges_crossed(vertices) == 11 { 1800 } else { 1000 }
     }
@@ -83,7 +82,7 @@ impl GeodesicGraph {
 
     /// Creates the graph whose links are evaluated in this number of layers.
     fn in_layers(surface: &Surface, crossed: u32, layers: usize, control: &Control) -> Result<Self> {
-        control.begin("joining neighbours", surface.len() as u64);
+        control.begin("building the graph", surface.len() as u64);
         let needed = Needed::of(View::new(surface, crossed), surface.len(), layers, control)?;
         let (starts, arcs) = needed.joined()?;
         Ok(Self::from_rows(starts, arcs))

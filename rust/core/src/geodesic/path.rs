@@ -1,5 +1,4 @@
-//! Paths over a surface, as traced by the solvers: points at vertices and on edges, joined by straight lines within
-//! triangles.
+//! Paths over a surface, as traced by the solvers: points at vertices and on edges, joined by lines within triangles.
 
 use nalgebra::Vector3;
 

@@ -53,8 +53,8 @@ impl Search {
     /// `distance[seed]` plus the shortest path from a seed to v.
     ///
     /// If `distance` is infinite except for one seed at 0, this gives a distance row. Previous values are also limits:
-    /// with a radius instead of infinity, only a disk is searched; with the distances to a set of sources, only the
-    /// vertices that are closer to a new one.
+    /// with a radius instead of infinity, only a disk is searched; with distances to other sources, only what is closer
+    /// to a new one.
     pub fn lower(&mut self, graph: &impl Links, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
         let Self { per_mm, buckets, current, lowered } = self;
         let ring = buckets.len();

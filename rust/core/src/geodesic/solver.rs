@@ -19,15 +19,14 @@ pub trait Solver: Sync {
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 
-    /// Groups sources that are best computed together, by their numbers, in enough groups for all threads. The grouping
-    /// does not change the rows, bit by bit.
+    /// Groups sources that are best computed together, by number, in enough groups for all threads; rows do not depend
+    /// on it.
     fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
         let _ = (threads, control);
         Ok((0..sources.len() as u32).map(|number| vec![number]).collect())
     }
 
-    /// Writes the distances in mm from each source of a bundle to every vertex or to the targets; infinity if
-    /// unreachable.
+    /// Writes the distances in mm from the sources of a bundle to every vertex or the targets; infinity if unreachable.
     fn rows(
         &self,
         bundle: &[u32],

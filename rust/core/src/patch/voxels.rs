@@ -79,7 +79,7 @@ pub fn cut_out(
     lengths: LinkLengths,
     control: &Control,
 ) -> Result<(VoxelSurface, VoxelGraph)> {
-    control.begin("cutting out the patch", 1);
+    control.begin("extracting the patch", 1);
     let mut part = match selection.keep {
         Some(mask) => keep(surface, mask)?,
         None => surface.clone(),

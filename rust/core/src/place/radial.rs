@@ -104,7 +104,7 @@ impl RadialFunctions {
 
     /// Returns the values at many points, computed in parallel.
     pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
-        control.each("placing the rest", points, BATCH, |point| self.at(point))
+        control.each("placing the remaining points", points, BATCH, |point| self.at(point))
     }
 }
 

@@ -43,7 +43,7 @@ impl Default for Placing {
 /// Returns the number of vertices for which no position preserves the orientation of their triangles.
 /// Panics if `uv` is shorter than the number of vertices.
 pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, control: &Control) -> Result<usize> {
-    control.begin("placing the rest", removals.len() as u64);
+    control.begin("placing the remaining points", removals.len() as u64);
     let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights refer to an unmirrored map
     let mut ring: Vec<Place> = Vec::new();
     let mut turned = 0;
@@ -119,8 +119,8 @@ fn kernel_of(sides: &[[Place; 2]], is_closed: bool) -> Option<Vec<Place>> {
     sides.iter().all(|&side| area(middle, side) > 0.0).then_some(polygon)
 }
 
-/// Returns a position near that of a vertex from which all opposite sides are visible; none if there is none. The sides
-/// of a closed ring surround the vertex.
+/// Returns a position near that of a vertex from which all opposite sides are visible, if any. A closed ring surrounds
+/// the vertex.
 pub(crate) fn seeing(sides: &[[Place; 2]], is_closed: bool, at: Place) -> Option<Place> {
     kernel_of(sides, is_closed).map(|kernel| inside(&kernel, at))
 }

@@ -48,8 +48,7 @@ const THINNEST: f64 = 0.05;
 /// No determinant falls below this share of itself in one step.
 const LEAST_LEFT: f64 = 0.1;
 
-/// Returns the vertices' positions on the unit sphere: triangles run counterclockwise as seen from outside, and cover
-/// it once.
+/// Returns the vertices' positions on the unit sphere: triangles run counterclockwise from outside, and cover it once.
 ///
 /// The rotation is arbitrary; the result for a surface is deterministic, bit by bit.
 /// Errors: [`Error::NotASphere`] if the surface is not closed, not connected, or has handles; [`Error::Folded`] if
@@ -75,7 +74,7 @@ pub(crate) fn laid_out(
         let finer = if n == 0 { surface } else { &levels[n - 1].surface };
         places = refined(&levels[n], finer, &places, false, control)?;
         let sweeps = if n == 0 { LAST_SWEEPS } else { SWEEPS };
-        control.begin("laying the surface out on a sphere", sweeps as u64);
+        control.begin("mapping the surface to a sphere", sweeps as u64);
         Metric::new(finer).relax(finer, &mut places, sweeps, |_| true, control)?;
     }
     Ok(places)

@@ -4,8 +4,7 @@
 //! of depths and by the fit of one rigid motion from the smoothed surface's positions to the template's (Kabsch 1976).
 //! The best ones are refined. Then vertices move step by step: each by the Gauss-Newton step of the differences (as in
 //! spherical demons, Yeo et al. 2010), smoothed over the sphere, and back by the energy of the [map](super::map) where
-//! triangles are distorted. No step flips a triangle. Finally, the decimated vertices are re-inserted into the kernels
-//! of their neighbours' polygons.
+//! triangles are distorted. No step flips a triangle. Finally, decimated vertices are re-inserted into kernels.
 
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Rotation3, Unit, UnitQuaternion, Vector3, Vector4};
 use rayon::prelude::*;
@@ -353,7 +352,7 @@ impl<'a> Subject<'a> {
         let faces = template.sphere.faces();
         let metric = Metric::new(&self.surface.moved(places.to_vec())?);
         let smoothing = Smoothing::new(places, self.surface.faces());
-        control.begin("warping", STAGES.iter().map(|stage| stage.steps as u64).sum());
+        control.begin("warping the sphere", STAGES.iter().map(|stage| stage.steps as u64).sum());
         let mut ring = Vec::new();
         for stage in &STAGES {
             let mut affine = Matrix3x4::zeros();

@@ -36,8 +36,7 @@ const JOURNAL: &str = "journal.jsonl";
 /// How long to wait for a lock. Cancelled work releases it within this time.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Returns the maximum memory in bytes for computing a store: for each thread a bundle of rows, a write buffer, and the
-/// working memory of the solver.
+/// Returns the maximum memory in bytes for computing a store: a bundle of rows, a buffer and a solver per thread.
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     let height = MOST_SOURCES.min(rows.div_ceil(threads.max(1)));
     let at_once = threads.min(rows) as u64;

@@ -8,8 +8,7 @@ use crate::surface::decimate::{Options, decimate};
 use crate::surface::mesh::diffusion::{Stiffness, masses};
 use crate::surface::mesh::{Surface, vertex_normals};
 
-/// The largest number of vertices without decimation: below 1 mm triangles, the solver's steps grow faster than
-/// vertices.
+/// The most vertices without decimation: with triangles below 1 mm, the solver's steps grow faster than vertices.
 pub const FINEST: usize = 200_000;
 
 /// The number of steps of the flow; with more, depths change by half a mm on average on a hemisphere.
@@ -25,11 +24,11 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 /// the surface unfolds, Σ n · (y − x). Here, the surface unfolds by mean curvature flow within the metric's conformal
 /// class (Kazhdan, Solomon, Ben-Chen 2012), M(x) ẋ = −L x, in backward Euler steps, for `flow` mm²: folds of wavelength
 /// λ shrink by exp(−(2π/λ)² flow). L is computed once, from the initial surface, so that nothing pinches off. M are the
-/// current areas of the vertices, but at least a third of the initial ones. The flow depends on lengths, not on
-/// triangles. A boundary is free.
+/// current areas of the vertices, but at least a third of the initial ones. The flow hardly depends on triangles. A
+/// boundary is free.
 ///
-/// A surface with more than [`FINEST`] vertices is decimated to a third; removed vertices get the weighted depth of
-/// their neighbours.
+/// A surface with more than [`FINEST`] vertices is decimated to a third; others get the weighted depth of their
+/// neighbours.
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     if surface.len() > FINEST { by_fewer(surface, FINEST / 3, flow, control) } else { by_all(surface, flow, control) }
 }
@@ -49,7 +48,7 @@ fn by_fewer(surface: &Surface, vertices: usize, flow: f64, control: &Control) ->
 }
 
 fn by_all(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
-    control.begin("sulcal depth", STEPS as u64);
+    control.begin("computing sulcal depth", STEPS as u64);
     let stiffness = Stiffness::new(surface);
     let components = surface.components(); // of the faces
     let mut of = vec![0; surface.len()];

@@ -1,7 +1,7 @@
 //! Tests whether a piece is one to one: its triangles must be upright and surround each position once, and its boundary
 //! must not meet itself. (For b boundary curves that do not meet, the number of counterclockwise ones equals the
-//! surface's Euler characteristic plus the number of clockwise ones: 2 k = 2 − 2 g. So there is one, and all points are
-//! covered once at most.)
+//! surface's Euler characteristic plus the number of clockwise ones: 2 k = 2 − 2 g. So there is one, which covers
+//! points once at most.)
 
 use nalgebra::Vector2;
 use robust::{Coord, orient2d};

@@ -306,8 +306,7 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// Returns the connected parts with equal labels, numbered by their first facets: each facet's part, and each part's
-/// facets.
+/// Returns the connected parts with equal labels, numbered by their first facets: a facet's part, and a part's facets.
 fn components(facets: &Facets<'_>, labels: &[u32]) -> (Vec<u32>, Vec<Vec<u32>>) {
     let label = |facet: u32| labels[facets.faces[facet as usize] as usize];
     let mut piece = vec![NONE; facets.len()];

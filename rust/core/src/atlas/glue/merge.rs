@@ -14,8 +14,7 @@ use crate::surface::mesh::next;
 const NEAR: f64 = 0.35;
 
 /// Two pieces with a common boundary, and the first side of the longest chain between them. The key is the length of
-/// this chain as a share of the shorter one of their boundaries, as bits (positive numbers sort as their bits), largest
-/// first.
+/// this chain as a share of the shorter one of their boundaries, as sortable bits, largest first.
 type Candidate = (u64, Reverse<u32>, [u32; 2]);
 
 impl Gluing<'_> {

@@ -151,8 +151,8 @@ pub(super) fn are_within(layout: &Layout<'_>, facets: &[u32], bound: f64) -> boo
     })
 }
 
-/// Returns whether, in addition, the facets around each place do not overlap. Inside a piece, they go around it once;
-/// at its boundary, less than once.
+/// Returns whether, in addition, the facets around each place do not overlap. At a boundary, they go around it less
+/// than once.
 fn is_sound(layout: &Layout<'_>, facets: &[u32], places: &[u32], bound: f64) -> bool {
     use std::f64::consts::{PI, TAU};
     let angle = |&corner: &u32| {

@@ -44,7 +44,7 @@ pub fn bounded(
         }
         level.triangles.bound = Some(AreaBound { mean, most: most * WITHIN, weight });
         let apart = Some((&level.outline, APART)).filter(|_| is_apart);
-        let stage = "keeping areas within their bound";
+        let stage = "limiting changes of area";
         energies.extend(level.rounds(&level.pairs, &mut uv, weighted(weighting), 2, apart, stage, control)?.energies);
         [mean, worst] = level.triangles.area_change(&uv);
         if worst < best.0 {

@@ -160,7 +160,7 @@ pub(crate) fn unfold(
 
 /// Returns the name of the stage in progress reports, on the finest level and on coarser ones.
 pub(super) fn stage(depth: usize) -> &'static str {
-    if depth == 0 { "keeping distances and shapes" } else { "keeping distances and shapes, coarsely" }
+    if depth == 0 { "optimising distances and shapes" } else { "optimising distances and shapes on a coarse level" }
 }
 
 /// The overhang of boundary vertices over a coarser map; the next one is used if the boundary crosses itself.
@@ -222,8 +222,8 @@ impl<'a> Levels<'a> {
         self.finest
     }
 
-    /// Returns the vertices at which distances are compared, in ascending order: those of the finest level that is
-    /// small enough. They include all landmarks.
+    /// Returns the vertices at which distances are compared, in ascending order: those of the finest small level. They
+    /// include all landmarks.
     pub fn evaluated(&self) -> &[u32] {
         let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_EVALUATED);
         small.unwrap_or(&self.vertices[self.vertices.len() - 1])

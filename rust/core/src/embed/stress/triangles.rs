@@ -1,7 +1,6 @@
 //! The distortion of triangles as an energy: zero where they keep their shape and size, infinite where they fold.
 //!
-//! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is
-//! the mean over the surface of
+//! With J the map's Jacobian on a triangle and D its determinant, the energy is the mean over the surface of
 //!
 //!   ψ(J) = 2κ² (√(1 + φ(J)/κ²) − 1),
 //!   φ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
@@ -330,8 +329,8 @@ impl TriangleEnergy {
         (rest.area * value, [-b - c, b, c].map(|by_corner| scale * by_corner))
     }
 
-    /// Returns the logarithm of the area of a map without folds divided by that of the surface, and the largest
-    /// deviation of a triangle from it.
+    /// Returns the logarithm of the growth in area of a map without folds, and the largest deviation of a triangle from
+    /// it.
     pub fn area_change(&self, uv: &[Place]) -> [f64; 2] {
         let flat: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
         let own: f64 = self.rests.iter().map(|rest| rest.area * (-rest.trim).exp()).sum();

@@ -2,8 +2,7 @@
 //!
 //! The ellipse has the length and width of the boundary by landmark placement, and is rotated so that each part is
 //! close to its position there: a strip starts as a strip. Springs of any stiffness create no folds. With equal
-//! stiffness, parts far from the boundary would be crowded, so springs there are softened until triangles have similar
-//! sizes.
+//! stiffness, parts far from the boundary would be crowded, so springs there are softened.
 
 use crate::embed::Place;
 use std::f64::consts::TAU;

@@ -24,8 +24,7 @@ pub const LANDMARKS: usize = 48;
 const CROSSED: u32 = 5;
 
 /// The weights of a preview. Unlike in the final map, no triangle counts as an outlier, because a cut should help the
-/// most distorted triangles. Far distances become outliers sooner, because errors that no cut can reduce should not
-/// count.
+/// most distorted triangles. Far distances become outliers sooner, as no cut may reduce them.
 const WORTH: Dials = Dials {
     bands: Bands { outliers: [0.3, 0.05], ..FINAL.bands },
     shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY },

@@ -20,8 +20,7 @@ pub(super) struct Window {
     pub waits: bool,
 }
 
-/// The relative difference in distance by which a window must be shorter than another one to replace it: more than the
-/// rounding error between equal ones.
+/// The relative difference by which a window must be nearer than another one to replace it: more than rounding.
 const TIE: f64 = 1e-14;
 
 impl Window {

@@ -236,8 +236,7 @@ impl Needed {
         batches.into_par_iter().map_init(Vec::new, of_batch).collect()
     }
 
-    /// Calls `work` with the length of a vertex's link to each other vertex, infinite where there is none. `lengths` is
-    /// reused.
+    /// Calls `work` with the lengths of a vertex's links to all vertices, infinite if missing. `lengths` is reused.
     fn beside<T>(&self, vertex: u32, lengths: &mut Vec<f32>, work: impl FnOnce(&[f32]) -> T) -> T {
         lengths.resize(self.vertices, f32::INFINITY);
         let links = || self.layers.iter().flat_map(|layer| layer.links_of(vertex));

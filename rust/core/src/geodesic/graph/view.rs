@@ -36,8 +36,7 @@ impl<'a> View<'a> {
         Self { surface, outgoing: outgoing(surface), beyond, crossed }
     }
 
-    /// Finds the straight lines from a vertex to higher ones, in no particular order. Of all lines between two
-    /// vertices, the shortest counts.
+    /// Finds the shortest straight line from a vertex to each visible higher one, in no particular order.
     pub fn from(&self, vertex: u32, seen: &mut Seen) {
         let Seen { lines, least } = seen;
         lines.clear();
@@ -49,8 +48,7 @@ impl<'a> View<'a> {
             let least = &mut least[line.to as usize];
             *least = least.min(line.length);
         }
-        // lines of other lengths than the recorded shortest one to a vertex are dropped, and so are repetitions after
-        // the shortest line to a vertex, its recorded length is infinite, so that no other line remains
+        // after the shortest line to a vertex, its recorded length is infinite, so that no other line remains
         lines.retain(|line| {
             let least = &mut least[line.to as usize];
             let is_shortest = line.length == *least;

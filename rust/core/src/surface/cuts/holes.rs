@@ -38,8 +38,8 @@ pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
     loops
 }
 
-/// Fills holes with triangles between the vertices around each, of minimal area (Barequet, Sharir 1995). Each raises χ
-/// by one.
+/// Fills holes with triangles between the vertices around each, of minimal area (Barequet, Sharir 1995); raises χ by
+/// one each.
 ///
 /// A hole remains open if it has more than [`MOST_EDGES`] edges, if it is not a boundary loop of this surface, or if
 /// every triangulation needs a triangle without area or an existing edge. A slit between two vertices is closed without

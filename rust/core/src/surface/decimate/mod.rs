@@ -139,8 +139,7 @@ impl Removals {
     }
 }
 
-/// Removes vertices, except those to `keep`, until the desired number is left or no more can be removed. The result is
-/// deterministic.
+/// Removes vertices, except those to `keep`, until the desired number is left or no more can go. Deterministic.
 /// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
 ///
 /// # Examples

@@ -31,7 +31,7 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
 /// With the integrals b of the edges, (M + t L)ⁿ h = b, where M are the vertices' areas, L is the stiffness matrix of
 /// linear finite elements, and n t = smoothing² / 2. Nothing flows through a boundary.
 pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Control) -> Result<Vec<f64>> {
-    control.begin("mean curvature", STEPS as u64);
+    control.begin("computing mean curvature", STEPS as u64);
     let (bend, area) = (bends(surface), masses(surface.points(), surface.faces()));
     let mut curvature: Vec<Vector3<f64>> = bend
         .iter()

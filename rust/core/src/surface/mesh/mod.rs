@@ -150,8 +150,8 @@ impl Surface {
         self
     }
 
-    /// Returns the memory of a surface in bytes: each vertex has a point of three f64, an id, and about two faces with
-    /// three corners and three twins each.
+    /// Returns the memory of a surface in bytes: a vertex has a point of three f64, an id, and two faces of three
+    /// corners and twins.
     pub const fn memory_need(vertices: usize) -> u64 {
         (24 + 4 + 2 * (12 + 12)) * vertices as u64
     }

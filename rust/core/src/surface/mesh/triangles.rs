@@ -208,8 +208,8 @@ fn pair_up(faces: &[[u32; 3]], defects: &mut Defects) -> Vec<u32> {
     pairs
 }
 
-/// Returns which faces must be reversed so that all agree: the smaller group of a component, or the one that makes a
-/// closed component point outwards.
+/// Returns which faces must be reversed so that all agree: the smaller group of a component, or that makes it point
+/// outwards if closed.
 fn turn(points: &[[f64; 3]], faces: &[[u32; 3]], pairs: &[u32], defects: &mut Defects) -> Vec<bool> {
     let corners = faces.as_flattened();
     let mut turned = vec![None; faces.len()];

@@ -70,8 +70,7 @@ impl<'a> Shrunk<'a> {
         self.through(&left, edge, &right)
     }
 
-    /// Returns the half-edges along the reversed steps from an edge's first end, the edge, and the steps from its other
-    /// end.
+    /// Returns the half-edges along the reversed steps from an edge's one end, the edge, and the steps from the other.
     pub fn through(&self, left: &[Step], edge: u32, right: &[Step]) -> Vec<u32> {
         let start = left.last().map_or(self.ends(edge)[0], |step| step.from);
         let before = left.iter().rev().map(|step| step.half_edge);

@@ -5,8 +5,8 @@ use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// A stored arc: 29 bits for the neighbour, 3 for the kind of link. Distance rows are memory-bound; half the bytes per
-/// arc make them about 1.5 times as fast.
+/// A stored arc: 29 bits for the neighbour, 3 for the kind of link. Distance rows are memory-bound; half the bytes make
+/// them about half again as fast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct PackedArc(u32);
 

@@ -237,7 +237,7 @@ fn twins_of(faces: &[[u32; 3]]) -> Vec<u32> {
     twins
 }
 
-/// Returns the surface of consistently oriented triangles. Drops vertices without faces, and splits several fans at a
+/// Returns the surface of consistently oriented triangles. Drops unused vertices, and splits several fans at a
 /// boundary.
 fn join(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Result<Surface> {
     let ids: Vec<u32> = (0..points.len() as u32).collect();

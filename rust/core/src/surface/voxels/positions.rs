@@ -7,8 +7,7 @@
 //! distances too short. Nodes that stick out of the mean of their neighbours are therefore finally moved further
 //! outwards (docs/decisions/0006).
 //!
-//! With an intensity or a probability image, the surface is where the image has a given value, which is better than a
-//! fit.
+//! With an intensity or a probability image, the surface is where it has a given value, which is better than a fit.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;

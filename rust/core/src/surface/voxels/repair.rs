@@ -251,8 +251,7 @@ struct Shape<'a> {
     cells: Vec<bool>,
     /// The number of cells in which it differs from the solid.
     changes: usize,
-    /// The cells to visit, each once: the bits of its priority above those of its number, inverted so that the lower
-    /// one comes first.
+    /// The cells to visit, each once: the bits of its priority above those of its number, inverted (the lower first).
     queue: BinaryHeap<u64>,
     is_queued: Vec<bool>,
 }
