@@ -156,7 +156,7 @@ mod tests {
     use crate::tests::chained;
     use crate::volume::{Affine, Mask};
 
-    /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.
+    /// Checks that the map of one side of a block, seen from outside, shows `right` to the right and `up` up.
     fn side(affine: [[f64; 4]; 4], on_side: impl Fn([u32; 3]) -> bool) -> (VoxelSurface, VoxelGraph) {
         let control = Control::default();
         let mask = Mask::from_fn([14, 15, 16], |v| (0..3).all(|a| (2..12).contains(&v[a]))).unwrap();

@@ -279,7 +279,7 @@ mod tests {
         let whole = faces.torn.iter().filter(|&&torn| !torn).count();
         let sheet = 2 * (19 * 19 - 7 * 7);
         assert!((sheet..=sheet + 8).contains(&whole), "{whole}: each corner of the hole may be rounded by two faces");
-        // the hole is open but for its corners
+        // the hole is open except for its corners
         let raster = Raster::draw(&uv, &faces, 0.5, &control).unwrap();
         let open = raster.weights.iter().filter(|w| w[0].is_nan()).count();
         assert!(open > 100 && open <= 13 * 13, "{open}");

@@ -174,7 +174,7 @@ mod tests {
         let (faces, numbers) = ([[0, 1, 2], [3, 5, 4]], [0, 1, 2, 3, 4, 5]);
         let found = voxels(&inner, &outer, &faces, &numbers, [1, 1, 10], 0.0, &Control::default()).unwrap();
         let owners: Vec<u32> = found.iter().map(|of| of.triangle).collect();
-        assert_eq!(owners, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]); // 4 lies 4/6 up one way and 5/7 the other
+        assert_eq!(owners, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]); // 4 lies at 4/6 in one column and at 5/7 in the other
     }
 
     #[test]

@@ -227,7 +227,7 @@ mod tests {
         (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect()
     }
 
-    /// Each row by a search of its own.
+    /// Computes each row by a separate search.
     fn searched(graph: &VoxelGraph, sources: &[u32]) -> Vec<f32> {
         sources.iter().flat_map(|&source| row(graph, source)).collect()
     }

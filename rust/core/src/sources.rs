@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn sources_are_denser_where_the_surface_bends() {
-        // a gutter: half a cylinder of radius 2 between two level sheets
+        // a gutter: half a cylinder of radius 2 between two plane grids
         let half = std::f64::consts::PI;
         let bent_place = |p: &Vector3<f64>| {
             let (u, v) = (0.4 * (p.x - 30.0), 0.4 * p.y);

@@ -1,4 +1,4 @@
-//! Small inputs of whatever kind: a valid map or an error, never a panic, and the same for any size within the scales.
+//! Small inputs of any kind give a valid map or an error, never a panic, at any size within the scales.
 //!
 //! `VOXFLAT_CASES=100000 cargo test --release --test hostile` tries as many of each.
 
@@ -31,7 +31,7 @@ fn cases(usual: u32) -> ProptestConfig {
     ProptestConfig { cases, max_global_rejects: 1 << 20, failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// Does something that is not to take long; it is cancelled after 20 s, which is a failure.
+/// Runs work that should be fast; it is cancelled after 20 s, which is a failure.
 fn watched(
     work: impl FnOnce(&Control) -> std::result::Result<(), TestCaseError>,
 ) -> std::result::Result<(), TestCaseError> {
@@ -66,7 +66,7 @@ fn coordinate() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Triangles without sense.
+/// Arbitrary triangles.
 fn soup() -> impl Strategy<Value = Soup> {
     (3usize..12).prop_flat_map(|count| {
         let faces = prop::collection::vec(prop::array::uniform3(-1..count as i64 + 1), 0..24);
@@ -134,7 +134,7 @@ fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Everything that is done to triangles; an error wherever that is not possible.
+/// Calls all functions on triangles; each returns an error if it is not possible.
 fn worked_through((points, faces): &Soup, control: &Control) -> std::result::Result<(), TestCaseError> {
     let defects = Surface::defects(points, faces);
     for made in [Surface::from_triangles(points, faces), Surface::repaired(points, faces)] {
@@ -226,7 +226,7 @@ proptest! {
         let longest = if power > 0 { size } else { 1.0 };
         for (n, (one, other)) in all_maps(&one, &control).unwrap().into_iter().zip(all_maps(&other, &control).unwrap()).enumerate() {
             if n == 0 && longest > 1.0 {
-                continue; // distances up to 10 and 30 mm have a weight of their own
+                continue; // distances up to 10 and 30 mm have separate weights
             }
             match (one, other) {
                 (Ok(one), Ok(other)) => {

@@ -53,7 +53,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// None of the cones through two or three of the directions that hold all is narrower.
+        /// No cone through two or three of the directions that contains all of them is narrower.
         #[test]
         fn it_is_as_by_brute_force(
             places in prop::collection::vec(prop::array::uniform2(-0.9..0.9f64), 2..9),

@@ -99,7 +99,7 @@ mod tests {
         let control = Control::default();
         let error = |side: usize, beyond: f32| {
             let surface = shapes::surface(shapes::sheet(side, side));
-            let corner = [0]; // from where 10,000 vertices reach 113 mm
+            let corner = [0]; // the 10,000 nearest vertices reach 113 mm
             let exact = Exact::new(&surface);
             let stretched = Altered(&exact, |row: &mut [f32]| {
                 row.iter_mut().filter(|distance| **distance > beyond).for_each(|distance| *distance *= 2.0);
@@ -108,8 +108,8 @@ mod tests {
             error_from(&corner, &surface, &stretched, &control).unwrap()
         };
         assert_eq!(error(144, 120.0), 0.0);
-        assert!((error(144, 56.0) - 0.88).abs() < 0.02); // twice as far as they are, it reaches all
-        assert!(error(139, 120.0) > 0.2); // 19,600 vertices: all are compared
+        assert!((error(144, 56.0) - 0.88).abs() < 0.02); // with twice their distance, it reaches all
+        assert!(error(139, 120.0) > 0.2); // 19,600 vertices: all of them are compared
     }
 
     #[test]

@@ -181,7 +181,7 @@ mod tests {
         uv.map(|p| p.map(|x| (x * per_mm).round() / per_mm)).collect()
     }
 
-    /// All by the definition: shared areas, and crossings as the solution of two equations.
+    /// By definition: shared areas, and crossings as the solution of two equations.
     fn brute_force(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Overlap {
         let corners = |face: &[u32; 3]| face.map(|v| uv[v as usize]);
         let has_area = |face: &[u32; 3]| shared_area(corners(face), corners(face)) > 0.0;
@@ -214,7 +214,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whole numbers: corners on sides, sides on sides, the same triangle twice, triangles without area.
+        /// Integers: corners on sides, sides on sides, the same triangle twice, triangles without area.
         #[test]
         fn touching_triangles_are_as_by_brute_force(
             places in prop::collection::vec(prop::array::uniform2(0..8i32), 24),
@@ -229,7 +229,7 @@ mod tests {
             places in prop::collection::vec(prop::array::uniform2(-9.0..9.0f64), 300),
             size in 0.02..1.0f64,
         ) {
-            // triangles of their own, from small and scattered to large and on each other
+            // separate triangles, from small and scattered to large and overlapping
             let centre = |n: usize| places[(n / 3 * 3 + 150) % 300];
             let corner = |(n, p): (usize, &[f64; 2])| [0, 1].map(|k| centre(n)[k] + size * p[k]);
             let uv = on_lattice(16.0, places.iter().enumerate().map(corner));
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn a_seam_is_no_overlap() {
-        // a grid that is cut along a column: the vertices there are doubled and lie on each other
+        // a grid that is cut along a column: the vertices there are doubled and coincide
         let (mut uv, faces) = grid(6, 4);
         uv.iter_mut().for_each(|p| *p = [p[0] * 0.1 + 0.3 * p[1], p[1] * 0.7]);
         let columns = |n: u32| n % 7;
@@ -261,7 +261,7 @@ mod tests {
             faces.iter().map(|face| face.map(|v| if right(face) && columns(v) == 3 { copy(v) } else { v })).collect();
         doubled.iter().for_each(|&v| uv.push(uv[v as usize]));
         assert_eq!(counts(&cut, &uv), (0, 0));
-        // pushed into each other by a hair
+        // minimal overlap
         (35..40).for_each(|v| uv[v][0] -= 1e-15);
         assert!(counts(&cut, &uv).1 > 0);
     }
@@ -269,10 +269,10 @@ mod tests {
     #[test]
     fn a_fold_covers_what_lies_under_it() {
         let (uv, faces) = grid(4, 3);
-        // folded at x = 3: the last column lies on the one before
+        // folded at x = 3: the last column covers the previous one
         let folded: Vec<_> = uv.iter().map(|&[x, y]| [3.0 - (x - 3.0).abs(), y]).collect();
         let overlap = found(&faces, &folded);
-        assert_eq!((overlap.crossings, overlap.covering), (0, 12)); // boundaries lie on each other and do not cross
+        assert_eq!((overlap.crossings, overlap.covering), (0, 12)); // boundaries coincide and do not cross
         let covers = |n: usize| (n / 2) % 4 >= 2;
         assert!(overlap.per_face.iter().enumerate().all(|(n, &is)| is == covers(n)));
         // two triangles at a common side
@@ -288,7 +288,7 @@ mod tests {
         let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 2.0], [f64::NAN, 0.0]];
         assert_eq!(counts(&[[0, 1, 2], [0, 3, 4], [3, 3, 1], [1, 2, 5]], &uv), (0, 0));
         assert_eq!(counts(&[[0, 1, 2], [0, 1, 2]], &uv), (0, 2));
-        // a corner without end, along either axis
+        // an infinite corner, along either axis
         for far in [[f64::INFINITY, 1.0], [1.0, f64::INFINITY], [f64::NEG_INFINITY; 2]] {
             let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 1.0], far];
             assert_eq!(counts(&[[0, 1, 2], [3, 4, 5]], &uv), (0, 0), "{far:?}");

@@ -121,7 +121,7 @@ mod tests {
             sorted.sort_by(f64::total_cmp);
             let found = median(&pairs, first.min(pairs.len()));
             let half = 0.5 * sorted.iter().map(|ratio| ratio.recip()).sum::<f64>();
-            // as much weight on either side, but for what lies nearer than the histogram can tell
+            // equal weights on both sides, up to the resolution of the histogram
             let below = |limit: f64| sorted.iter().filter(|&&r| r < limit).map(|r| r.recip()).sum::<f64>();
             let allowed = 1e-7 * half;
             prop_assert!(below(found * (1.0 - 1e-6)) <= half + allowed);

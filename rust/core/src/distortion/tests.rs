@@ -132,14 +132,14 @@ fn a_perfect_map_has_no_error_and_a_scaled_one_only_its_scale() {
 fn points_at_no_distance_from_each_other_are_left_out() {
     let uv = [[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [7.0, 2.0]];
     let apart = rows_of(&[0, 2], &uv[..3], |_, _| 2.0);
-    // the last one lies where the first does, and elsewhere in the map
+    // the last one coincides with the first one on the surface, but not in the map
     let rows: Vec<f32> = [0, 1].iter().flat_map(|&n| [apart.row(n), &[apart.row(n)[0]]].concat()).collect();
     let found = evaluated(&uv, &DistanceRows::new(vec![0, 2], 4, rows));
     assert_eq!((found.pairs, found.per_point[3]), (5, found.per_point[3].abs()));
     let figures = [found.raw, found.best_scale];
     assert!(figures.iter().all(|f| f.scale > 0.0 && f.relative_error.is_finite() && f.sammon_stress.is_finite()));
     assert!(found.per_point.iter().all(|error| error.is_finite()));
-    // and where nothing is any distance away nothing is defined
+    // without positive distances, nothing is defined
     let none = evaluated(&uv[..2], &DistanceRows::new(vec![0], 2, vec![0.0, 0.0]));
     assert!(none.raw.relative_error.is_nan() && none.best_scale.scale.is_nan() && none.pairs == 0);
 }
@@ -153,7 +153,7 @@ fn undefined_figures_are_nan() {
     assert!(distortion.per_point[0].is_nan() && !distortion.per_point[1].is_nan());
 }
 
-/// Rows that are passed on a few at a time.
+/// Rows that are passed a few at a time.
 struct Few<'a>(&'a DistanceRows, usize);
 
 impl Rows for Few<'_> {
@@ -174,7 +174,7 @@ impl Rows for Few<'_> {
     }
 }
 
-/// Bit by bit; what is NaN on one side is so on the other.
+/// Bit by bit; NaN equals NaN.
 fn same(a: &Distortion, b: &Distortion) -> bool {
     format!("{a:?}") == format!("{b:?}")
 }
@@ -213,7 +213,7 @@ fn blocks_threads_and_other_maps_change_no_bit() {
 
 #[test]
 fn standard_errors_are_those_of_theory() {
-    // all sources have as many pairs: the relative error is the mean of the sources' means
+    // all sources have equally many pairs: the relative error is the mean of the sources' means
     let uv = scattered(200);
     let sources: Vec<u32> = (0..100).map(|n| 2 * n).collect();
     let rows = rows_of(&sources, &uv, uneven);
@@ -248,7 +248,7 @@ fn a_map_in_one_place_has_no_best_scale() {
 #[test]
 fn the_best_scale_alone_is_that_of_the_figures() {
     let uv = scattered(200);
-    // the first source is off by far: ratios have to be counted again, elsewhere
+    // the first source is far off: ratios must be counted again elsewhere
     for first in [3.0, 50.0, 0.3] {
         let sources: Vec<u32> = (0..20).map(|n| 7 * n).collect();
         let rows = rows_of(&sources, &uv, |a, b| uneven(a, b) * if a == 0 { first } else { 3.0 });

@@ -351,12 +351,12 @@ mod tests {
     use crate::tests::row;
     use proptest::prelude::*;
 
-    /// Each row by a search of its own.
+    /// Computes each row by a separate search.
     fn searched(graph: &impl Links, sources: &[u32]) -> Vec<Vec<f32>> {
         sources.iter().map(|&source| row(graph, source)).collect()
     }
 
-    /// The rows of sources, in one bundle, to the targets or to all.
+    /// Computes the rows of sources in one bundle, to the targets or to all vertices.
     fn bundled(graph: &impl Links, sources: &[u32], targets: Option<&[u32]>) -> Vec<Vec<f32>> {
         let columns = targets.map_or(graph.vertices(), <[u32]>::len);
         let mut rows = vec![vec![f32::NAN; columns]; sources.len()];
@@ -395,7 +395,7 @@ mod tests {
             links in prop::collection::vec((0u32..40, 0u32..40, prop::sample::select(vec![0.0f32, 1e-30, 1e-7, 0.3, 1.0, 1e6])), 1..150),
             sources in prop::collection::vec(0u32..40, 1..=MOST_SOURCES),
         ) {
-            let graph = Listed::new(40, &links); // not all of it can be reached
+            let graph = Listed::new(40, &links); // not connected
             prop_assert_eq!(bundled(&graph, &sources, None), searched(&graph, &sources));
         }
 

@@ -359,7 +359,7 @@ mod tests {
             let arc = |v: usize| 2.0 * ((surface.points()[v] - surface.points()[0]).norm() / 2.0).asin();
             error(&row(&surface, wave, 0), arc)
         };
-        // around a point source the error of straight fronts falls only as h log h
+        // around a point source, the error of straight fronts decreases only as h log h
         for (wave, falls, finest) in [(Wave::Plane, 0.75, 0.012), (Wave::Circle, 0.6, 0.002)] {
             let errors = [4, 5, 6].map(|times| of(times, wave));
             assert!(errors[1] < falls * errors[0] && errors[2] < falls * errors[1], "{wave:?} {errors:?}");

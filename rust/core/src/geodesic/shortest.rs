@@ -277,7 +277,7 @@ mod tests {
     }
 
     proptest! {
-        /// Lengths that vanish beside others, or are none at all: paths end, pass no vertex twice, and are as long as they are said.
+        /// Lengths that are negligible or zero: paths end, pass no vertex twice, and have the reported length.
         #[test]
         fn paths_end_whatever_the_lengths(
             links in prop::collection::vec((0u32..12, 0u32..12, prop::sample::select(vec![0.0f32, 1e-30, 1e-7, 1.0, 1e6])), 1..60),

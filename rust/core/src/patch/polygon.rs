@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn paths_that_enclose_nothing_are_refused() {
         let torus = shapes::surface(shapes::torus(24, 12));
-        let around: Vec<u32> = (0..3).map(|third| third * 8 * 12).collect(); // the long way round, along the outside
+        let around: Vec<u32> = (0..3).map(|third| third * 8 * 12).collect(); // the long way around, along the outside
         let refused = polygon(&torus, &around, &Control::default());
         assert!(matches!(refused, Err(Error::NotEnclosing { corners: 3 })));
         let few = polygon(&torus, &[0, 1], &Control::default());

@@ -56,13 +56,13 @@ const LEAST_LEFT: f64 = 0.1;
 pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3<f64>>> {
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
-    let mut places = laid_out(&closed, &levels, 0, control)?;
+    let mut places = map_of_level(&closed, &levels, 0, control)?;
     places.truncate(surface.len());
     Ok(places)
 }
 
 /// Returns the map of a level by way of all coarser ones: of the surface (level 0), or of the n-th decimation.
-pub(crate) fn laid_out(
+pub(crate) fn map_of_level(
     surface: &Surface,
     levels: &[Decimation],
     depth: usize,
@@ -81,7 +81,7 @@ pub(crate) fn laid_out(
 }
 
 /// Returns the number of triangles that are flipped or have no area on the sphere, which is 0 if the map is one to one.
-pub fn turned_over(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
+pub fn flipped(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
     faces.iter().filter(|face| determinant(face.map(|v| places[v as usize])) <= 0.0).count()
 }
 
@@ -203,7 +203,7 @@ pub(crate) fn levels(surface: &Surface, control: &Control) -> Result<Vec<Decimat
 fn tetrahedron(surface: &Surface) -> Vec<Vector3<f64>> {
     let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
     let mut places: Vec<Vector3<f64>> = corners.iter().map(|&c| Vector3::from(c).normalize()).collect();
-    if turned_over(surface.faces(), &places) > 0 {
+    if flipped(surface.faces(), &places) > 0 {
         places.swap(0, 1);
     }
     places
@@ -235,7 +235,7 @@ pub(crate) fn refined(
             centre
         };
     }
-    let triangles = turned_over(finer.faces(), &found);
+    let triangles = flipped(finer.faces(), &found);
     if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(found) }
 }
 

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Matrix3x4, Matrix4, Rotation3, Unit, UnitQuaternion, Vec
 use rayon::prelude::*;
 
 use super::locate::{Located, Locator};
-use super::map::{Metric, closed, laid_out, levels, refined};
+use super::map::{Metric, closed, levels, map_of_level, refined};
 use super::pattern::{Pattern, SCALES, Smoothing, pattern};
 use crate::adjacency::marked;
 use crate::control::Control;
@@ -127,7 +127,7 @@ pub fn register(
     let levels = levels(&closed, control)?;
     let level = |n: usize| if n == 0 { &closed } else { &levels[n - 1].surface };
     let depth = (0..=levels.len()).find(|&n| level(n).len() <= MOST_VERTICES).unwrap_or(levels.len());
-    let subject = Subject::new(level(depth), laid_out(&closed, &levels, depth, control)?, control)?;
+    let subject = Subject::new(level(depth), map_of_level(&closed, &levels, depth, control)?, control)?;
     control.begin("trying rotations", ((ROTATIONS + AGAIN) * templates.len()) as u64);
     let align = |template: &Template| {
         let locator = template.locator();

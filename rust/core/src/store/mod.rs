@@ -94,12 +94,12 @@ impl Store {
     }
 
     /// Creates a store whose rows other processes compute, or opens an existing one.
-    pub fn lay_out(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
+    pub fn create(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
         Ok(open(directory, identity, rows, columns, control)?.found)
     }
 
     /// Computes some rows, given by their numbers, of a store that another process created with
-    /// [`lay_out`](Self::lay_out). They are entered in a separate journal in the directory `part`, which must exist.
+    /// [`create`](Self::create). They are entered in a separate journal in the directory `part`, which must exist.
     /// Rows in that journal are not computed again.
     /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if the table does not exist.
     pub fn compute_part<S: Solver>(
@@ -178,7 +178,7 @@ fn open(directory: &Path, identity: &str, rows: usize, columns: usize, control: 
     let path = directory.join(JOURNAL);
     let entries = journal::read(&path, &header, rows)?;
     let table = NpyFile::new(directory.join(TABLE), rows, columns);
-    table.lay_out()?;
+    table.allocate()?;
     let (known, is_complete) = entries.map_or((vec![None; rows], false), |e| (e.checksums, e.complete));
     let sound = verify(&table, &known, control)?;
     let is_there = sound.iter().flatten().count();

@@ -32,7 +32,7 @@ impl NpyFile {
     }
 
     /// Writes the header and sets the length of the file where they are missing; existing values remain.
-    pub fn lay_out(&self) -> Result<()> {
+    pub fn allocate(&self) -> Result<()> {
         let write = || {
             let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&self.path)?;
             let mut found = vec![0; self.header.len()];
@@ -134,7 +134,7 @@ mod tests {
         let folder = Folder::new("table");
         let columns = CHUNK / VALUE + 7; // rows that are no whole number of chunks
         let table = NpyFile::new(folder.path().join("rows.npy"), 3, columns);
-        table.lay_out().unwrap();
+        table.allocate().unwrap();
         let rows: Vec<Vec<f32>> = [3.0, 7.0].map(|by| (0..columns).map(|n| n as f32 / by).collect()).into();
         let control = Control::default();
         for (number, values) in (1..).zip(&rows) {
@@ -155,10 +155,10 @@ mod tests {
         let path = folder.path().join("rows.npy");
         let table = NpyFile::new(path.clone(), 2, 5);
         let control = Control::default();
-        table.lay_out().unwrap();
+        table.allocate().unwrap();
         assert_eq!(table.write(0, &[1.0; 5], &control), table.write(1, &[1.0; 5], &control));
         OpenOptions::new().write(true).open(&path).unwrap().set_len(128 + 20 + 8).unwrap();
-        table.lay_out().unwrap();
+        table.allocate().unwrap();
         let mut values = [9.0; 5];
         table.read(1, &mut values, &control).unwrap();
         assert_eq!(values, [1.0, 1.0, 0.0, 0.0, 0.0]);

@@ -24,8 +24,8 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 /// the surface unfolds, Σ n · (y − x). Here, the surface unfolds by mean curvature flow within the metric's conformal
 /// class (Kazhdan, Solomon, Ben-Chen 2012), M(x) ẋ = −L x, in backward Euler steps, for `flow` mm²: folds of wavelength
 /// λ shrink by exp(−(2π/λ)² flow). L is computed once, from the initial surface, so that nothing pinches off. M are the
-/// current areas of the vertices, but at least a third of the initial ones. The flow hardly depends on triangles. A
-/// boundary is free.
+/// current areas of the vertices, but at least a third of the initial ones. The flow depends on lengths, not on
+/// triangles. A boundary is free.
 ///
 /// A surface with more than [`FINEST`] vertices is decimated to a third; others get the weighted depth of their
 /// neighbours.

@@ -72,7 +72,7 @@ impl Surface {
     ) -> PyResult<(usize, usize)> {
         let columns = self.0.surface.len();
         let found =
-            run(py, None, &progress, move |control| Store::lay_out(&directory, &identity, rows, columns, control))?;
+            run(py, None, &progress, move |control| Store::create(&directory, &identity, rows, columns, control))?;
         Ok((found.rows, found.damaged))
     }
 

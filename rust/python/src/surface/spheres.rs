@@ -4,7 +4,7 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use voxflat::sphere::locate::Locator;
-use voxflat::sphere::map::turned_over;
+use voxflat::sphere::map::flipped;
 use voxflat::sphere::pattern::{SCALES, pattern};
 use voxflat::sphere::register::{Template, register};
 use voxflat::surface::Surface as CoreSurface;
@@ -72,7 +72,7 @@ impl Surface {
         }
         Ok(dict!(
             py,
-            "turned_over" = turned_over(self.0.surface.faces(), &found.points),
+            "turned_over" = flipped(self.0.surface.faces(), &found.points),
             "points" = convert::array(py, &convert::plain(&found.points))?,
             "template" = found.template,
             "alignments" = alignments,
@@ -106,7 +106,7 @@ fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
     let (sphere, repaired) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
-    let triangles = turned_over(sphere.faces(), sphere.points());
+    let triangles = flipped(sphere.faces(), sphere.points());
     let is_whole = repaired.turned == 0 && repaired.unused == 0 && sphere.boundary().is_empty();
     if !is_whole || triangles > 0 {
         return Err(InputError::new_err(format!(

@@ -149,7 +149,7 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
     }
 
-    /// The recursion as it is printed (Nocedal, Wright, algorithm 7.4).
+    /// The published recursion (Nocedal, Wright, algorithm 7.4).
     fn two_loops(gradient: &Vectors, steps: &[(Vectors, Vectors)], factor: &Factor) -> Vectors {
         let mut turned = gradient.clone();
         let mut shares = Vec::new();

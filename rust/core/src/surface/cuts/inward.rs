@@ -46,8 +46,8 @@ pub(crate) fn from_sides(surface: &Surface, control: &Control) -> Result<Vec<f64
     let mut by_id: Vec<u32> = (0..surface.len() as u32).collect();
     by_id.sort_by_key(|&v| surface.ids()[v as usize]);
     let same = by_id.chunk_by(|&a, &b| surface.ids()[a as usize] == surface.ids()[b as usize]);
-    let lips = same.filter(|vertices| vertices.len() > 1).flatten().copied();
-    let inward = Inward::from(surface, lips, control)?;
+    let sides = same.filter(|vertices| vertices.len() > 1).flatten().copied();
+    let inward = Inward::from(surface, sides, control)?;
     Ok((0..surface.len() as u32).map(|v| inward.search.distance(v)).collect())
 }
 

@@ -330,7 +330,7 @@ mod tests {
         assert_eq!(outward.count(), mesh.surface.len());
     }
 
-    /// What is above a level of noise that was evened out, as a lab's masks of thin structures look.
+    /// A threshold of smoothed noise, similar to masks of thin structures.
     fn smooth(size: [usize; 3], noise: &[f64], times: usize, share: f64) -> Option<Mask> {
         let at = |[i, j, k]: [usize; 3]| (i * size[1] + j) * size[2] + k;
         let count = size.iter().product();

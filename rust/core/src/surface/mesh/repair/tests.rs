@@ -78,7 +78,7 @@ fn what_is_good_is_not_touched() {
         let (strict, first) = Surface::from_triangles(&mesh.0, &mesh.1).unwrap();
         assert_eq!(repaired(&mesh), (strict, first));
     }
-    // vertices that coincide are two lips of a cut, or banks that touch
+    // coincident vertices belong to the two sides of a cut, or to banks that touch
     let sheet = shapes::surface(shapes::sheet(4, 4));
     let open = crate::surface::cuts::cut(&sheet, &[vec![2, 7, 12]]).unwrap();
     let points: Vec<[f64; 3]> = open.points().iter().map(|&p| p.into()).collect();
@@ -104,7 +104,7 @@ fn an_edge_of_rounding_goes_where_there_is_something_to_mend() {
     split(&mut mesh, 20, 1, 3);
     mesh.0.last_mut().unwrap()[0] += 2e-7; // what f32 may make of a coordinate of 1
     let as_given = repaired(&mesh).0;
-    assert_eq!((as_given.len(), as_given.faces().len()), (67, 130)); // a good surface is not touched
+    assert_eq!((as_given.len(), as_given.faces().len()), (67, 130)); // a valid surface is not changed
     split(&mut mesh, 40, 0, 2);
     let (surface, repairs) = repaired(&mesh);
     assert_eq!((surface.len(), surface.faces().len()), (66, 128));
@@ -188,7 +188,7 @@ proptest! {
         let mut mesh = clean.clone();
         let mut refined = clean.clone();
         let mut is_near = vec![false; clean.0.len()];
-        for &face in &halves { // what the refined sphere is where both sides of the edge have the vertex
+        for &face in &halves { // the refined sphere with the vertex on both sides of the edge
             let [a, b, _] = clean.1[face];
             let other = (0..128).find(|&f| f != face && clean.1[f].contains(&a) && clean.1[f].contains(&b)).unwrap();
             let here: Vec<usize> = clean.1[face].into_iter().chain(clean.1[other]).map(|v| v as usize).collect();
@@ -221,7 +221,7 @@ proptest! {
         let (surface, repairs) = repaired(&mesh);
         prop_assert_eq!(by_numbers(&surface), by_numbers(&expected));
         prop_assert_eq!(surface.points(), expected.points());
-        // every number is there: its own, or merged with one at the same place
+        // every number is kept, or merged with one at the same position
         prop_assert_eq!((repairs.merged.len(), repairs.unused), (mesh.0.len() - count, 0));
         for &[vertex, of] in &repairs.merged {
             prop_assert!(surface.ids().binary_search(&of).is_ok() && mesh.0[vertex as usize] == mesh.0[of as usize]);
