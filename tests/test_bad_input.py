@@ -215,7 +215,7 @@ def test_memory_is_checked_before_the_start():
     how = {"method": "grossmann2002", "memory_limit": 10**6, "progress": lambda stage, *_: stages.append(stage)}
     refused("of memory are needed", voxflat.flatten, sheet(), **how)
     assert "measuring distances" not in stages
-    assert "scaling" not in stages
+    assert "classical scaling" not in stages
 
 
 # ---------------------------------------------------------------------------------------------- files

@@ -1,4 +1,4 @@
-"""The compiled core: arguments are checked by the functions of `voxflat`, which are what to call."""
+"""The compiled core. Call the functions of `voxflat` instead: they check the arguments."""
 
 from collections.abc import Callable, Sequence
 from os import PathLike

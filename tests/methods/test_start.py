@@ -105,7 +105,7 @@ def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
     stages = []
     method = Voxflat(sources=60, start=shaken)
     again = voxflat.flatten(surface, method=method, progress=lambda stage, *_: stages.append(stage))
-    assert "keeping distances and shapes, coarsely" in stages
+    assert "optimising distances and shapes on a coarse level" in stages
     assert "unfolding" not in stages
     assert energy(again) == pytest.approx(energy(known), rel=1e-3)
     assert is_good(again)

@@ -1,4 +1,4 @@
-//! Who is next to whom on a surface, and how far.
+//! Neighbours on a surface, and the distances between them.
 
 /// A link to a neighbour.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -9,40 +9,40 @@ pub struct Arc {
     pub length: f32,
 }
 
-/// A sparse symmetric graph with lengths: all that shortest paths need to know of a surface.
+/// A sparse symmetric graph with edge lengths. Shortest paths need no other information about a surface.
 pub trait Links: Sync {
-    /// Number of vertices.
+    /// Returns the number of vertices.
     fn vertices(&self) -> usize;
 
-    /// The links of a vertex, ordered by neighbour.
+    /// Returns the links of a vertex, ordered by neighbour.
     fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_;
 
-    /// Most links of a vertex.
+    /// Returns the largest number of links of any vertex.
     fn most_links(&self) -> usize;
 
-    /// The lengths of the shortest and of the longest link, mm.
+    /// Returns the lengths of the shortest and of the longest link, in mm.
     fn extremes(&self) -> [f32; 2];
 
-    /// The connected components.
+    /// Returns the connected components.
     fn components(&self) -> Components {
         Components::of(self.vertices(), |vertex| self.arcs(vertex).map(|arc| arc.to), |_| true)
     }
 }
 
-/// What hangs together: vertices of a graph, or faces of a surface.
+/// Connected components of the vertices of a graph, or of the faces of a surface.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Components {
-    /// The component of each member, named in the order of their first members; [`NONE`](Self::NONE) for those that belong to none.
+    /// The component of each member, numbered by their first members; [`NONE`](Self::NONE) for members of none.
     pub labels: Vec<u32>,
-    /// Number of members of each component.
+    /// The number of members of each component.
     pub sizes: Vec<usize>,
 }
 
 impl Components {
-    /// Stands for the component of what belongs to none.
+    /// The label of members that belong to no component.
     pub const NONE: u32 = u32::MAX;
 
-    /// Those of `count` members, by who is next to whom, among the allowed ones: a flood fill from each that was not reached.
+    /// Finds the components among the allowed ones of `count` members by flood fills from members not yet reached.
     pub(crate) fn of<I: Iterator<Item = u32>>(
         count: usize,
         neighbours: impl Fn(u32) -> I,
@@ -73,17 +73,17 @@ impl Components {
         Self { labels, sizes }
     }
 
-    /// How many there are.
+    /// Returns the number of components.
     pub fn count(&self) -> usize {
         self.sizes.len()
     }
 
-    /// The component with the most members; of equal ones the first.
+    /// Returns the component with the most members, and the first of several equally large ones.
     pub fn largest(&self) -> Option<u32> {
         (0..self.sizes.len()).rev().max_by_key(|&c| self.sizes[c]).map(|c| c as u32)
     }
 
-    /// The sizes, largest first, as text.
+    /// Returns the sizes as text, largest first.
     pub fn describe(&self) -> String {
         let mut sizes = self.sizes.clone();
         sizes.sort_unstable_by(|a, b| b.cmp(a));
@@ -92,7 +92,7 @@ impl Components {
     }
 }
 
-/// Items in ascending order, each once.
+/// Returns the items in ascending order, without duplicates.
 pub(crate) fn distinct<T: Ord>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut items: Vec<T> = items.into_iter().collect();
     items.sort_unstable();
@@ -100,14 +100,14 @@ pub(crate) fn distinct<T: Ord>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     items
 }
 
-/// Of each of so many things, is it one of some?
+/// Returns, for each number below `count`, whether it occurs in `some`.
 pub(crate) fn marked<'a>(count: usize, some: impl IntoIterator<Item = &'a u32>) -> Vec<bool> {
     let mut marked = vec![false; count];
     some.into_iter().for_each(|&one| marked[one as usize] = true);
     marked
 }
 
-/// Where the rows of a compressed table begin, and where the last one ends, by the row of each entry.
+/// Returns where each row of a compressed table begins and the last one ends, given the row of each entry.
 pub(crate) fn starts_of(rows: usize, of_entries: impl Iterator<Item = u32>) -> Vec<u32> {
     let mut starts = vec![0; rows + 1];
     of_entries.for_each(|row| starts[row as usize + 1] += 1);
@@ -115,7 +115,7 @@ pub(crate) fn starts_of(rows: usize, of_entries: impl Iterator<Item = u32>) -> V
     starts
 }
 
-/// Numbers in groups, in compressed rows.
+/// Numbers in groups, stored as compressed rows.
 #[derive(Debug, Clone)]
 pub(crate) struct Groups {
     starts: Vec<u32>,
@@ -123,7 +123,7 @@ pub(crate) struct Groups {
 }
 
 impl Groups {
-    /// The group of 0, of 1, and so on.
+    /// Groups members by their group number, for the groups from 0 to `count` - 1.
     pub fn new(count: usize, of_members: impl Iterator<Item = u32> + Clone) -> Self {
         let starts = starts_of(count, of_members.clone());
         let (mut free, mut members) = (starts.clone(), vec![0; starts[count] as usize]);
@@ -134,7 +134,7 @@ impl Groups {
         Self { starts, members }
     }
 
-    /// Its members, ascending.
+    /// Returns the members of a group in ascending order.
     pub fn of(&self, group: u32) -> &[u32] {
         &self.members[self.starts[group as usize] as usize..self.starts[group as usize + 1] as usize]
     }
@@ -152,13 +152,13 @@ impl Sets {
     pub fn find(&mut self, mut member: u32) -> u32 {
         while self.0[member as usize] != member {
             let above = self.0[self.0[member as usize] as usize];
-            self.0[member as usize] = above; // halves the path
+            self.0[member as usize] = above; // path halving
             member = above;
         }
         member
     }
 
-    /// Makes two sets one; were they two?
+    /// Joins two sets, and returns whether they were different.
     pub fn join(&mut self, a: u32, b: u32) -> bool {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b) as usize] = a.min(b);
@@ -166,13 +166,13 @@ impl Sets {
     }
 }
 
-/// Any graph, for tests: the links of each vertex.
+/// An arbitrary graph for tests: the links of each vertex.
 #[cfg(test)]
 pub(crate) struct Listed(pub Vec<Vec<Arc>>);
 
 #[cfg(test)]
 impl Listed {
-    /// A graph of links that lead both ways; those from a vertex to itself are left out.
+    /// Creates a graph of undirected links, without links from a vertex to itself.
     pub fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
         let mut arcs = vec![Vec::new(); vertices];
         for &(a, b, length) in links.iter().filter(|link| link.0 != link.1) {

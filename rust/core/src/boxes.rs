@@ -1,4 +1,4 @@
-//! Boxes in the plane, and a tree of them that finds those that meet.
+//! Boxes in the plane, and a tree that finds overlapping boxes.
 
 use std::ops::Range;
 
@@ -6,15 +6,15 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use robust::Coord;
 
-/// Boxes under one box of the tree.
+/// The number of boxes in each node of the tree.
 const FAN: usize = 8;
 
-/// Boxes in boxes, packed along a space-filling curve. Unlike the cells of a grid they follow the size of the triangles, which
-/// in a conformal or a Tutte map varies by many orders of magnitude.
+/// A bounding-volume hierarchy, packed along a space-filling curve. Unlike the cells of a grid, its boxes follow the
+/// size of the triangles, which varies by many orders of magnitude in a conformal or a Tutte map.
 pub(crate) struct Tree {
     /// The items in the order of the curve.
     pub(crate) order: Vec<u32>,
-    /// First the items' boxes, last the one around all of them.
+    /// The levels of the tree, from the boxes of the items to the one around all of them.
     levels: Vec<Vec<Bounds>>,
 }
 
@@ -32,8 +32,8 @@ impl Tree {
         Self { order, levels }
     }
 
-    /// Is `hit` true of any other item with a box that meets the one at a position of the order? Begins with the nearest along
-    /// the curve, which in a fold are likely to be hit, and asks no more after the first.
+    /// Returns whether `hit` holds for any other item whose box meets the one at a position of the order. The search
+    /// begins with the nearest items along the curve, which are likely hits in a fold, and ends at the first hit.
     pub(crate) fn any_other(&self, position: usize, hit: &mut impl FnMut(u32) -> bool) -> bool {
         let window = &self.levels[0][position];
         let mut own = position;
@@ -70,7 +70,7 @@ impl Bounds {
         corners.iter().fold(Self::NOTHING, |bounds, p| bounds.with(&Self { low: [p.x, p.y], high: [p.x, p.y] }))
     }
 
-    /// Around points, and farther by a margin.
+    /// Returns the bounding box of points, extended by a margin.
     pub(crate) fn of(points: &[Vector2<f64>], margin: f64) -> Self {
         let low = points.iter().fold(Vector2::repeat(f64::INFINITY), |low, p| low.inf(p)).add_scalar(-margin);
         let high = points.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |high, p| high.sup(p)).add_scalar(margin);
@@ -83,13 +83,13 @@ impl Bounds {
         Self { low, high }
     }
 
-    /// Can interiors of what they hold meet? Those of boxes that only touch cannot.
+    /// Returns whether the interiors of the contents can meet. Boxes that only touch do not meet.
     #[inline]
     fn meets(&self, other: &Self) -> bool {
         (0..2).all(|axis| self.low[axis] < other.high[axis] && other.low[axis] < self.high[axis])
     }
 
-    /// Where along the Z-shaped curve through this box the middle of another one lies.
+    /// Returns the position of another box's centre along the Z-order curve through this box.
     fn curve_position(&self, other: &Self) -> u64 {
         let size = (self.high[0] - self.low[0]).max(self.high[1] - self.low[1]);
         let along = |axis: usize| {
@@ -100,7 +100,7 @@ impl Bounds {
     }
 }
 
-/// The bits of a number at every second place.
+/// Spreads the bits of a number to every second position.
 fn spread(bits: u32) -> u64 {
     [
         (16, 0x0000_ffff_0000_ffff),

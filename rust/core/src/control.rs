@@ -1,4 +1,4 @@
-//! Progress and cancelling of long work.
+//! Progress and cancellation of long computations.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
-/// What long work reports and obeys. Share it between the thread that works and the one that watches.
+/// Reports the progress of a computation, and cancels it. The computing thread and the observing thread share it.
 #[derive(Debug, Default)]
 pub struct Control {
     stop: Arc<AtomicBool>,
@@ -15,14 +15,14 @@ pub struct Control {
     done: AtomicU64,
 }
 
-/// Where long work stands.
+/// The progress of a computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// The stage's name; empty before the first.
+    /// The name of the current stage; empty before the first stage.
     pub stage: &'static str,
-    /// Steps of the stage that are done.
+    /// The number of finished steps of the stage.
     pub done: u64,
-    /// Steps that the stage has.
+    /// The number of steps of the stage.
     pub total: u64,
 }
 
@@ -39,13 +39,13 @@ impl Control {
         self.done.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Where the work stands.
+    /// Returns the current progress.
     pub fn progress(&self) -> Progress {
         let (stage, total) = *self.stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         Progress { stage, done: self.done.load(Ordering::Relaxed).min(total), total }
     }
 
-    /// A stage that takes one value an item, in parallel, in the order of the items; its steps are `chunk` of them.
+    /// Runs a stage that computes one value per item in parallel, in order. One step handles `chunk` items.
     pub(crate) fn each<T: Sync, U: Copy + Send>(
         &self,
         stage: &'static str,
@@ -63,17 +63,17 @@ impl Control {
         Ok(items.par_chunks(chunk).map(of_chunk).collect::<Result<Vec<Vec<U>>>>()?.concat())
     }
 
-    /// For a part of the work: cancelled with it, its own progress untold.
+    /// Returns a control for a part of the work, which is cancelled with this one, but reports no progress.
     pub fn part(&self) -> Self {
         Self { stop: Arc::clone(&self.stop), ..Self::default() }
     }
 
-    /// Asks the work to end; it returns [`Error::Cancelled`] soon after.
+    /// Requests cancellation. The computation returns [`Error::Cancelled`] soon afterwards.
     pub fn cancel(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Called by the work at least every few milliseconds.
+    /// Returns [`Error::Cancelled`] if cancellation was requested. Computations call it every few milliseconds.
     #[inline]
     pub fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }

@@ -1,34 +1,34 @@
-//! **voxflat** flattens curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
+//! **voxflat** flattens curved surfaces, such as the cerebral cortex, while preserving geodesic distances.
 //!
-//! The way through, one direction; each module is one stage and imports only what stands above it:
+//! The modules are listed in processing order. Each one is a stage, and imports only modules listed above it:
 //!
-//! | module | stage | concept |
+//! | module | stage | contents |
 //! |---|---|---|
-//! | [`scales`] | | which sizes are taken |
-//! | [`error`], [`control`] | | what can go wrong; progress and cancelling of long work |
-//! | `turns`, `boxes` | | parallel work whose order is kept; boxes in the plane that meet |
+//! | [`scales`] | | the range of lengths that is supported |
+//! | [`error`], [`control`] | | errors; progress and cancellation of long computations |
+//! | `parallel`, `boxes` | | parallel work in a fixed order; overlapping boxes in the plane |
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
-//! | [`adjacency`] | | [`Links`](adjacency::Links): who is next to whom, and how far; what hangs together |
-//! | [`surface`] | volume or mesh → surface | surfels, nodes and their places; triangles; topology, repair, cuts, holes; decimation |
-//! | [`sphere`] | closed surface → unit sphere | laid out one to one, and registered to a template |
+//! | [`adjacency`] | | [`Links`](adjacency::Links): neighbours and the distances to them; connected components |
+//! | [`surface`] | volume or mesh → surface | surfels, nodes and their positions; triangles; topology, repair, cuts, holes; decimation |
+//! | [`sphere`] | closed surface → unit sphere | spherical maps, and their registration to a template |
 //! | [`geodesic`] | | chain-code links over voxels, straight links over triangles; shortest paths |
 //! | [`patch`] | surface → surface | the part that is flattened |
 //! | [`sources`] | surface → sources | farthest-point and random sampling |
 //! | [`rows`] | sources → distance rows | many sources in parallel |
 //! | [`store`] | | distance rows on disk |
-//! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
-//! | [`place`] | places of some → of every point | radial functions, re-insertion, bilinear placement |
-//! | [`embed`] | distance rows → places | classical scaling, stress, Sammon's stress |
-//! | [`orient`] | | the map's up and its handedness |
-//! | [`look_up`] | flat map → surface | the triangle that holds a place, and where in it |
-//! | [`nearest`] | space → surface | the nearest place of the surface |
-//! | [`ribbon`] | space → surface | the voxels between two surfaces, and whose column each lies in |
-//! | [`raster`] | flat map → image | pixels of the map and where they come from |
+//! | [`distortion`] | flat map → figures | errors of distances, and distortion of triangles |
+//! | [`place`] | positions of some points → of all points | radial functions, re-insertion, bilinear placement |
+//! | [`embed`] | distance rows → positions | classical scaling, stress, Sammon's stress |
+//! | [`orient`] | | the map's up direction and its handedness |
+//! | [`lookup`] | flat map → surface | the triangle at a position of the map |
+//! | [`nearest`] | space → surface | the nearest point on the surface |
+//! | [`ribbon`] | space → surface | the voxels between two surfaces, and the triangle below each of them |
+//! | [`raster`] | flat map → image | pixels of the map, and their positions on the surface |
 //! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
-//! | [`flatten`] | | whole methods, composed from the stages |
+//! | [`flatten`] | | complete methods, composed of the stages |
 //!
 //! # Examples
-//! A label of a half pipe, one voxel thick, to its flat map:
+//! Flatten the label of a half pipe that is one voxel thick:
 //! ```
 //! use voxflat::control::Control;
 //! use voxflat::embed::stress::levels::Levels;
@@ -55,11 +55,11 @@
 //! ```
 //!
 //! # Conventions
-//! A voxel's centre has integer index coordinates `(i, j, k)`; millimetres (RAS+) come from the affine. Distance rows
-//! are `f32` millimetres, arithmetic is `f64`. `NaN` means undefined. Results depend on the input and the seed alone,
-//! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources. Whatever takes a
-//! [`Control`](control::Control) ends with [`Error::Cancelled`] when that is cancelled (`tests/jobs.rs`); what else can go wrong, the
-//! messages of [`Error`] say.
+//! The centre of a voxel has integer index coordinates `(i, j, k)`. The affine maps them to millimetres (RAS+).
+//! Distance rows are `f32` millimetres; arithmetic is `f64`. `NaN` means undefined. Results depend only on the input
+//! and the seed. They are bit-identical for any number of threads, because sums over sources are taken in the order of
+//! the sources. Every function that takes a [`Control`](control::Control) returns [`Error::Cancelled`] after it is
+//! cancelled (`tests/jobs.rs`). The messages of [`Error`] explain the other errors.
 
 pub mod adjacency;
 pub mod atlas;
@@ -70,9 +70,10 @@ pub mod embed;
 pub mod error;
 pub mod flatten;
 pub mod geodesic;
-pub mod look_up;
+pub mod lookup;
 pub mod nearest;
 pub mod orient;
+mod parallel;
 pub mod patch;
 pub mod place;
 pub mod raster;
@@ -85,7 +86,6 @@ pub mod store;
 pub mod surface;
 #[cfg(test)]
 mod tests;
-mod turns;
 pub mod volume;
 
 pub use error::{Error, Result};

@@ -1,4 +1,4 @@
-//! The place on a surface that is nearest to a point in space: exact, over the triangles.
+//! The exact nearest point on the triangles of a surface.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -6,24 +6,24 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Boxes under one box of the tree.
+/// The number of boxes in each node of the tree.
 const FAN: usize = 8;
 
-/// Points that one worker looks up between two looks at whether it should stop.
+/// The number of points that one worker looks up between two checks for cancellation.
 const CHUNK: usize = 1024;
 
-/// A place on a surface.
+/// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// The triangle that it lies in; of several the first.
+    /// The triangle that contains it; the first of several.
     pub triangle: u32,
-    /// Barycentric coordinates there.
+    /// Its barycentric coordinates.
     pub weights: [f64; 3],
-    /// From the point to it, mm.
+    /// Its distance from the query point in mm.
     pub distance: f64,
 }
 
-/// Finds the nearest place of a surface, by a tree of boxes around its triangles.
+/// Finds the nearest point on a surface, by a tree of bounding boxes of its triangles.
 ///
 /// # Examples
 /// ```
@@ -40,7 +40,7 @@ pub struct NearestFinder {
     corners: Vec<[Vector3<f64>; 3]>,
     /// The triangles along a space-filling curve.
     order: Vec<u32>,
-    /// First the triangles' boxes in that order, last the one around all of them.
+    /// The levels of the tree, from the boxes of the triangles in that order to the one around all of them.
     levels: Vec<Vec<Bounds>>,
 }
 
@@ -51,7 +51,7 @@ struct Bounds {
 }
 
 impl NearestFinder {
-    /// Of triangles by their corners, mm.
+    /// Creates a finder from the corners of triangles in mm.
     pub fn new(corners: &[[[f64; 3]; 3]]) -> Self {
         let corners: Vec<[Vector3<f64>; 3]> = corners.iter().map(|triangle| triangle.map(Vector3::from)).collect();
         let bounds: Vec<Bounds> = corners.iter().map(Bounds::of).collect();
@@ -68,7 +68,7 @@ impl NearestFinder {
         Self { corners, order, levels }
     }
 
-    /// The place nearest to a point, no farther than a limit in mm. None for points that are not finite, too.
+    /// Returns the nearest point on the surface within `limit` mm. None for points that are not finite.
     pub fn find(&self, point: [f64; 3], limit: f64) -> Option<Nearest> {
         let point = Vector3::from(point);
         if !point.iter().all(|x| x.is_finite()) || self.corners.is_empty() || limit.is_nan() || limit < 0.0 {
@@ -81,7 +81,7 @@ impl NearestFinder {
         (triangle != u32::MAX).then(|| Nearest { triangle, weights, distance: square.sqrt() })
     }
 
-    /// Looks below one box, the nearest part of it first.
+    /// Searches below one box, the nearest child first.
     fn search(&self, level: usize, node: usize, point: &Vector3<f64>, best: &mut (f64, u32, [f64; 3])) {
         if level == 0 {
             let triangle = self.order[node];
@@ -107,9 +107,9 @@ impl NearestFinder {
         }
     }
 
-    /// As [`find`](Self::find), for many points.
+    /// Calls [`find`](Self::find) for many points in parallel.
     pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
-        control.each("finding the nearest places", points, CHUNK, |&point| self.find(point, limit))
+        control.each("finding the nearest points", points, CHUNK, |&point| self.find(point, limit))
     }
 }
 
@@ -123,12 +123,12 @@ impl Bounds {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
     }
 
-    /// The square of the distance to a point; 0 inside.
+    /// Returns the squared distance to a point; 0 inside.
     fn square_to(&self, point: &Vector3<f64>) -> f64 {
         (point.sup(&self.low).inf(&self.high) - point).norm_squared()
     }
 
-    /// Where along the Z-shaped curve through this box the middle of another one lies.
+    /// Returns the position of another box's centre along the Z-order curve through this box.
     fn curve_position(&self, other: &Self) -> u64 {
         const STEPS: f64 = ((1 << 20) - 1) as f64;
         let size = (self.high - self.low).max();
@@ -137,7 +137,7 @@ impl Bounds {
     }
 }
 
-/// Twenty bits of a number at every third place.
+/// Spreads twenty bits of a number to every third position.
 fn spread(bits: u64) -> u64 {
     (0..20).fold(0, |spread, n| spread | (bits >> n & 1) << (3 * n))
 }
@@ -146,15 +146,15 @@ fn place(corners: &[Vector3<f64>; 3], weights: &[f64; 3]) -> Vector3<f64> {
     corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]
 }
 
-/// Barycentric coordinates of the place of a triangle that is nearest to a point: its projection, or the nearest place of a side.
-/// A triangle without area has its sides.
+/// Returns the barycentric coordinates of the nearest point of a triangle: the projection, or the nearest point of a
+/// side. Triangles without area have only sides.
 fn nearest_weights(corners: &[Vector3<f64>; 3], point: &Vector3<f64>) -> [f64; 3] {
     let [a, b, c] = corners.map(|corner| corner - point);
     let normal = (b - a).cross(&(c - a));
     let square = normal.norm_squared();
     let inside = [b.cross(&c), c.cross(&a), a.cross(&b)].map(|part| part.dot(&normal) / square);
     if inside.iter().all(|&weight| weight >= 0.0) {
-        return inside; // NaN, of a triangle without area, is not
+        return inside; // not taken if NaN, in a triangle without area
     }
     let sides = [0, 1, 2].map(|k| {
         let (from, to) = (k, (k + 1) % 3);

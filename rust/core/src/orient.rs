@@ -1,4 +1,4 @@
-//! Where outside is; the map's up and its handedness, which distances leave open and the anatomy settles.
+//! The outside of a surface, and the orientation of a map. Distances leave rotation and handedness open.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -6,17 +6,17 @@ use crate::adjacency::{Arc, Links};
 use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
-/// The share of a direction's variance that the map must explain for the direction to become the map's up.
+/// The minimum share of a direction's variance that the map explains if this direction is used as the map's up.
 const EXPLAINED: f64 = 0.05;
 
-/// How often normals are averaged with their neighbours': enough to even out the steps between voxels.
+/// The number of times that normals are averaged with their neighbours, enough to smooth out the steps between voxels.
 const SMOOTHING: usize = 4;
 
-/// Shorter mean normals than this come from opposite sides and name no outside.
+/// Mean normals shorter than this come from opposite sides and do not define an outside.
 const SHORTEST_NORMAL: f64 = 0.3;
 
-/// Unit normals (RAS+ mm) that point outside, to the background. NaN throughout for a sheet, most of which has background
-/// on both sides alike; elsewhere thin places take over the normals around them.
+/// Returns outward unit normals (RAS+ mm), which point to the background. All are NaN for a voxel sheet, most of which
+/// has background on both sides; elsewhere, thin parts take over the normals around them.
 pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector3<f64>> {
     let points = 0..surface.len();
     let mut normals: Vec<_> =
@@ -40,7 +40,7 @@ pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector
         normals = points.clone().map(filled).collect();
         let left = unknown(&normals);
         if left == missing {
-            break; // exact opposites: they stay unknown
+            break; // exact opposites remain unknown
         }
         missing = left;
     }
@@ -48,19 +48,18 @@ pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector
     normals.into_iter().map(|normal| if normal == Vector3::zeros() { undefined } else { normal }).collect()
 }
 
-/// The mean over a point and its neighbours.
+/// Returns the mean over a point and its neighbours.
 fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> Vector3<f64> {
     let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
     let (sum, count): (Vector3<f64>, f64) = graph.arcs(vertex as u32).fold((normals[vertex], 1.0), add);
     sum / count
 }
 
-/// Turns a map about its mean, and mirrors it if need be, such that
-/// - the surface is seen from outside (from the background), not from within; a sheet that has background on both sides
-///   alike is left as it is;
-/// - superior is up, as far as one direction of the map can say so; where the patch is level, anterior is up, else right.
+/// Rotates a map about its mean, and mirrors it if necessary, such that
+/// - the surface is seen from outside (from the background); a voxel sheet without an outside is not mirrored;
+/// - superior is up, if a direction of the map corresponds to it; otherwise anterior, otherwise right.
 ///
-/// `seen_from_outside` is positive if the map shows the surface from outside already, negative if from within.
+/// `seen_from_outside` is positive if the map already shows the surface from outside, and negative if from inside.
 pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2]]) {
     if seen_from_outside < 0.0 {
         uv.iter_mut().for_each(|[_, v]| *v = -*v);
@@ -71,21 +70,20 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
     };
     for place in uv {
         let p = Vector2::from(*place) - mean;
-        *place = [p.x * up.y - p.y * up.x, p.x * up.x + p.y * up.y]; // turns `up` onto (0, 1)
+        *place = [p.x * up.y - p.y * up.x, p.x * up.x + p.y * up.y]; // rotates `up` onto (0, 1)
     }
 }
 
-/// Turns and moves a map, rigidly and without scaling, such that places on it come to lie nearest to others: of all turns the
-/// one with the least sum of squares (Procrustes; Schönemann 1966), about the places' mean, which comes to lie on that of the
-/// others. Returns the turn, radians counterclockwise; 0 where the places leave it open.
-/// Panics if there are not as many places as others.
+/// Rotates and translates a map rigidly such that the positions `places` on it come as close as possible to `onto`, by
+/// least squares (Procrustes; Schönemann 1966). The means coincide afterwards. Returns the angle in radians,
+/// counterclockwise; 0 if the positions do not determine it. Panics if the numbers of positions differ.
 ///
 /// # Examples
 /// ```
 /// use voxflat::orient::turn_onto;
 ///
 /// let onto = [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]];
-/// let places = onto.map(|[x, y]| [5.0 - 3.0 * y, 3.0 * x]); // turned, moved and three times as large
+/// let places = onto.map(|[x, y]| [5.0 - 3.0 * y, 3.0 * x]); // rotated, moved and three times as large
 /// let mut uv = places.to_vec();
 /// let turn = turn_onto(&places, &onto, &mut uv);
 /// assert!((turn + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
@@ -110,8 +108,8 @@ pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) ->
     turn
 }
 
-/// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
-/// the outward direction, turns in the map.
+/// Returns a positive number if the map shows the surface from outside: the sum over all points of the orientation in
+/// the map of their neighbourhood, projected along the outward direction.
 pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -> f64 {
     let points = surface.points();
     let at_point = |v: usize| {
@@ -126,7 +124,7 @@ pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -
     (0..points.len()).map(at_point).sum()
 }
 
-/// The signed area of a map, mm²: positive if most of its faces run as they do on the surface.
+/// Returns the signed area of a map in mm²: positive if most of its faces have the same orientation as on the surface.
 pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     let double = |face: &[u32; 3]| {
         let [[ax, ay], [bx, by], [cx, cy]] = face.map(|v| uv[v as usize]);
@@ -135,7 +133,7 @@ pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     0.5 * faces.iter().map(double).sum::<f64>()
 }
 
-/// The direction in the map along which superior (else anterior, else right) grows fastest, by linear regression.
+/// Returns the direction in the map along which superior (else anterior, right) grows fastest, by regression.
 fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) -> Option<Vector2<f64>> {
     let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     let centred = || uv.iter().map(|&place| Vector2::from(place) - mean);
@@ -158,7 +156,7 @@ mod tests {
     use crate::tests::chained;
     use crate::volume::{Affine, Mask};
 
-    /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.
+    /// Checks that the map of one side of a block, seen from outside, shows `right` to the right and `up` up.
     fn side(affine: [[f64; 4]; 4], on_side: impl Fn([u32; 3]) -> bool) -> (VoxelSurface, VoxelGraph) {
         let control = Control::default();
         let mask = Mask::from_fn([14, 15, 16], |v| (0..3).all(|a| (2..12).contains(&v[a]))).unwrap();

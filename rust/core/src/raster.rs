@@ -1,9 +1,9 @@
-//! The flat map as a raster: which place on the surface each pixel shows.
+//! The flat map as a raster: the position on the surface that each pixel shows.
 //!
-//! The places in the plane are joined by a Delaunay triangulation; its triangles within the map become faces, and each
-//! pixel's centre gets its face and barycentric coordinates. From these follow its position on the surface (linear), its
-//! surface voxel (the nearest corner) and any value of the points. Where a face is torn, its corners being neighbours in the
-//! plane but not on the surface, there is nothing in between: its pixels show the nearest corner.
+//! The positions in the plane are joined by a Delaunay triangulation. Its triangles within the map become faces, and
+//! each pixel's centre is described by its face and barycentric coordinates. They determine its position on the surface
+//! (linear), its surface voxel (the nearest corner) and any value of the points. A face is torn if its corners are
+//! neighbours in the plane but not on the surface; its pixels show the nearest corner.
 
 use nalgebra::Vector2;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
@@ -11,38 +11,38 @@ use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::look_up::is_inside;
+use crate::lookup::is_inside;
 use crate::surface::voxels::graph::VoxelGraph;
 
-/// Most pixels of an image: 10,000 by 10,000 take 2.4 GB.
+/// The maximum number of pixels of an image: 10,000 by 10,000 take 2.4 GB.
 const MOST_PIXELS: f64 = 1e8;
 
-/// A face is part of the map if no side in the plane is longer than this many times the usual flat distance of neighbours.
+/// The longest side of a face of the map, as a multiple of the usual flat distance of neighbours.
 const LONGEST_SIDE: f64 = 3.0;
 
-/// Pixels of a flat map. Row 0 is at the top (largest v); column 0 at the left (smallest u).
+/// Pixels of a flat map. Row 0 is at the top (largest v), and column 0 is on the left (smallest u).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
-    /// Number of columns.
+    /// The number of columns.
     pub width: usize,
-    /// Number of rows.
+    /// The number of rows.
     pub height: usize,
-    /// Side of a pixel, mm.
+    /// The side of a pixel in mm.
     pub pixel_size: f64,
-    /// (u, v) of the centre of the pixel in row 0, column 0, mm.
+    /// (u, v) of the centre of the pixel in row 0, column 0, in mm.
     pub origin: [f64; 2],
-    /// For each pixel, row by row, the three vertices of its face; [`Raster::OUTSIDE`] thrice outside the map.
+    /// For each pixel, row by row, the three vertices of its face; three times [`Raster::OUTSIDE`] outside the map.
     pub corners: Vec<[u32; 3]>,
-    /// For each pixel its barycentric coordinates in the face; NaN outside the map.
+    /// For each pixel, its barycentric coordinates in the face; NaN outside the map.
     pub weights: Vec<[f32; 3]>,
 }
 
 impl Raster {
-    /// Stands for a vertex where a pixel is outside the map.
+    /// The vertex number of pixels outside the map.
     pub const OUTSIDE: u32 = u32::MAX;
 
-    /// Draws faces over the plane; pixels of a face that is `torn` show its nearest corner. Where faces overlap, the first is
-    /// kept.
+    /// Draws faces in the plane. Pixels of a `torn` face show its nearest corner. The first of overlapping faces
+    /// counts.
     pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
             return Err(Error::PixelSizeNotPositive { pixel_size });
@@ -57,7 +57,7 @@ impl Raster {
         Ok(raster)
     }
 
-    /// Covers all places; the pixels' centres lie at multiples of the pixel size, so that maps of one size line up.
+    /// Covers all positions. Pixel centres lie at multiples of the pixel size, so that rasters align.
     fn blank(uv: &[[f64; 2]], pixel_size: f64) -> Result<Self> {
         let extreme = |axis: usize, least: bool| {
             let values = uv.iter().map(|place| place[axis] / pixel_size);
@@ -134,15 +134,15 @@ impl HasPosition for Place {
 /// Triangles that cover a flat map.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Faces {
-    /// Three vertices each, the lowest first, turning counterclockwise in the plane.
+    /// The three vertices of each face, the lowest first, counterclockwise in the plane.
     pub corners: Vec<[u32; 3]>,
-    /// Whether two of the corners are more than two links apart on the surface: there the map is squeezed or folded.
+    /// Whether two corners are more than two links apart on the surface: the map is compressed or folded there.
     pub torn: Vec<bool>,
 }
 
-/// Joins the places of a map into faces: the Delaunay triangles whose sides are about as short in the plane as those
-/// between neighbours on the surface. Of places that coincide only one becomes a corner.
-/// Errors: [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
+/// Joins the positions of a map into faces: the Delaunay triangles whose sides are about as short in the plane as those
+/// between neighbours on the surface. Of coincident positions, only one becomes a corner.
+/// Errors: [`Error::TooFewPoints`] if the positions do not span a triangle, [`Error::Cancelled`].
 pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Result<Faces> {
     control.check()?;
     let places =
@@ -171,7 +171,7 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Resu
     Ok(Faces { corners, torn })
 }
 
-/// The median flat distance between neighbours, mm.
+/// Returns the median flat distance between neighbours in mm.
 pub fn usual_step(uv: &[[f64; 2]], graph: &VoxelGraph) -> f64 {
     let steps = |v: usize| {
         let [x, y] = uv[v];
@@ -279,7 +279,7 @@ mod tests {
         let whole = faces.torn.iter().filter(|&&torn| !torn).count();
         let sheet = 2 * (19 * 19 - 7 * 7);
         assert!((sheet..=sheet + 8).contains(&whole), "{whole}: each corner of the hole may be rounded by two faces");
-        // the hole is open but for its corners
+        // the hole is open except for its corners
         let raster = Raster::draw(&uv, &faces, 0.5, &control).unwrap();
         let open = raster.weights.iter().filter(|w| w[0].is_nan()).count();
         assert!(open > 100 && open <= 13 * 13, "{open}");

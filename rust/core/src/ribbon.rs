@@ -1,9 +1,9 @@
-//! The voxels between two surfaces of the same triangles, such as white and pial: which triangle's column each lies in, and
-//! how far up.
+//! The voxels between two surfaces with the same triangles, such as white and pial: the triangle whose column contains
+//! each voxel, and the depth within that column.
 //!
-//! Between a triangle and its counterpart lies a prism. It is cut into three tetrahedra, along diagonals that lead from the
-//! vertex of lower number inside to that of higher number outside, so that neighbours share them: prisms that are not turned
-//! inside out fill the ribbon without gap or overlap.
+//! A prism connects each triangle with its counterpart. It is divided into three tetrahedra, along diagonals from the
+//! vertex with the lower number inside to that with the higher number outside. Neighbours share the diagonals, so that
+//! prisms that are not inverted fill the ribbon without gaps or overlaps.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -11,34 +11,34 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Of a tetrahedron, by which rounding may put a voxel on a side that two share beside both.
+/// The tolerance in barycentric coordinates, so that voxels on a common side lie in at least one tetrahedron.
 const SLACK: f64 = 1e-9;
 
-/// Triangles that one worker goes through between two looks at whether it should stop.
+/// The number of triangles that one worker processes between two checks for cancellation.
 const CHUNK: usize = 256;
 
 /// A voxel in a column.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InColumn {
-    /// The voxel's number, its last index counting fastest.
+    /// The number of the voxel; its last index counts fastest.
     pub voxel: u64,
-    /// The triangle whose column it is.
+    /// The triangle of the column.
     pub triangle: u32,
-    /// Barycentric coordinates in it.
+    /// The barycentric coordinates in the triangle.
     pub weights: [f64; 3],
-    /// From 0 inside to 1 outside.
+    /// The depth, from 0 at the inner surface to 1 at the outer surface.
     pub fraction: f64,
 }
 
-/// The voxels whose centres lie between two surfaces, ascending, each once.
+/// Finds the voxels whose centres lie between two surfaces, in ascending order without duplicates.
 ///
-/// A voxel that several columns hold, where they run into each other, goes to that in which it is nearest to `middle`, a
-/// fraction; of these to the first.
+/// Where columns overlap, a voxel is assigned to the column in which its depth is closest to `middle`, a fraction; of
+/// several such columns, to the first.
 ///
 /// # Arguments
-/// - `inner`, `outer`: The vertices of both, in voxel indices.
-/// - `numbers`: What each vertex is; the sides of a cut share one.
-/// - `shape`: Of the volume.
+/// - `inner`, `outer`: The vertices of both surfaces, in voxel indices.
+/// - `numbers`: The identity of each vertex; the two sides of a cut share it.
+/// - `shape`: The shape of the volume.
 pub fn voxels(
     inner: &[[f64; 3]],
     outer: &[[f64; 3]],
@@ -86,7 +86,7 @@ fn column(
     let mut order = [0, 1, 2];
     order.sort_by_key(|&k| (numbers[k], k));
     for split in 1..4 {
-        // inside up to the (4 - split)-th vertex, outside from there on
+        // inner vertices up to the (4 - split)-th, outer ones from there on
         let ends: [(usize, bool); 4] =
             std::array::from_fn(|n| if n < 4 - split { (order[n], false) } else { (order[n - 1], true) });
         let corners = ends.map(|(k, is_outer)| if is_outer { outer[k] } else { inner[k] });
@@ -101,7 +101,7 @@ fn column(
     }
 }
 
-/// Calls for each voxel in a tetrahedron, with barycentric coordinates.
+/// Calls `call` for each voxel in a tetrahedron, with its barycentric coordinates.
 fn tetrahedron(corners: &[Vector3<f64>; 4], shape: [usize; 3], mut call: impl FnMut(u64, [f64; 4])) {
     let [a, b, c, d] = corners;
     let Some(inverse) = Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse() else { return };
@@ -174,7 +174,7 @@ mod tests {
         let (faces, numbers) = ([[0, 1, 2], [3, 5, 4]], [0, 1, 2, 3, 4, 5]);
         let found = voxels(&inner, &outer, &faces, &numbers, [1, 1, 10], 0.0, &Control::default()).unwrap();
         let owners: Vec<u32> = found.iter().map(|of| of.triangle).collect();
-        assert_eq!(owners, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]); // 4 lies 4/6 up one way and 5/7 the other
+        assert_eq!(owners, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]); // 4 lies at 4/6 in one column and at 5/7 in the other
     }
 
     #[test]

@@ -1,24 +1,22 @@
-//! Distance rows: the distances from many sources, computed in parallel. In memory here, on disk in [`crate::store`].
+//! Distance rows: the distances from many sources, computed in parallel; [`crate::store`] keeps them on disk.
 
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
-use crate::turns::in_turn;
+use crate::parallel::in_turn;
 
-/// Distance rows, wherever they are kept.
+/// Distance rows in memory, on disk, or computed on demand.
 pub trait Rows {
-    /// The vertices from which distances were measured.
+    /// Returns the vertices from which distances were computed.
     fn sources(&self) -> &[u32];
 
-    /// Length of a row.
+    /// Returns the length of a row.
     fn columns(&self) -> usize;
 
-    /// Passes all rows on, in the order of the sources: `visit(n, rows)` gets whole rows from the n-th on, one after the
-    /// other.
+    /// Passes all rows in the order of the sources. `visit(n, rows)` receives complete rows from the n-th on.
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
 
-    /// The columns of some vertices only.
-    /// Panics if the rows do not reach to every one of them.
+    /// Returns the columns of the given vertices. Panics if the rows do not contain all of them.
     fn to(&self, targets: &[u32], control: &Control) -> Result<DistanceRows> {
         let sources = self.sources();
         let mut data = Vec::with_capacity(sources.len() * targets.len());
@@ -32,14 +30,13 @@ pub trait Rows {
         Ok(DistanceRows::new(sources.to_vec(), targets.len(), data))
     }
 
-    /// The columns of the sources only.
-    /// Panics likewise.
+    /// Returns the columns of the sources. Panics if the rows do not contain all of them.
     fn among(&self, control: &Control) -> Result<DistanceRows> {
         self.to(self.sources(), control)
     }
 }
 
-/// Distances from sources to columns, in mm.
+/// Distances from sources (rows) to vertices (columns), in mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceRows {
     sources: Vec<u32>,
@@ -48,18 +45,19 @@ pub struct DistanceRows {
 }
 
 impl DistanceRows {
-    /// Rows from every source to every vertex.
+    /// Computes rows from every source to every vertex.
     /// Errors: [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, None, control)
     }
 
-    /// Rows from every source to some vertices only: columns are these; whole rows exist one bundle a thread at a time.
+    /// Computes rows from every source to the given vertices, which become the columns. Only one bundle of complete
+    /// rows exists per thread.
     pub fn compute_to<S: Solver>(solver: &S, sources: &[u32], targets: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, Some(targets), control)
     }
 
-    /// Rows from every source to the others only; and whole rows, if these are to be kept.
+    /// Computes rows from every source to the other sources, and complete rows if these are to be kept.
     pub(crate) fn among_sources<S: Solver>(
         solver: &S,
         sources: &[u32],
@@ -82,29 +80,29 @@ impl DistanceRows {
         Ok(Self::new(sources.to_vec(), columns, data))
     }
 
-    /// Rows that are known already, of `columns` distances each, one after the other.
-    /// Panics if there is not one row a source.
+    /// Creates rows from known distances, `columns` per row, one row after the other.
+    /// Panics if the number of rows differs from the number of sources.
     pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
         assert_eq!(data.len(), sources.len() * columns, "one row a source");
         Self { sources, columns, data }
     }
 
-    /// The vertices from which distances were measured.
+    /// Returns the vertices from which distances were computed.
     pub fn sources(&self) -> &[u32] {
         &self.sources
     }
 
-    /// Length of a row.
+    /// Returns the length of a row.
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// The distances from the n-th source.
+    /// Returns the distances from the n-th source.
     pub fn row(&self, n: usize) -> &[f32] {
         &self.data[n * self.columns..(n + 1) * self.columns]
     }
 
-    /// All rows, one after the other.
+    /// Returns all rows, one after the other.
     pub fn into_data(self) -> Vec<f32> {
         self.data
     }
@@ -124,7 +122,7 @@ impl Rows for DistanceRows {
     }
 }
 
-/// Rows that are computed each time they are passed, so that only some of them exist at a time.
+/// Rows that are recomputed each time they are passed, so that only some of them exist at a time.
 #[derive(Debug)]
 pub struct PassingRows<'a, S> {
     solver: &'a S,
@@ -133,7 +131,7 @@ pub struct PassingRows<'a, S> {
 }
 
 impl<'a, S: Solver> PassingRows<'a, S> {
-    /// Rows from every source to every vertex, as many at once as so many bytes hold.
+    /// Creates rows from every source to every vertex, as many at a time as fit into `bytes` of memory.
     pub fn new(solver: &'a S, sources: &'a [u32], bytes: u64) -> Self {
         let row = 4 * solver.columns().max(1) as u64;
         Self { solver, sources, at_once: usize::try_from(bytes / row).unwrap_or(usize::MAX).max(1) }
@@ -162,7 +160,7 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
     }
 }
 
-/// Computes the rows of sources, one after the other in `data`: bundles in turn by all threads.
+/// Computes the rows of sources, one after the other in `data`. Threads take bundles in turn.
 fn measure<S: Solver>(
     solver: &S,
     sources: &[u32],
@@ -186,7 +184,7 @@ fn measure<S: Solver>(
     in_turn(turns.into_iter(), || solver.scratch(), fill_next)
 }
 
-/// Fills the rows of a bundle of sources, and counts them, if they reach everything.
+/// Fills the rows of a bundle of sources, and counts them if all distances are finite.
 pub(crate) fn fill<S: Solver>(
     solver: &S,
     sources: &[u32],
@@ -199,7 +197,7 @@ pub(crate) fn fill<S: Solver>(
     let members: Vec<u32> = bundle.iter().map(|&number| sources[number as usize]).collect();
     solver.rows(&members, targets, rows, scratch, control)?;
     for (row, source) in rows.iter().zip(members) {
-        // a look at all, which never ends early, is made of vector instructions
+        // inspecting all values without ending early compiles to vector instructions
         let reaches_all = row.iter().fold(true, |all, distance| all & !distance.is_infinite());
         if !reaches_all && let Some(vertex) = row.iter().position(|distance| distance.is_infinite()) {
             return Err(Error::Unreachable { source_vertex: source as usize, vertex });
@@ -229,7 +227,7 @@ mod tests {
         (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect()
     }
 
-    /// Each row by a search of its own.
+    /// Computes each row by a separate search.
     fn searched(graph: &VoxelGraph, sources: &[u32]) -> Vec<f32> {
         sources.iter().flat_map(|&source| row(graph, source)).collect()
     }

@@ -1,17 +1,17 @@
-//! Which sizes are taken. What is computed of lengths between these, their squares, volumes and inverses, stays a number, in 32 bits
-//! too, and no tolerance is reached by size alone.
+//! The range of lengths that is supported. Squares, volumes and inverses of lengths within it remain finite, also in 32
+//! bits, and size alone never reaches a tolerance.
 
-/// No point lies farther from the origin along an axis, mm: a hundred thousand km.
+/// The largest absolute coordinate of a point along an axis, in mm: a hundred thousand km.
 pub const FARTHEST: f64 = 1e11;
 
-/// Nothing is smaller, mm: neither the longest side of a surface's box nor a voxel. It is a thousandth of a nanometre.
+/// The smallest size of a voxel, and of the longest side of a surface's box, in mm: a thousandth of a nanometre.
 pub const SMALLEST: f64 = 1e-9;
 
-/// The shortest edge of a mesh whose box is scaled to 1. Fans of edges down to 1e-10 were mapped with no triangle turned over; below,
-/// rounding decides which way the smallest ones face.
+/// The shortest edge of a mesh whose bounding box is scaled to 1. Fans with edges down to 1e-10 were mapped without
+/// flipped triangles; below, rounding decides the orientation of the smallest triangles.
 pub const SHORTEST_EDGE: f64 = 1e-10;
 
-/// Is a coordinate no farther than [`FARTHEST`]? What is not finite is not.
+/// Returns whether a coordinate is finite and no farther away than [`FARTHEST`].
 pub(crate) fn is_near(coordinate: f64) -> bool {
     coordinate.abs() <= FARTHEST
 }

@@ -1,4 +1,4 @@
-//! Sources: the points from which distances are measured.
+//! Sources: the points from which distances are computed.
 
 use rand::SeedableRng;
 use rand::seq::index;
@@ -11,44 +11,44 @@ use crate::geodesic::shortest::Search;
 use crate::surface::Surface;
 use crate::surface::mesh::curvature::mean_curvature;
 
-/// Fewest sources that span a plane.
+/// The smallest number of sources that span a plane.
 pub const FEWEST_SOURCES: usize = 3;
 
-/// Are so many sources enough for a plane?
+/// Checks that there are enough sources to span a plane.
 pub fn check_enough(sources: usize) -> Result<()> {
     if sources < FEWEST_SOURCES { Err(Error::TooFewSources { sources, needed: FEWEST_SOURCES }) } else { Ok(()) }
 }
 
-/// The greatest weight of a point ([`by_curvature`]).
+/// The largest weight of a point ([`by_curvature`]).
 const DENSEST: f64 = 4.0;
 
 /// Rings of neighbours over which curvature is averaged.
 const BEND_RINGS: usize = 3;
 
-/// How sources are chosen. Every choice is the same for the same seed, on every machine.
+/// Ways to choose sources. The same seed gives the same sources on every machine.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sources {
-    /// Each source is the point farthest, along the surface, from those before it; the first is random. Covers evenly.
+    /// Evenly spread: each is the point farthest along the surface from the previous ones; the first is random.
     Farthest {
-        /// How many.
+        /// The number of sources.
         count: usize,
-        /// Seed of the first.
+        /// The seed of the first source.
         seed: u64,
     },
-    /// The same, but a point's distance counts as many times as its weight says ([`by_curvature`]).
+    /// As `Farthest`, but each distance is multiplied by the weight of its point ([`by_curvature`]).
     Weighted {
-        /// How many.
+        /// The number of sources.
         count: usize,
-        /// Seed of the first.
+        /// The seed of the first source.
         seed: u64,
-        /// One for each point, positive.
+        /// The weight of each point, positive.
         weights: Vec<f32>,
     },
-    /// Uniformly at random, without repetition.
+    /// Uniformly random, without repetition.
     Random {
-        /// How many.
+        /// The number of sources.
         count: usize,
-        /// Seed of the choice.
+        /// The seed of the choice.
         seed: u64,
     },
     /// These vertices.
@@ -56,7 +56,7 @@ pub enum Sources {
 }
 
 impl Sources {
-    /// The chosen vertices of a connected graph.
+    /// Chooses vertices of a connected graph.
     pub fn choose(&self, graph: &impl Links, control: &Control) -> Result<Vec<u32>> {
         let points = graph.vertices();
         let checked = |count: usize| {
@@ -73,17 +73,17 @@ impl Sources {
     }
 }
 
-/// `count` different vertices of `points`, in ascending order.
+/// Returns `count` different vertices out of `points`, in ascending order.
 pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut chosen: Vec<u32> = index::sample(&mut rng, points, count).iter().map(|v| v as u32).collect();
-    chosen.sort_unstable(); // neighbours' rows touch the same memory
+    chosen.sort_unstable(); // rows of neighbours touch the same memory
     chosen
 }
 
-/// Weights by which `count` sources come to lie closer together where the surface bends, as Grossmann et al. (2002) and Zigelman
-/// et al. (2002) advise: 1 + |H| a, where a = √(area / count) is about how far apart even ones would be, mm, and H the mean
-/// curvature, 1/mm; four at most.
+/// Returns weights that place `count` sources closer together where the surface is curved, as Grossmann et al. (2002)
+/// and Zigelman et al. (2002) recommend: 1 + |H| a, at most 4. H is the mean curvature in 1/mm, and a = √(area / count)
+/// in mm is about the spacing of evenly placed sources.
 pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
     let apart = (surface.areas().iter().sum::<f64>() / count.max(1) as f64).sqrt();
     let weight = |bend: f64| (1.0 + bend.abs() * apart).min(DENSEST) as f32;
@@ -118,8 +118,8 @@ fn farthest(
     Ok(chosen)
 }
 
-/// The first of the greatest of some distances. Distances are not negative: their bits are ordered as they are, and the
-/// greatest of whole numbers is found many at a time.
+/// Returns the index of the first of the largest distances. Distances are not negative, so their bits have the same
+/// order, and the largest of several integers is found with vector instructions.
 fn first_of_greatest(distances: &[f32]) -> Option<u32> {
     let greatest = distances.iter().map(|distance| distance.to_bits()).fold(0, u32::max);
     distances.iter().position(|distance| distance.to_bits() == greatest).map(|vertex| vertex as u32)
@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn sources_are_denser_where_the_surface_bends() {
-        // a gutter: half a cylinder of radius 2 between two level sheets
+        // a gutter: half a cylinder of radius 2 between two plane grids
         let half = std::f64::consts::PI;
         let bent_place = |p: &Vector3<f64>| {
             let (u, v) = (0.4 * (p.x - 30.0), 0.4 * p.y);

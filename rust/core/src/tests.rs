@@ -1,4 +1,4 @@
-//! What unit tests of several modules begin with.
+//! Helpers of the unit tests of several modules.
 
 use std::ops::Range;
 
@@ -22,12 +22,12 @@ pub(crate) fn both(one: &Mesh, other: &Mesh) -> Mesh {
     ([&one.0[..], &other.0].concat(), one.1.iter().copied().chain(others).collect())
 }
 
-/// A mesh with its points elsewhere.
+/// A mesh with its points moved.
 pub(crate) fn moved((points, faces): &Mesh, to: impl Fn(&[f64; 3]) -> [f64; 3]) -> Mesh {
     (points.iter().map(to).collect(), faces.clone())
 }
 
-/// How many triangles a map turns over.
+/// The number of triangles that a map flips.
 pub(crate) fn flipped(surface: &Surface, uv: &[[f64; 2]]) -> usize {
     surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
 }
@@ -46,14 +46,14 @@ pub(crate) fn solid(mask: &Mask, spacing: [f64; 3]) -> Surface {
     VoxelMesh::of_solid(mask, &affine, None, &Control::default()).unwrap().surface
 }
 
-/// The distances from a source, by a search of its own.
+/// The distances from a source, by a separate search.
 pub(crate) fn row<S: Solver>(solver: &S, source: u32) -> Vec<f32> {
     let mut row = vec![f32::NAN; solver.columns()];
     solver.row(source, &mut row, &mut solver.scratch(), &Control::default()).unwrap();
     row
 }
 
-/// A solver with whose rows something is done, which may fail.
+/// A solver that calls a function for each row, which may fail.
 pub(crate) struct Altered<'a, S, F>(pub &'a S, pub F);
 
 impl<S: Solver, F: Fn(&mut [f32]) -> Result<()> + Sync> Solver for Altered<'_, S, F> {

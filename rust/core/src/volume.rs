@@ -1,14 +1,14 @@
-//! What comes in: a binary volume and its place in the world.
+//! The input: a binary volume and its position in space.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::error::{Error, Result};
 use crate::scales::{SMALLEST, is_near};
 
-/// Indices of an axis fit into 21 bits, so that three fit into one 64-bit Morton code.
+/// Indices along an axis fit into 21 bits, so that three of them fit into one 64-bit Morton code.
 const LONGEST_AXIS: usize = 1 << 21;
 
-/// A binary volume: which voxels are foreground. The first index varies slowest (C order).
+/// A binary volume of foreground and background voxels. The first index varies slowest (C order).
 #[derive(Debug, Clone)]
 pub struct Mask {
     shape: [usize; 3],
@@ -16,7 +16,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// A mask from its values in C order.
+    /// Creates a mask from its values in C order.
     pub fn new(shape: [usize; 3], inside: Vec<bool>) -> Result<Self> {
         if shape.iter().any(|&n| n > LONGEST_AXIS) {
             return Err(Error::VolumeTooLarge { shape });
@@ -35,7 +35,7 @@ impl Mask {
         Ok(Self { shape, inside })
     }
 
-    /// A mask from a rule over voxel indices.
+    /// Creates a mask from a rule over voxel indices.
     pub fn from_fn(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> Result<Self> {
         let mut inside = Vec::with_capacity(shape.iter().product());
         for i in 0..shape[0] {
@@ -48,17 +48,17 @@ impl Mask {
         Self::new(shape, inside)
     }
 
-    /// Number of voxels along each axis.
+    /// Returns the number of voxels along each axis.
     pub fn shape(&self) -> [usize; 3] {
         self.shape
     }
 
-    /// Which voxels are foreground, in C order.
+    /// Returns whether each voxel is foreground, in C order.
     pub fn values(&self) -> &[bool] {
         &self.inside
     }
 
-    /// Is this voxel foreground? Everything outside the volume is background.
+    /// Returns whether a voxel is foreground. Voxels outside the volume are background.
     #[inline]
     pub fn is_inside(&self, [i, j, k]: [i64; 3]) -> bool {
         let [ni, nj, nk] = self.shape;
@@ -66,7 +66,7 @@ impl Mask {
         fits(i, ni) && fits(j, nj) && fits(k, nk) && self.inside[(i as usize * nj + j as usize) * nk + k as usize]
     }
 
-    /// The indices of the foreground voxels, in C order.
+    /// Iterates over the indices of the foreground voxels in C order.
     pub fn foreground(&self) -> impl Iterator<Item = [i64; 3]> + '_ {
         let [_, nj, nk] = self.shape.map(|n| n as i64);
         let index = move |flat: usize| {
@@ -77,7 +77,7 @@ impl Mask {
     }
 }
 
-/// From voxel indices to millimetres (RAS+): x = linear · (i, j, k) + translation, with orthogonal axes.
+/// A transform from voxel indices to millimetres (RAS+): x = linear · (i, j, k) + translation, with orthogonal axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Affine {
     linear: Matrix3<f64>,
@@ -86,10 +86,10 @@ pub struct Affine {
 }
 
 impl Affine {
-    /// The greatest cosine between two axes that still counts as rounding.
+    /// The largest cosine between two axes that is attributed to rounding.
     const SHEAR: f64 = 1e-3;
 
-    /// From a homogeneous 4 × 4 matrix.
+    /// Creates the transform from a homogeneous 4 × 4 matrix.
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
         if let Some(n) = (0..16).find(|n| !matrix[n / 4][n % 4].is_finite()) {
             let (row, column) = (n / 4, n % 4);
@@ -122,7 +122,7 @@ impl Affine {
         Ok(Self { linear, translation, spacing })
     }
 
-    /// Axis-aligned, with the origin at voxel 0.
+    /// Creates an axis-aligned transform with the origin at voxel 0.
     pub fn from_spacing(spacing: [f64; 3]) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&axis| spacing[axis] <= 0.0) {
             return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
@@ -135,17 +135,17 @@ impl Affine {
         Self::new(matrix)
     }
 
-    /// Distance between neighbouring voxel centres along each axis, in mm.
+    /// Returns the distance between neighbouring voxel centres along each axis, in mm.
     pub fn spacing(&self) -> [f64; 3] {
         self.spacing
     }
 
-    /// The 3 × 3 part.
+    /// Returns the 3 × 3 linear part.
     pub fn linear(&self) -> &Matrix3<f64> {
         &self.linear
     }
 
-    /// Do all voxels of a volume lie where lengths can be computed with?
+    /// Checks that all voxels of a volume lie within the supported range of coordinates.
     pub(crate) fn check_reach(&self, shape: [usize; 3]) -> Result<()> {
         for corner in 0..8 {
             let voxel = [0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { 0 } else { shape[axis].saturating_sub(1) });
@@ -157,7 +157,7 @@ impl Affine {
         Ok(())
     }
 
-    /// A voxel's centre in mm.
+    /// Returns the position of a voxel's centre in mm.
     pub fn to_mm(&self, voxel: [f64; 3]) -> Vector3<f64> {
         self.linear * Vector3::from(voxel) + self.translation
     }

@@ -1,4 +1,4 @@
-//! Whole maps: what must hold whatever the stages do.
+//! Complete maps: properties that do not depend on the implementation of the stages.
 
 use voxflat::control::Control;
 use voxflat::flatten::{FlatMap, check_flattenable, grossmann2002};

@@ -1,7 +1,8 @@
-//! Random surfaces: whatever their shape, the default map turns no triangle over, covers nothing twice, and is the same, bit for bit, by
-//! any number of threads.
+//! Random surfaces of any shape: the default map flips no triangle, does not overlap itself, and is the same, bit by
+//! bit, for any number of threads.
 //!
-//! `VOXFLAT_CASES=10000 cargo test --release --workspace --test folds` tries as many, in half an hour of two processors.
+//! `VOXFLAT_CASES=10000 cargo test --release --workspace --test folds` tries as many, in half an hour of two
+//! processors.
 
 use std::f64::consts::TAU;
 
@@ -41,7 +42,7 @@ fn add_hills(points: &mut [[f64; 3]], out: impl Fn(Vector3<f64>) -> Vector3<f64>
     }
 }
 
-/// Stretches along an axis, so that triangles get thin.
+/// Stretches along an axis, so that triangles become thin.
 fn stretch(points: &mut [[f64; 3]], rng: &mut ChaCha8Rng) {
     if rng.random_bool(0.3) {
         let (axis, factor) = (rng.random_range(0..3), 10f64.powf(rng.random_range(-1.0..1.0)));
@@ -123,7 +124,7 @@ fn moved((mut points, faces): Triangles, rng: &mut ChaCha8Rng) -> Result<Surface
     stretch(&mut points, rng);
     let size = 10f64.powf(rng.random_range(-1.0..1.5)); // some mm, or a hundred of them: bands of distances end at 10 and 30
     points.iter_mut().flatten().for_each(|x| *x *= size);
-    Ok(Surface::mended(&points, &faces)?.0)
+    Ok(Surface::repaired(&points, &faces)?.0)
 }
 
 fn map(disk: &Surface, sources: usize, weighting: f64, threads: usize, control: &Control) -> Result<FlatMap> {

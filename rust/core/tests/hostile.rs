@@ -1,4 +1,4 @@
-//! Small inputs of whatever kind: a valid map or an error, never a panic, and the same for any size within the scales.
+//! Small inputs of any kind give a valid map or an error, never a panic, at any size within the scales.
 //!
 //! `VOXFLAT_CASES=100000 cargo test --release --test hostile` tries as many of each.
 
@@ -31,7 +31,7 @@ fn cases(usual: u32) -> ProptestConfig {
     ProptestConfig { cases, max_global_rejects: 1 << 20, failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// Does something that is not to take long; it is cancelled after 20 s, which is a failure.
+/// Runs work that should be fast; it is cancelled after 20 s, which is a failure.
 fn watched(
     work: impl FnOnce(&Control) -> std::result::Result<(), TestCaseError>,
 ) -> std::result::Result<(), TestCaseError> {
@@ -66,7 +66,7 @@ fn coordinate() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Triangles without sense.
+/// Arbitrary triangles.
 fn soup() -> impl Strategy<Value = Soup> {
     (3usize..12).prop_flat_map(|count| {
         let faces = prop::collection::vec(prop::array::uniform3(-1..count as i64 + 1), 0..24);
@@ -74,7 +74,8 @@ fn soup() -> impl Strategy<Value = Soup> {
     })
 }
 
-/// A sheet, a ball or a ring, some of whose vertices were moved anywhere and some of whose triangles were taken out, turned or doubled.
+/// A sheet, a ball or a ring, some of whose vertices were moved anywhere and some of whose triangles were taken out,
+/// turned or doubled.
 fn spoiled() -> impl Strategy<Value = Soup> {
     let whole = prop::sample::select(vec![0, 1, 2]).prop_map(|kind| match kind {
         0 => shapes::sheet(5, 4),
@@ -133,10 +134,10 @@ fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Everything that is done to triangles; an error wherever that is not possible.
+/// Calls all functions on triangles; each returns an error if it is not possible.
 fn worked_through((points, faces): &Soup, control: &Control) -> std::result::Result<(), TestCaseError> {
     let defects = Surface::defects(points, faces);
-    for made in [Surface::from_triangles(points, faces), Surface::mended(points, faces)] {
+    for made in [Surface::from_triangles(points, faces), Surface::repaired(points, faces)] {
         let Ok((surface, _)) = made else { continue };
         prop_assert!(defects.is_ok());
         let (low, high) = surface.points().iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(l, h), p| {
@@ -225,7 +226,7 @@ proptest! {
         let longest = if power > 0 { size } else { 1.0 };
         for (n, (one, other)) in all_maps(&one, &control).unwrap().into_iter().zip(all_maps(&other, &control).unwrap()).enumerate() {
             if n == 0 && longest > 1.0 {
-                continue; // distances up to 10 and 30 mm have a weight of their own
+                continue; // distances up to 10 and 30 mm have separate weights
             }
             match (one, other) {
                 (Ok(one), Ok(other)) => {
@@ -246,7 +247,7 @@ fn sizes_beyond_the_scales_are_refused() {
     for size in [1e107, 1e19, 3e10, 2e10, 1e-9, 2e-10, 1e-30, 1e-200] {
         let is_taken = size == 2e10 || size == 1e-9;
         let sized: Vec<[f64; 3]> = points.iter().map(|point| point.map(|x| size * x)).collect();
-        for made in [Surface::from_triangles(&sized, &faces), Surface::mended(&sized, &faces)] {
+        for made in [Surface::from_triangles(&sized, &faces), Surface::repaired(&sized, &faces)] {
             assert_eq!(made.is_ok(), is_taken, "{size:e}: {:?}", made.err());
         }
     }

@@ -1,9 +1,10 @@
-//! What holds of all that takes long: it ends when it is cancelled, and any number of threads finds the same, bit by bit.
+//! Properties of all long computations: they end when cancelled, and do not depend on the number of threads, bit by
+//! bit.
 
 use std::fmt::Debug;
 
 use voxflat::control::Control;
-use voxflat::distortion::{distances, faces, judge, overlap};
+use voxflat::distortion::{distances, evaluate, faces, overlap};
 use voxflat::embed::sammon;
 use voxflat::embed::stress::levels::Levels;
 use voxflat::flatten::relaxation::{Relaxation, relax};
@@ -30,12 +31,12 @@ use voxflat::{Error, Result, atlas, patch};
 
 type Job<'a> = Box<dyn Fn(&Control) -> Result<String> + Sync + 'a>;
 
-/// What a job finds as text, which tells every bit, and in which what is undefined equals itself.
+/// The result of a job as text, which shows every bit, and in which NaN equals itself.
 fn job<'a, T: Debug>(of: impl Fn(&Control) -> Result<T> + Sync + 'a) -> Job<'a> {
     Box::new(move |control| of(control).map(|found| format!("{found:?}")))
 }
 
-/// A cap of a ball with furrows: a disk that no map keeps.
+/// A cap of a ball with furrows: a disk that cannot be flattened without distortion.
 fn cap() -> Surface {
     let (points, faces) = shapes::sphere(4);
     let bumpy = |&[x, y, z]: &[f64; 3]| [x, y, z].map(|c| 20.0 * c * (1.0 + 0.1 * (9.0 * x).sin() * (7.0 * y).cos()));
@@ -49,7 +50,7 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
     let (disk, ball, torus) = (&cap(), &shapes::surface(shapes::sphere(4)), &shapes::surface(shapes::torus(24, 12)));
     let uv: &Vec<[f64; 2]> = &disk.points().iter().map(|p| [p.x + 0.3 * p.z, p.y]).collect();
     let graph = &GeodesicGraph::new(disk, control).unwrap();
-    let sources: &Vec<u32> = &(0..disk.len() as u32).step_by(9).collect(); // so many that they are bundled
+    let sources: &Vec<u32> = &(0..disk.len() as u32).step_by(9).collect(); // enough sources for bundles
     let few = &sources[..10];
     let marching = &Marching::new(disk, Wave::Circle, control).unwrap();
     let pairs = &Neighbourhoods::measure(disk, Some(2), &few[..2], control).unwrap();
@@ -107,7 +108,7 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
         ("relaxation", job(|c| relax(disk, Relaxation { length: 30.0, ..Relaxation::default() }, c))),
         ("triangles", job(|c| faces::measure_faces(disk.points(), disk.faces(), uv, c))),
         ("overlaps", job(|c| overlap::overlaps(disk.faces(), uv, c))),
-        ("judge", job(|c| judge::judge_all(graph, &[uv], sources, 0, 0, c))),
+        ("evaluate", job(|c| evaluate::evaluate_all(graph, &[uv], sources, 0, 0, c))),
         ("error of distances", job(|c| distances::error_of_distances(disk, graph, 0, c))),
         ("patches", job(|c| atlas::patches(disk, limit, atlas::Seeds::Flattest, c))),
         ("glue", job(|c| atlas::glue::glue(disk, &patches.labels, &patches.flat(disk), 1.5, c))),

@@ -1,4 +1,4 @@
-//! Between numpy arrays and the core's values.
+//! Conversion between numpy arrays and the core's values.
 
 use ndarray::Array2;
 use numpy::{
@@ -25,7 +25,7 @@ pub type Table<'py, T> = Bound<'py, PyArray2<T>>;
 pub type Dict<'py> = Bound<'py, PyDict>;
 pub type List<'py> = Bound<'py, PyList>;
 
-/// A dictionary of values by their names.
+/// Creates a dictionary of named values.
 macro_rules! dict {
     ($py:expr, $($name:literal = $value:expr),* $(,)?) => {{
         let dict = pyo3::types::PyDict::new($py);
@@ -36,24 +36,24 @@ macro_rules! dict {
 
 pub(crate) use dict;
 
-/// A mask from a boolean array of any strides.
+/// Creates a mask from a boolean array of any strides.
 pub fn mask(array: &GivenImage<'_, bool>) -> PyResult<Mask> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
     Mask::new([i, j, k], array.as_array().iter().copied().collect()).map_err(to_python)
 }
 
-/// An image and its value on the surface.
+/// Creates a level from an image and its value on the surface.
 pub fn level(array: &GivenImage<'_, f32>, value: f64) -> PyResult<Level> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
     Level::new([i, j, k], array.as_array().iter().copied().collect(), value).map_err(to_python)
 }
 
-/// The values of an array.
+/// Returns the values of an array.
 pub fn values<T: numpy::Element + Copy>(array: &Given<'_, T>) -> Vec<T> {
     array.as_array().to_vec()
 }
 
-/// Rows of a fixed width from a two-dimensional array.
+/// Returns rows of a fixed width from a two-dimensional array.
 pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>, name: &str) -> PyResult<Vec<[T; W]>> {
     let view = array.as_array();
     if view.ncols() != W {
@@ -65,7 +65,7 @@ pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>,
     Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
 }
 
-/// Triangles in the plane from an array of their corners.
+/// Returns triangles in the plane from an array of their corners.
 pub fn triangles(array: &GivenImage<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
     let view = array.as_array();
     if view.shape()[1..] != [3, 2] {
@@ -77,12 +77,12 @@ pub fn triangles(array: &GivenImage<'_, f64>, name: &str) -> PyResult<Vec<[[f64;
     Ok(view.outer_iter().map(|of| std::array::from_fn(|k| std::array::from_fn(|axis| of[[k, axis]]))).collect())
 }
 
-/// Vectors as rows.
+/// Returns vectors as rows.
 pub fn plain<V: Copy + Into<[f64; 3]>>(vectors: &[V]) -> Vec<[f64; 3]> {
     vectors.iter().map(|&vector| vector.into()).collect()
 }
 
-/// A two-dimensional array from rows of a fixed width.
+/// Creates a two-dimensional array from rows of a fixed width.
 pub fn array<'py, T: numpy::Element + Copy, const W: usize>(
     py: Python<'py>,
     rows: &[[T; W]],
@@ -90,19 +90,19 @@ pub fn array<'py, T: numpy::Element + Copy, const W: usize>(
     table(py, rows.as_flattened().to_vec(), W)
 }
 
-/// A two-dimensional array from its values, row by row.
+/// Creates a two-dimensional array from its values, row by row.
 pub fn table<T: numpy::Element>(py: Python<'_>, values: Vec<T>, width: usize) -> PyResult<Table<'_, T>> {
     let height = values.len().checked_div(width).unwrap_or(0);
     let array = Array2::from_shape_vec((height, width), values);
     Ok(array.map_err(|error| InputError::new_err(error.to_string()))?.into_pyarray(py))
 }
 
-/// Fails where a vertex is not below `points`.
+/// Checks that all vertices are below `points`.
 pub fn check_vertices(vertices: impl IntoIterator<Item = u32>, points: usize) -> PyResult<()> {
     voxflat::error::check_points(vertices, points).map_err(to_python)
 }
 
-/// Fails where there are not as many values or rows as the surface has points.
+/// Checks that there are as many values or rows as points of the surface.
 pub fn check_length(given: usize, points: usize, name: &str) -> PyResult<()> {
     if given == points {
         return Ok(());
@@ -112,14 +112,14 @@ pub fn check_length(given: usize, points: usize, name: &str) -> PyResult<()> {
     )))
 }
 
-/// The numbers of vertices, of which there are `points`.
+/// Returns the numbers of vertices of a surface with `points` vertices.
 pub fn vertices(array: &Given<'_, u32>, points: usize) -> PyResult<Vec<u32>> {
     let vertices = values(array);
     check_vertices(vertices.iter().copied(), points)?;
     Ok(vertices)
 }
 
-/// Three-dimensional view of a table.
+/// Returns a three-dimensional view of a table.
 pub fn image<'py, T: numpy::Element>(
     table: Table<'py, T>,
     height: usize,
@@ -129,7 +129,7 @@ pub fn image<'py, T: numpy::Element>(
     table.reshape([height, width, depth])
 }
 
-/// How sources are chosen: "farthest" or "random"; `choices` names all that there are, for who gives something else.
+/// Returns how sources are chosen: "farthest" or "random"; the error message lists all `choices`.
 pub fn sources(sampling: &str, count: usize, seed: u64, choices: &str) -> PyResult<Sources> {
     match sampling {
         "farthest" => Ok(Sources::Farthest { count, seed }),
@@ -138,7 +138,7 @@ pub fn sources(sampling: &str, count: usize, seed: u64, choices: &str) -> PyResu
     }
 }
 
-/// What a name stands for, of all that an argument can be.
+/// Returns the value of a name, given all choices of an argument.
 pub fn one_of<T: Copy>(argument: &str, given: &str, choices: &[(&str, T)]) -> PyResult<T> {
     if let Some((_, found)) = choices.iter().find(|(name, _)| *name == given) {
         return Ok(*found);
@@ -148,7 +148,7 @@ pub fn one_of<T: Copy>(argument: &str, given: &str, choices: &[(&str, T)]) -> Py
     Err(InputError::new_err(format!("{argument} is {given:?}. Give {} or {last}", others.join(", "))))
 }
 
-/// The figures of distances by their names.
+/// Returns the figures of distances by their names.
 pub fn distortion_dict(py: Python<'_>, measured: Distortion) -> PyResult<Dict<'_>> {
     let figures = |of: &Figures| of.named().into_py_dict(py);
     let errors = measured.standard_error;
@@ -172,7 +172,7 @@ pub fn distortion_dict(py: Python<'_>, measured: Distortion) -> PyResult<Dict<'_
     ))
 }
 
-/// The figures of triangles by their names.
+/// Returns the figures of triangles by their names.
 pub fn triangles_dict<'py>(py: Python<'py>, measured: FaceDistortion, overlap: &Overlap) -> PyResult<Dict<'py>> {
     Ok(dict!(
         py,
@@ -199,7 +199,7 @@ pub fn triangles_dict<'py>(py: Python<'py>, measured: FaceDistortion, overlap: &
     ))
 }
 
-/// A flat map's values by their names.
+/// Returns the values of a flat map by their names.
 pub fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Dict<'_>> {
     let rows = map.rows.map(|rows| (rows.columns(), rows.into_data()));
     Ok(dict!(

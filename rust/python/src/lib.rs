@@ -1,6 +1,6 @@
-//! The Python extension `voxflat._core`: borrow, check, release the GIL, call, wrap. No algorithm lives here.
+//! The Python extension `voxflat._core`: borrow, check, release the GIL, call, wrap. It contains no algorithm.
 //!
-//! Arrays are copied with the GIL; whatever else takes time goes on without it.
+//! Arrays are copied with the GIL; everything else that takes time runs without it.
 
 mod convert;
 mod nearest;
@@ -13,13 +13,13 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 
-/// The memory in bytes that computing a store of so many rows and columns needs at most beside the graph.
+/// Return the maximum memory in bytes for computing a store of this size, without the graph.
 #[pyfunction]
 fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     voxflat::store::memory_need(columns, rows, threads)
 }
 
-/// Of rows of a store's table, whose checksums are given, those that do not agree with them.
+/// Return the rows of a store's table that do not match the given checksums.
 #[pyfunction]
 #[pyo3(signature = (directory, columns, checksums, progress=None))]
 fn damaged_rows(
@@ -39,8 +39,8 @@ fn damaged_rows(
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("FARTHEST", voxflat::scales::FARTHEST)?;
-    module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
-    module.add("REFERENCE_SOURCES", voxflat::distortion::judge::REFERENCE_SOURCES)?;
+    module.add("KEPT_BYTES", voxflat::distortion::evaluate::KEPT_BYTES)?;
+    module.add("REFERENCE_SOURCES", voxflat::distortion::evaluate::REFERENCE_SOURCES)?;
     module.add("SMALLEST", voxflat::scales::SMALLEST)?;
     module.add_class::<nearest::NearestFinder>()?;
     module.add_class::<raster::TriangleFinder>()?;

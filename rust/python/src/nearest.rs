@@ -1,4 +1,4 @@
-//! From space to a surface: the nearest place, and the columns that voxels lie in.
+//! The nearest point on a surface, and the columns that contain voxels.
 
 use std::sync::Arc;
 
@@ -13,13 +13,13 @@ use crate::work::{InputError, Progress, run};
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>, Values<'py, f64>);
 type Columns<'py> = (Values<'py, u64>, Values<'py, u32>, Table<'py, f64>, Values<'py, f64>);
 
-/// Finds the place of a surface that is nearest to a point.
+/// Finds the nearest point on a surface.
 #[pyclass(frozen, module = "voxflat._core")]
 pub struct NearestFinder(Arc<CoreFinder>);
 
 #[pymethods]
 impl NearestFinder {
-    /// Of points (N, 3) in mm and faces (F, 3).
+    /// Create a finder from points (N, 3) in mm and faces (F, 3).
     #[new]
     fn new(py: Python<'_>, points: GivenTable<'_, f64>, faces: GivenTable<'_, u32>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
@@ -32,8 +32,8 @@ impl NearestFinder {
         })
     }
 
-    /// The triangle nearest to each of the points (P, 3), -1 where none is within the limit, barycentric coordinates (P, 3)
-    /// and the distance (P,) in mm, NaN for none.
+    /// Return the triangle nearest to each point (P, 3), -1 if none is within the limit; its barycentric coordinates
+    /// (P, 3) and distance (P,) in mm, NaN if there is none.
     fn find<'py>(&self, py: Python<'py>, points: GivenTable<'py, f64>, limit: f64) -> PyResult<Found<'py>> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let finder = Arc::clone(&self.0);
@@ -45,11 +45,11 @@ impl NearestFinder {
     }
 }
 
-/// Finds the voxels whose centres lie between two surfaces of the same faces (F, 3), ascending by number, the last index
-/// counting fastest: numbers (P,), triangles (P,), barycentric coordinates (P, 3), and the way from inside to outside (P,).
+/// Find the voxels whose centres lie between two surfaces with the same faces (F, 3), ascending by number (C order):
+/// numbers (P,), triangles (P,), barycentric coordinates (P, 3), and depths (P,) from 0 to 1.
 ///
-/// `inner`, `outer` (N, 3) are in voxel indices; `numbers` (N,) say what each vertex is. Of a voxel in several columns that one is
-/// told in which it is nearest to the fraction `middle`.
+/// `inner`, `outer` (N, 3) are in voxel indices; `numbers` (N,) identify vertices. A voxel in several columns is
+/// assigned to the one in which its depth is closest to `middle`.
 #[pyfunction]
 #[pyo3(signature = (inner, outer, faces, numbers, shape, middle, progress=None))]
 #[allow(clippy::too_many_arguments)]
@@ -69,7 +69,7 @@ pub fn ribbon_voxels<'py>(
     let numbers = convert::values(&numbers);
     if outer.len() != inner.len() || numbers.len() != inner.len() {
         return Err(InputError::new_err(format!(
-            "inner has {} points, outer {}, numbers {}: they must correspond",
+            "inner has {} points, outer {} and numbers {}. Give one of each per vertex",
             inner.len(),
             outer.len(),
             numbers.len()

@@ -1,10 +1,10 @@
-//! The flat image's pixels, and the inverse look-up.
+//! The pixels of a flat image, and the inverse lookup.
 
 use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
-use voxflat::look_up::TriangleFinder as CoreFinder;
+use voxflat::lookup::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
 
 use crate::convert::{self, Given, GivenImage, GivenTable, Table, Values};
@@ -13,10 +13,10 @@ use crate::work::{InputError, Progress, run};
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>);
 type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 2]);
 
-/// Draws faces (F, 3) over the plane; pixels of a torn face show its nearest corner.
+/// Draw faces (F, 3) in the plane; pixels of a torn face show its nearest corner.
 ///
-/// Returns the pixels' corners (H, W, 3), their barycentric weights (H, W, 3), and (u, v) in mm of the centre of pixel
-/// (0, 0). Outside the map a corner is 2³² − 1 and a weight NaN.
+/// Returns the corners of the pixels (H, W, 3), their barycentric weights (H, W, 3), and (u, v) in mm of the centre of
+/// pixel (0, 0). Outside the map, corners are 2³² − 1 and weights NaN.
 #[pyfunction]
 #[pyo3(signature = (uv, faces, torn, pixel_size, progress=None))]
 pub fn draw<'py>(
@@ -45,20 +45,20 @@ pub fn draw<'py>(
     Ok((corners, weights, raster.origin))
 }
 
-/// Finds the triangles that hold places in the plane.
+/// Finds the triangles at positions in the plane.
 #[pyclass(frozen, module = "voxflat._core")]
 pub struct TriangleFinder(Arc<CoreFinder>);
 
 #[pymethods]
 impl TriangleFinder {
-    /// Of triangles by their corners (F, 3, 2) in mm.
+    /// Create a finder from the corners of triangles (F, 3, 2) in mm.
     #[new]
     fn new(py: Python<'_>, corners: GivenImage<'_, f64>) -> PyResult<Self> {
         let corners = convert::triangles(&corners, "corners")?;
         run(py, Some(1), &None, move |_| Ok(Self(Arc::new(CoreFinder::new(&corners)))))
     }
 
-    /// The first triangle that holds each of the places (P, 2), -1 for none, and barycentric coordinates (P, 3), NaN for none.
+    /// Return the first triangle at each position (P, 2), -1 if none, and barycentric coordinates (P, 3), NaN if none.
     fn find<'py>(&self, py: Python<'py>, places: GivenTable<'py, f64>) -> PyResult<Found<'py>> {
         let places = convert::rows::<_, 2>(&places, "places")?;
         let finder = Arc::clone(&self.0);

@@ -1,4 +1,4 @@
-//! Surfaces of triangles and what is done with them.
+//! Surfaces of triangles and their methods.
 
 mod cuts;
 pub mod distances;
@@ -28,7 +28,7 @@ use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
 type FromMask<'py> = (Surface, Table<'py, u32>, Dict<'py>);
 
-/// A surface of triangles with the graph that measures distances on it.
+/// A surface of triangles, with the graph for distances on it.
 #[pyclass(frozen, module = "voxflat._core")]
 pub struct Surface(Arc<Inner>);
 
@@ -44,7 +44,7 @@ impl From<CoreSurface> for Surface {
 }
 
 impl Inner {
-    /// The graph, made when it is first needed.
+    /// Returns the graph, which is created when it is first needed.
     fn graph(&self, control: &Control) -> voxflat::Result<Arc<GeodesicGraph>> {
         let mut known = self.graph.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if let Some(graph) = known.as_ref() {
@@ -58,8 +58,8 @@ impl Inner {
 
 #[pymethods]
 impl Surface {
-    /// From points (N, 3) in mm and triangles (F, 3); with what was done. Unless they are to be mended, what is no surface is
-    /// refused.
+    /// Creates a surface from points (N, 3) in mm and triangles (F, 3), with its repairs; defects are errors unless
+    /// `mend`.
     #[staticmethod]
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
@@ -70,23 +70,24 @@ impl Surface {
     ) -> PyResult<(Self, Dict<'py>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
-        let make = if mend { CoreSurface::mended } else { CoreSurface::from_triangles };
-        let (surface, mended) = run(py, Some(1), &None, move |_| make(&points, &faces))?;
+        let make = if mend { CoreSurface::repaired } else { CoreSurface::from_triangles };
+        let (surface, repaired) = run(py, Some(1), &None, move |_| make(&points, &faces))?;
         let dict = dict!(
             py,
-            "turned" = mended.turned,
-            "unused" = mended.unused,
-            "merged" = convert::array(py, &mended.merged)?,
-            "dropped" = mended.dropped,
-            "flipped" = mended.flipped,
-            "duplicates" = mended.duplicates,
-            "split" = mended.split
+            "turned" = repaired.turned,
+            "unused" = repaired.unused,
+            "merged" = convert::array(py, &repaired.merged)?,
+            "dropped" = repaired.dropped,
+            "flipped" = repaired.flipped,
+            "duplicates" = repaired.duplicates,
+            "split" = repaired.split
         );
         Ok((surface.into(), dict))
     }
 
-    /// From a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm; `level` is an image (I, J, K) and its value on the surface,
-    /// `sheet` says whether it is one. With the voxel of each vertex (N, 3) and how it was made.
+    /// Creates a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K)
+    /// and its value on the surface; `sheet` is whether it is a voxel sheet. Also returns the voxel of each vertex (N,
+    /// 3) and details.
     #[staticmethod]
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
     fn from_mask<'py>(
@@ -120,14 +121,14 @@ impl Surface {
         self.0.surface.len()
     }
 
-    /// RAS+ mm (N, 3).
+    /// Points (N, 3) in RAS+ mm.
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let points = py.detach(|| convert::plain(self.0.surface.points()));
         convert::array(py, &points)
     }
 
-    /// Unit normals (N, 3) of the vertices, means of their faces'.
+    /// Unit normals (N, 3) of the vertices, means of those of their faces.
     #[getter]
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let normals = self.run(py, Some(1), &None, move |inner, _| Ok(convert::plain(&inner.surface.normals())))?;
@@ -140,23 +141,24 @@ impl Surface {
         convert::array(py, self.0.surface.faces())
     }
 
-    /// The vertex of the input that each vertex is (N).
+    /// The vertex of the input for each vertex (N).
     #[getter]
     fn ids<'py>(&self, py: Python<'py>) -> Values<'py, u32> {
         self.0.surface.ids().to_vec().into_pyarray(py)
     }
 
-    /// The part of the faces whose corners are all kept (N).
+    /// Return the faces whose corners are all kept (N).
     fn part(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
         if keep.len() != self.0.surface.len() {
-            let message = format!("keep has {} values; the surface has {} points", keep.len(), self.0.surface.len());
+            let message =
+                format!("keep has {} values. Give one for each of the {} points", keep.len(), self.0.surface.len());
             return Err(InputError::new_err(message));
         }
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_vertices(&keep).into()))
     }
 
-    /// The part of the faces that are kept (F).
+    /// Return the faces that are kept (F).
     fn part_of_faces(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
         let faces = self.0.surface.faces().len();
@@ -169,7 +171,7 @@ impl Surface {
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part(&keep).into()))
     }
 
-    /// The geodesic disk around a vertex, and how many faces were taken in because it encloses them.
+    /// Return the geodesic disk around a vertex, and the number of enclosed faces that were filled in.
     #[pyo3(signature = (seed, radius, threads=None, progress=None))]
     fn disk(
         &self,
@@ -186,7 +188,7 @@ impl Surface {
         Ok((part.into(), filled))
     }
 
-    /// The smaller side of the closed shortest path along edges through vertices, and the vertices of that path.
+    /// Return the smaller side of the closed shortest path along edges through vertices, and the vertices of that path.
     #[pyo3(signature = (corners, progress=None))]
     fn polygon<'py>(
         &self,
@@ -200,12 +202,12 @@ impl Surface {
         Ok((part.into(), path.into_pyarray(py)))
     }
 
-    /// The component with the largest area.
+    /// Return the component with the largest area.
     fn largest_piece(&self, py: Python<'_>) -> PyResult<Self> {
         self.run(py, Some(1), &None, move |inner, _| Ok(patch::largest_piece(&inner.surface).into()))
     }
 
-    /// The same vertices at other points (N, 3) in mm.
+    /// Return the same vertices at other points (N, 3) in mm.
     fn moved(&self, py: Python<'_>, points: GivenTable<'_, f64>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         self.check_length(points.len(), "points")?;
@@ -236,7 +238,7 @@ impl Surface {
     }
 }
 
-/// Unit normals (N, 3) of the vertices of triangles (F, 3) between points (N, 3), weighted by areas; NaN where there is none.
+/// Return area-weighted unit normals (N, 3) of the vertices of triangles (F, 3) at points (N, 3); NaN if undefined.
 #[pyfunction]
 pub fn vertex_normals<'py>(
     py: Python<'py>,
@@ -254,7 +256,7 @@ pub fn vertex_normals<'py>(
     convert::array(py, &normals)
 }
 
-/// What is wrong with a mesh: for each defect where it is.
+/// Return the defects of a mesh: the places of each kind of defect.
 #[pyfunction]
 pub fn defects<'py>(py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>) -> PyResult<Dict<'py>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
@@ -272,14 +274,14 @@ pub fn defects<'py>(py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenT
     ))
 }
 
-/// Whether a mask is a sheet one voxel thick.
+/// Return whether a mask is a voxel sheet (one voxel thick).
 #[pyfunction]
 pub fn is_sheet(py: Python<'_>, mask: GivenImage<'_, bool>) -> PyResult<bool> {
     let mask = convert::mask(&mask)?;
     Ok(py.detach(|| sheets::is_sheet(&mask)))
 }
 
-/// Makes a mask's surface a sphere: the mask, and what was changed.
+/// Repair a mask so that its surface is a sphere; return the mask and the changes.
 #[pyfunction]
 #[pyo3(signature = (mask, spacing, probability=None, progress=None))]
 pub fn repair<'py>(

@@ -1,4 +1,4 @@
-//! Voxel surfaces and what is done with them.
+//! Voxel surfaces and their methods.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ struct Inner {
     lengths: LinkLengths,
 }
 
-/// The lengths in mm of the links of a chain code by kind, the set of axes along which a link steps (bits 1, 2, 4).
+/// Return the lengths in mm of chain-code links by kind, the set of axes along which a link steps (bits 1, 2, 4).
 #[pyfunction]
 pub fn chain_weights(spacing: [f64; 3], link_lengths: &str) -> PyResult<[f64; 8]> {
     let spacing = Affine::from_spacing(spacing).map_err(to_python)?.spacing();
@@ -46,7 +46,7 @@ pub fn chain_weights(spacing: [f64; 3], link_lengths: &str) -> PyResult<[f64; 8]
 
 #[pymethods]
 impl VoxelSurface {
-    /// From a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm.
+    /// Create a voxel surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm.
     #[staticmethod]
     #[pyo3(signature = (mask, affine, link_lengths, progress=None))]
     fn from_mask(
@@ -67,7 +67,7 @@ impl VoxelSurface {
         })
     }
 
-    /// The part to flatten: a mask's, a geodesic disk's, or the largest component.
+    /// Return the part to flatten: that of a mask, a geodesic disk, or the largest component.
     #[pyo3(signature = (keep=None, seed_point=None, radius=None, progress=None))]
     fn cut_out(
         &self,
@@ -90,7 +90,7 @@ impl VoxelSurface {
         self.0.surface.len()
     }
 
-    /// Number of links of the graph, each counted from both ends.
+    /// The number of links of the graph, counted from both ends.
     #[getter]
     fn links(&self) -> usize {
         self.0.graph.links()
@@ -102,7 +102,7 @@ impl VoxelSurface {
         convert::array(py, self.0.surface.voxels())
     }
 
-    /// RAS+ mm (N, 3).
+    /// Points (N, 3) in RAS+ mm.
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let points = py.detach(|| convert::plain(&self.0.surface.points()));
@@ -118,14 +118,14 @@ impl VoxelSurface {
         (graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
     }
 
-    /// Numbers of voxels of the connected components, largest first.
+    /// Return the numbers of voxels of the connected components, largest first.
     fn component_sizes(&self, py: Python<'_>) -> Vec<usize> {
         let mut sizes = py.detach(|| self.0.graph.components().sizes);
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         sizes
     }
 
-    /// Euler characteristic, cavities, and whether the surface is closed.
+    /// Return the Euler characteristic, the cavities, and whether the surface is closed.
     #[pyo3(signature = (progress=None))]
     fn topology<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
         let topology =
@@ -133,13 +133,13 @@ impl VoxelSurface {
         topology_dict(py, &topology)
     }
 
-    /// Raises InputError if the surface is closed or has too few points.
+    /// Raise InputError if the surface is closed or has too few points.
     #[pyo3(signature = (progress=None))]
     fn check_flattenable(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<()> {
         self.run(py, Some(1), &progress, move |inner, control| check_flattenable(&inner.surface, control)).map(|_| ())
     }
 
-    /// The vertices at voxels (m, 3).
+    /// Return the vertices at voxels (m, 3).
     fn find<'py>(&self, py: Python<'py>, voxels: GivenTable<'py, i64>) -> PyResult<Values<'py, u32>> {
         self.check_not_empty()?;
         let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
@@ -148,13 +148,13 @@ impl VoxelSurface {
         Ok(found.map_err(to_python)?.into_pyarray(py))
     }
 
-    /// The surface voxel nearest to a voxel, as a vertex, and its distance in mm.
+    /// Return the surface voxel nearest to a voxel, as a vertex, and its distance in mm.
     fn nearest(&self, py: Python<'_>, voxel: [i64; 3]) -> PyResult<(usize, f64)> {
         self.check_not_empty()?;
         Ok(py.detach(|| self.0.surface.nearest(voxel)))
     }
 
-    /// Chooses sources: "farthest" or "random".
+    /// Choose sources: "farthest" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(
         &self,
@@ -170,7 +170,7 @@ impl VoxelSurface {
         Ok(chosen.into_pyarray(py))
     }
 
-    /// Distance rows (m, N) in mm from sources (vertices).
+    /// Return distance rows (m, N) in mm from sources (vertices).
     #[pyo3(signature = (sources, threads=None, progress=None))]
     fn rows<'py>(
         &self,
@@ -186,13 +186,14 @@ impl VoxelSurface {
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
-    /// A hash of what distances depend on.
+    /// Return a hash of everything that distances depend on.
     #[pyo3(signature = (progress=None))]
     fn fingerprint(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<u64> {
         self.run(py, Some(1), &progress, move |inner, control| inner.graph.fingerprint(control))
     }
 
-    /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
+    /// Compute the missing rows of a store from sources (vertices); return the numbers of rows it had, and of damaged
+    /// rows.
     #[pyo3(signature = (directory, identity, sources, threads=None, progress=None))]
     fn store_rows(
         &self,
@@ -210,7 +211,7 @@ impl VoxelSurface {
         Ok((found.rows, found.damaged))
     }
 
-    /// The vertices of a shortest path, both ends included, and its length in mm.
+    /// Return the vertices of a shortest path, including both ends, and its length in mm.
     fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f32)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let (path, length) =
@@ -218,12 +219,12 @@ impl VoxelSurface {
         Ok((path.into_pyarray(py), length))
     }
 
-    /// The memory in bytes that flattening needs at most.
+    /// Return the maximum memory in bytes for flattening.
     fn memory_need(&self, sources: usize, threads: usize) -> u64 {
         grossmann2002::memory_need(self.0.surface.len(), self.0.graph.links(), sources, threads)
     }
 
-    /// Flattens after Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
+    /// Flatten by the method of Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
     #[pyo3(signature = (sources, seed, keep_rows=false, threads=None, progress=None))]
     fn grossmann2002<'py>(
         &self,
@@ -241,7 +242,7 @@ impl VoxelSurface {
         convert::map_dict(py, map)
     }
 
-    /// The faces (F, 3) that join the places (N, 2) of a flat map of this surface, and which of them are torn (F).
+    /// Return the faces (F, 3) that join the positions (N, 2) of a flat map, and which of them are torn (F).
     #[pyo3(signature = (uv, progress=None))]
     fn map_faces<'py>(
         &self,

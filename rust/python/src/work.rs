@@ -1,4 +1,4 @@
-//! Long work beside a Python that stays alive: signals, progress, cancelling, errors.
+//! Long computations that keep Python responsive: signals, progress, cancellation, errors.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -13,21 +13,21 @@ pyo3::import_exception!(voxflat.errors, VoxflatError);
 pyo3::import_exception!(voxflat.errors, InputError);
 pyo3::import_exception!(voxflat.errors, Cancelled);
 
-/// How often the waiting thread looks for signals and reports progress.
+/// How often the waiting thread checks for signals and reports progress.
 const POLL: Duration = Duration::from_millis(20);
 
-/// How long cancelled work is waited for. A factorisation of a large matrix cannot be interrupted: it is left to end on
-/// its own, its result dropped, so that the user has control at once.
+/// How long to wait for cancelled work. The factorisation of a large matrix cannot be interrupted: it ends on its own,
+/// and its result is dropped, so that the user regains control at once.
 const PATIENCE: Duration = Duration::from_millis(60);
 
-/// What is called with the stage of long work, the steps that are done and all of them, if anything.
+/// An optional callback that receives the stage, the number of finished steps and the total number of steps.
 pub type Progress<'py> = Option<Bound<'py, PyAny>>;
 
-/// How many threads; none is one a core.
+/// The number of threads; None means one per core.
 pub type Threads = Option<usize>;
 
-/// Runs `work` on threads of its own (`threads` of them, or one a core) without the GIL. The calling thread passes the
-/// progress to `progress(stage, done, total)`; if that returns False or raises, or Ctrl-C is pressed, the work is cancelled.
+/// Runs `work` on its own threads (`threads` of them, or one per core) without the GIL. The calling thread reports
+/// progress to `progress(stage, done, total)`. If that returns False or raises, or on Ctrl-C, the work is cancelled.
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Threads,
@@ -35,18 +35,18 @@ pub fn run<T: Send + 'static>(
     work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
-    let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("no threads can be started: {error}")))?;
+    let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("cannot start threads: {error}")))?;
     let progress = progress.as_ref().map(|callback| callback.clone().unbind());
     let control = Arc::new(Control::default());
     let (sender, receiver) = channel();
     let controlled = Arc::clone(&control);
-    // the sender is dropped at the end even of a panic, which ends the waiting
+    // the sender is dropped at the end, even after a panic, which ends the waiting
     let start = std::thread::Builder::new().spawn(move || sender.send(pool.install(|| work(&controlled))));
-    start.map_err(|error| PyRuntimeError::new_err(format!("no thread can be started: {error}")))?;
+    start.map_err(|error| PyRuntimeError::new_err(format!("cannot start a thread: {error}")))?;
     py.detach(move || {
         loop {
             let ended = receiver.recv_timeout(POLL);
-            // asked even where nothing has moved: it may have come to say stop
+            // called even without progress, because it can cancel the work
             if let Err(reason) = Python::attach(|py| watch(py, progress.as_ref(), control.progress())) {
                 control.cancel();
                 if ended.is_err() {
@@ -67,7 +67,7 @@ pub fn run<T: Send + 'static>(
     })
 }
 
-/// The same for work on a value that goes on being there.
+/// Does the same for work on a shared value.
 pub fn run_on<I: Send + Sync + 'static, T: Send + 'static>(
     value: &Arc<I>,
     py: Python<'_>,
@@ -92,7 +92,7 @@ fn watch(py: Python<'_>, progress: Option<&Py<PyAny>>, now: control::Progress) -
     Ok(())
 }
 
-/// The Python exception of a core error.
+/// Returns the Python exception of a core error.
 pub fn to_python(error: Error) -> PyErr {
     let message = error.to_string();
     match error {
@@ -104,8 +104,8 @@ pub fn to_python(error: Error) -> PyErr {
     }
 }
 
-/// An OSError, of the class that belongs to the system's code, or to that of a name in Python's `errno`. It names the file
-/// itself, so the message need not.
+/// Returns an OSError of the class that belongs to the system's code, or to a name in Python's `errno`. The exception
+/// names the file.
 fn os_error(code: Option<i32>, name: &str, message: &str, path: String) -> PyErr {
     let message = message.replacen(&format!(" {path}"), "", 1);
     Python::attach(|py| {

@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-/// How much a cosine may be off by rounding.
+/// The rounding error of a cosine.
 const ROUNDING: f64 = 1e-14;
 
-/// The axis, a unit vector, of the narrowest cone that holds all of these unit vectors, which lie in an open half-space; of none
-/// the first axis of space. It is found one direction after another: one that the cone does not hold yet lies on the border of
-/// the next (Welzl 1991).
+/// Returns the axis, a unit vector, of the narrowest cone that contains all of these unit vectors, which must lie in an
+/// open half-space; without vectors, the first axis of space. Directions are added one by one: one that the cone does
+/// not contain lies on the boundary of the next cone (Welzl 1991).
 pub(super) fn narrowest(directions: &[Vector3<f64>]) -> Vector3<f64> {
     let Some(&first) = directions.first() else { return Vector3::x() };
     let mut cone = Cone { axis: first, cosine: 1.0 };
@@ -53,7 +53,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// None of the cones through two or three of the directions that hold all is narrower.
+        /// No cone through two or three of the directions that contains all of them is narrower.
         #[test]
         fn it_is_as_by_brute_force(
             places in prop::collection::vec(prop::array::uniform2(-0.9..0.9f64), 2..9),

@@ -1,4 +1,4 @@
-//! Dissolving small patches: their triangles go to the patches beside them.
+//! Dissolution of small patches into adjacent patches.
 
 use nalgebra::Vector3;
 
@@ -8,13 +8,13 @@ use super::growth::Region;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Larger patches are not tried: hardly any can be dissolved, and each try takes the longer.
+/// The largest patch that is tried. Hardly any larger patch can be dissolved, and each attempt takes longer.
 const LARGEST: usize = 200;
 
-/// Passes over all patches at most; each finds fewer.
+/// The maximum number of passes over all patches; each dissolves fewer.
 const PASSES: usize = 4;
 
-/// Patches, and to which one each facet belongs.
+/// Patches, and the patch of each facet.
 struct Parts<'a, 'b> {
     facets: &'a Facets<'b>,
     least: f64,
@@ -22,15 +22,15 @@ struct Parts<'a, 'b> {
     owner: Vec<u32>,
 }
 
-/// Where the facets of a patch would go: to which patch, and what its normal would be.
+/// The new patch of a facet, and its new normal.
 struct Move {
     facet: u32,
     to: u32,
     normal: Vector3<f64>,
 }
 
-/// Dissolves patches, the smallest first, whose facets all find room in neighbouring ones, which are turned for them if need be.
-/// The others only ever gain, and stay in one piece.
+/// Dissolves patches, the smallest first, if all their facets fit into adjacent patches, which are rotated if
+/// necessary. The other patches only grow, and remain connected.
 pub(super) fn dissolved(
     facets: &Facets<'_>,
     regions: Vec<Region>,
@@ -65,7 +65,7 @@ pub(super) fn dissolved(
 }
 
 impl Parts<'_, '_> {
-    /// How all facets of a patch find room elsewhere; none if they do not.
+    /// Returns a new patch for each facet of a patch; none if one of them has none.
     fn ways_out(&self, number: u32) -> Option<Vec<Move>> {
         let mut left = self.regions[number as usize].facets.clone();
         let mut moves: Vec<Move> = Vec::new();
@@ -85,7 +85,7 @@ impl Parts<'_, '_> {
         Some(moves)
     }
 
-    /// The patch beside a facet that has to turn the least for it.
+    /// Returns the patch beside a facet that has to rotate least for it.
     fn way_out(&self, facet: u32, from: u32, moves: &[Move]) -> Option<Move> {
         let moved = |facet: u32| moves.iter().find(|m| m.facet == facet).map(|m| m.to);
         let beside = self.facets.across[facet as usize].into_iter().filter(|&other| other != NONE);
@@ -105,8 +105,8 @@ impl Parts<'_, '_> {
         ways.reduce(|best, way| if way.0 > best.0 { way } else { best }).map(|(_, way)| way)
     }
 
-    /// A normal within the angle of those of a patch, of what is moved to it, and of one more facet, and the least cosine to them;
-    /// none if there is no such normal. Only a few normals decide: those that the cone of the others before them leaves out.
+    /// Returns a normal within the angle of those of a patch, of the facets moved to it, and of one more facet, and the
+    /// smallest cosine to them, if there is one. Only normals outside the cone of the previous ones matter.
     fn turned(&self, facet: u32, to: u32, moves: &[Move]) -> Option<(Vector3<f64>, f64)> {
         let normal = |facet: u32| self.facets.normals[facet as usize];
         let moved = moves.iter().filter(|m| m.to == to).map(|m| m.facet);

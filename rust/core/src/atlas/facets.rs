@@ -1,4 +1,4 @@
-//! The triangles in an order that only their places decide.
+//! The triangles in an order that depends only on their positions.
 
 use std::cmp::Ordering;
 
@@ -10,23 +10,23 @@ use crate::error::{Error, Result};
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
 
-/// No facet lies there.
+/// Marks that there is no facet.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// The triangles of a surface, sorted by the places of their corners. Whatever is computed from them in this order, sums and
-/// ties included, is the same for every numbering of the vertices and triangles. (Triangles whose corners lie at the same
-/// places in the same order cannot be told apart, and keep the order of their numbers.)
+/// The triangles of a surface, sorted by the positions of their corners. Results computed in this order, including sums
+/// and ties, do not depend on the numbering of vertices and triangles. (Triangles whose corners have the same positions
+/// in the same order cannot be distinguished, and keep the order of their numbers.)
 pub(super) struct Facets<'a> {
     pub surface: &'a Surface,
-    /// The face of the surface that each facet is.
+    /// The face of the surface for each facet.
     pub faces: Vec<u32>,
-    /// The vertices of each facet, from the one that comes first by its place.
+    /// The vertices of each facet, beginning with the first by position.
     pub vertices: Vec<[u32; 3]>,
-    /// The facets beyond the three sides, or [`NONE`].
+    /// The facets across the three sides, or [`NONE`].
     pub across: Vec<[u32; 3]>,
     /// Unit normals.
     pub normals: Vec<Vector3<f64>>,
-    /// mm².
+    /// Areas in mm².
     pub areas: Vec<f64>,
 }
 
@@ -66,13 +66,13 @@ impl<'a> Facets<'a> {
         self.faces.len()
     }
 
-    /// The places of a facet's corners, mm.
+    /// Returns the positions of a facet's corners in mm.
     pub fn corners(&self, facet: u32) -> [Vector3<f64>; 3] {
         self.vertices[facet as usize].map(|v| self.surface.points()[v as usize])
     }
 
-    /// The one of several facets that faces most along a direction; of equal ones the first in the order.
-    /// Panics if there is none.
+    /// Returns the facet that faces most along a direction; of equal ones, the first in the order.
+    /// Panics if `among` is empty.
     pub fn facing(&self, among: &[u32], direction: &Vector3<f64>) -> u32 {
         let key = |facet: u32| (self.normals[facet as usize].dot(direction), std::cmp::Reverse(facet));
         let further = |a: &u32, b: &u32| {
@@ -82,11 +82,11 @@ impl<'a> Facets<'a> {
         among.iter().copied().max_by(further).expect("there is a facet")
     }
 
-    /// The facets from the flattest to the most curved.
+    /// Returns the facets from the flattest to the most curved.
     ///
-    /// The curvature at a vertex is Σ |β| l / Σ A, over the edges around it with exterior angle β and length l, and over its
-    /// triangles; that of a facet is the greatest of its corners. It is 0 only where the surface is flat: on a saddle, where
-    /// the mean curvature can vanish, the angles do not cancel.
+    /// The curvature at a vertex is Σ |β| l / Σ A, over the edges around it with exterior angle β and length l, and
+    /// over its triangles. That of a facet is the maximum over its corners. It is 0 only where the surface is flat: on
+    /// a saddle, where the mean curvature can vanish, the absolute angles do not cancel.
     pub fn by_curvature(&self) -> Vec<u32> {
         let mut bend = vec![0.0; self.surface.len()];
         let mut area = vec![0.0; self.surface.len()];

@@ -1,22 +1,23 @@
-//! Gluing certified patches: the open problem of Appleboim, Saucan and Zeevi (2006).
+//! Gluing of certified patches: the open problem of Appleboim, Saucan and Zeevi (2006).
 //!
-//! Each patch is certified, but between their planes lie seams, at which a picture of them has holes. Here neighbouring patches
-//! are laid out so that the edges they share meet. Pieces are united along their longest common boundaries: the smaller one is
-//! moved rigidly to where the boundaries fit best, their places become one, and what is around is moved until every triangle is
-//! within a bound C on max(σ1, 1/σ2) and the energy of its distortion is low. If the bound cannot be reached, or the piece would
-//! come to lie on itself, everything is as before, and a cut stays. Then what is left is tried again, in parts, and at last every
-//! piece is moved to its least distortion. So a developable surface becomes flat without any.
+//! Each patch is certified, but between their planes there are seams, so that a picture of the patches has holes. Here,
+//! adjacent patches are placed so that their common edges meet. Pieces are united along their longest common
+//! boundaries: the smaller piece is moved rigidly to where the boundaries fit best, and common positions are merged.
+//! The surroundings are moved until every triangle is within a bound C on max(σ1, 1/σ2), with low distortion energy. If
+//! the bound cannot be reached, or if the piece would overlap itself, the step is undone, and a cut remains. Then the
+//! remaining cuts are tried again in parts, and finally the distortion of every piece is minimised, so that a
+//! developable surface is flattened without distortion.
 //!
-//! That all triangles are within the bound, upright, and nowhere on each other is checked at each step and, by exact
-//! predicates, at the end: what did not hold it would fall into its patches again.
+//! Each step checks that all triangles are within the bound, upright and free of overlaps. A final check uses exact
+//! predicates; a piece that failed it would be divided into its patches again.
 
 mod border;
+mod layout;
 mod merge;
+mod retry;
 mod seams;
 mod settle;
-mod sheet;
 mod strain;
-mod zip;
 
 use std::collections::HashMap;
 
@@ -29,72 +30,72 @@ use crate::distortion::overlap::overlaps;
 use crate::embed::stress::descent::Until;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
+use layout::Layout;
 use seams::{Gluing, Obstacle};
 use settle::are_within;
-use sheet::Sheet;
 
-/// The least and the greatest bound on C.
+/// The smallest and the largest bound on C.
 pub const BOUNDS: [f64; 2] = [1.000_001, 10.0];
 
-/// The last descent of each piece: it ends when little is gained, or when triangles are as they are on the surface.
+/// The final optimisation of each piece ends when the energy hardly decreases, or no triangle is distorted.
 const LAST: Until = Until { steps: 40, gain: 1e-6, enough: 1e-16 };
 
-/// Such descents.
+/// The number of such optimisations.
 const TIMES: usize = 10;
 
-/// Patches that were glued, in the plane. A vertex is there more than once if it lies on both sides of a cut.
+/// Glued patches in the plane. A vertex that lies on both sides of a cut occurs more than once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
     /// Faces of the surface, ascending.
     pub faces: Vec<u32>,
-    /// The corners of each of these faces, as rows of `vertices` and `uv`.
+    /// The corners of each of these faces, as indices into `vertices` and `uv`.
     pub corners: Vec<[u32; 3]>,
-    /// The vertex of the surface that each row is, ascending.
+    /// The vertex of the surface for each row, ascending.
     pub vertices: Vec<u32>,
-    /// Its place, mm.
+    /// Its position in mm.
     pub uv: Vec<[f64; 2]>,
-    /// Area on the surface, mm².
+    /// The area on the surface in mm².
     pub area: f64,
-    /// The greatest max(σ1, 1/σ2) of its triangles, measured in the plane.
+    /// The largest max(σ1, 1/σ2) of its triangles, measured in the plane.
     pub isometric: f64,
-    /// The greatest σ1/σ2 of its triangles, measured in the plane.
+    /// The largest σ1/σ2 of its triangles, measured in the plane.
     pub quasi_conformal: f64,
 }
 
-/// What became of the seams. Lengths are on the surface, mm; each seam counts once.
+/// The outcome of gluing. Lengths are on the surface in mm; each seam counts once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seams {
-    /// All seams between the patches.
+    /// The length of all seams between the patches.
     pub length: f64,
-    /// Those that are closed.
+    /// The length of the closed seams.
     pub closed: f64,
-    /// Cuts inside a piece: closing them would take a triangle beyond the bound, since the surface is curved around their end.
+    /// Cuts inside a piece. Closing them would exceed the bound, because the surface is curved around their ends.
     pub holonomy: f64,
     /// Cuts between pieces that cannot be united within the bound.
     pub bound: f64,
-    /// Cuts that are needed for a piece not to lie on itself.
+    /// Cuts that prevent a piece from overlapping itself.
     pub overlap: f64,
 }
 
-/// A surface as flat pieces that were glued of patches.
+/// A surface as flat pieces, glued from patches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Glued {
     /// The piece of each face.
     pub labels: Vec<u32>,
-    /// From the largest to the smallest.
+    /// The pieces by decreasing area.
     pub pieces: Vec<Piece>,
     /// σ1 and σ2 of each face.
     pub stretch: Vec<[f64; 2]>,
-    /// What became of the seams.
+    /// The outcome of gluing.
     pub seams: Seams,
-    /// Patches that were glued.
+    /// The number of glued patches.
     pub patches: usize,
-    /// The greatest max(σ1, 1/σ2) of the patches.
+    /// The largest max(σ1, 1/σ2) of the patches.
     pub before: f64,
 }
 
 impl Atlas {
-    /// The places of the corners of each face, mm, in the plane of its patch.
+    /// Returns the positions of the corners of each face in mm, in the plane of its patch.
     pub fn flat(&self, surface: &Surface) -> Vec<[[f64; 2]; 3]> {
         let of_face = |(corners, &label): (&[u32; 3], &u32)| {
             let patch = &self.patches[label as usize];
@@ -104,11 +105,11 @@ impl Atlas {
     }
 }
 
-/// Glues patches, given by the label of each face and the places of its corners in the plane of its patch, such that
-/// max(σ1, 1/σ2) ≤ `bound` for every triangle. Seams for which that is not possible stay cuts.
+/// Glues patches such that max(σ1, 1/σ2) ≤ `bound` for every triangle. `labels` are the patches of the faces, and
+/// `flat` the positions of their corners in the plane of the patch. Seams that cannot be closed remain as cuts.
 ///
-/// The pieces do not depend on the numbers of vertices and triangles.
-/// Panics if there is not one label and one triple of places a face.
+/// The pieces do not depend on the numbering of vertices and triangles.
+/// Panics if the number of labels or of corner positions differs from the number of faces.
 ///
 /// # Examples
 /// ```
@@ -130,7 +131,7 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
-    let patches = Sheet::new(&facets, labels, flat);
+    let patches = Layout::new(&facets, labels, flat);
     let before = all.iter().map(|&facet| worst(&patches, facet)).fold(1.0, f64::max);
     if !are_within(&patches, &all, bound) {
         let [least, most] = ANGLES;
@@ -142,53 +143,53 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     }
     let mut gluing = Gluing::new(patches.clone(), bound, control);
     gluing.merge()?;
-    gluing.zip()?;
+    gluing.retry()?;
     gluing.finish(LAST, TIMES)?;
-    let Gluing { mut sheet, mut reasons, .. } = gluing;
-    control.begin("checking pieces", sheet.members.len() as u64);
-    for piece in 0..sheet.members.len() as u32 {
-        if !is_valid(&sheet, piece, bound, control)? {
-            for side in sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3) {
+    let Gluing { mut layout, mut reasons, .. } = gluing;
+    control.begin("checking pieces", layout.members.len() as u64);
+    for piece in 0..layout.members.len() as u32 {
+        if !is_valid(&layout, piece, bound, control)? {
+            for side in layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3) {
                 reasons[side as usize] = Some(Obstacle::Overlap);
             }
-            sheet.take_apart(piece, &patches);
+            layout.take_apart(piece, &patches);
         }
         control.advance();
     }
-    let mut glued = collected(&sheet);
-    glued.seams = seams(&sheet, &reasons);
+    let mut glued = collected(&layout);
+    glued.seams = seams(&layout, &reasons);
     glued.patches = patches.members.len();
     glued.before = before;
     Ok(glued)
 }
 
-/// Can patches be glued within this bound on C?
+/// Checks that patches can be glued within this bound on C.
 pub fn check_bound(bound: f64) -> Result<()> {
     let [least, most] = BOUNDS;
     if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }
 }
 
-/// max(σ1, 1/σ2) of a facet.
-fn worst(sheet: &Sheet<'_>, facet: u32) -> f64 {
-    let [most, least] = stretch_of(sheet.facets.corners(facet), sheet.flat(facet).map(Into::into));
+/// Returns max(σ1, 1/σ2) of a facet.
+fn worst(layout: &Layout<'_>, facet: u32) -> f64 {
+    let [most, least] = stretch_of(layout.facets.corners(facet), layout.flat(facet).map(Into::into));
     most.max(least.recip())
 }
 
-/// Is every triangle of a piece within the bound, upright, and on no other? By exact predicates.
-fn is_valid(sheet: &Sheet<'_>, piece: u32, bound: f64, control: &Control) -> Result<bool> {
-    let members = &sheet.members[piece as usize];
-    if !are_within(sheet, members, bound) {
+/// Returns whether all triangles of a piece are within the bound, upright and free of overlaps, by exact predicates.
+fn is_valid(layout: &Layout<'_>, piece: u32, bound: f64, control: &Control) -> Result<bool> {
+    let members = &layout.members[piece as usize];
+    if !are_within(layout, members, bound) {
         return Ok(false);
     }
-    let uv: Vec<[f64; 2]> = members.iter().flat_map(|&facet| sheet.flat(facet).map(Into::into)).collect();
+    let uv: Vec<[f64; 2]> = members.iter().flat_map(|&facet| layout.flat(facet).map(Into::into)).collect();
     let faces: Vec<[u32; 3]> = (0..members.len() as u32).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
     Ok(overlaps(&faces, &uv, &control.part())?.covering == 0)
 }
 
-/// The pieces, measured, from the largest to the smallest.
-fn collected(sheet: &Sheet<'_>) -> Glued {
-    let facets = sheet.facets;
-    let mut members: Vec<Vec<u32>> = sheet.members.iter().filter(|members| !members.is_empty()).cloned().collect();
+/// Returns the measured pieces by decreasing area.
+fn collected(layout: &Layout<'_>) -> Glued {
+    let facets = layout.facets;
+    let mut members: Vec<Vec<u32>> = layout.members.iter().filter(|members| !members.is_empty()).cloned().collect();
     members.iter_mut().for_each(|members| members.sort_unstable());
     let area = |members: &[u32]| members.iter().map(|&facet| facets.areas[facet as usize]).sum::<f64>();
     let mut sorted: Vec<(f64, Vec<u32>)> = members.into_iter().map(|members| (area(&members), members)).collect();
@@ -197,7 +198,7 @@ fn collected(sheet: &Sheet<'_>) -> Glued {
     let mut stretch = vec![[f64::NAN; 2]; facets.len()];
     let mut pieces = Vec::with_capacity(sorted.len());
     for (number, (area, members)) in (0..).zip(sorted) {
-        let piece = measured(sheet, &members, area, &mut stretch);
+        let piece = measured(layout, &members, area, &mut stretch);
         piece.faces.iter().for_each(|&face| labels[face as usize] = number);
         pieces.push(piece);
     }
@@ -205,17 +206,17 @@ fn collected(sheet: &Sheet<'_>) -> Glued {
     Glued { labels, pieces, stretch, seams, patches: 0, before: 1.0 }
 }
 
-fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
-    let (facets, surface) = (sheet.facets, sheet.facets.surface);
+fn measured(layout: &Layout<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
+    let (facets, surface) = (layout.facets, layout.facets.surface);
     let corners = members.iter().flat_map(|&facet| (0..3).map(move |k| (facet, k)));
     let rows =
-        distinct(corners.map(|(facet, k)| (facets.vertices[facet as usize][k], sheet.place[3 * facet as usize + k])));
+        distinct(corners.map(|(facet, k)| (facets.vertices[facet as usize][k], layout.place[3 * facet as usize + k])));
     let row: HashMap<u32, u32> = rows.iter().map(|&(_, place)| place).zip(0..).collect();
     let mut piece = Piece {
         faces: Vec::with_capacity(members.len()),
         corners: Vec::with_capacity(members.len()),
         vertices: rows.iter().map(|&(vertex, _)| vertex).collect(),
-        uv: rows.iter().map(|&(_, place)| sheet.uv[place as usize].into()).collect(),
+        uv: rows.iter().map(|&(_, place)| layout.uv[place as usize].into()).collect(),
         area,
         isometric: 1.0,
         quasi_conformal: 1.0,
@@ -223,28 +224,28 @@ fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 
     let mut by_face: Vec<(u32, u32)> = members.iter().map(|&facet| (facets.faces[facet as usize], facet)).collect();
     by_face.sort_unstable();
     for (face, facet) in by_face {
-        let [most, least] = stretch_of(facets.corners(facet), sheet.flat(facet).map(Into::into));
+        let [most, least] = stretch_of(facets.corners(facet), layout.flat(facet).map(Into::into));
         stretch[face as usize] = [most, least];
         piece.isometric = piece.isometric.max(most).max(least.recip());
         piece.quasi_conformal = piece.quasi_conformal.max(most / least);
-        // by the corners of the face, which may begin elsewhere than the facet
+        // in the order of the corners of the face, which may begin elsewhere than the facet
         let first =
             (0..3).find(|&k| surface.faces()[face as usize][k] == facets.vertices[facet as usize][0]).unwrap_or(0);
-        let corner = |k: usize| row[&sheet.place[3 * facet as usize + (k + 3 - first) % 3]];
+        let corner = |k: usize| row[&layout.place[3 * facet as usize + (k + 3 - first) % 3]];
         piece.faces.push(face);
         piece.corners.push([corner(0), corner(1), corner(2)]);
     }
     piece
 }
 
-fn seams(sheet: &Sheet<'_>, reasons: &[Option<Obstacle>]) -> Seams {
+fn seams(layout: &Layout<'_>, reasons: &[Option<Obstacle>]) -> Seams {
     let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
-    for (side, twin) in (0..).zip(&sheet.twins).filter(|&(side, &twin)| sheet.seams[side as usize] && side < twin) {
-        let length = sheet.lengths[side as usize];
-        let is_one = sheet.piece[side as usize / 3] == sheet.piece[*twin as usize / 3];
+    for (side, twin) in (0..).zip(&layout.twins).filter(|&(side, &twin)| layout.seams[side as usize] && side < twin) {
+        let length = layout.lengths[side as usize];
+        let is_one = layout.piece[side as usize / 3] == layout.piece[*twin as usize / 3];
         found.length += length;
         let share = match reasons[side as usize] {
-            _ if !sheet.is_cut(side) => &mut found.closed,
+            _ if !layout.is_cut(side) => &mut found.closed,
             Some(Obstacle::Overlap) => &mut found.overlap,
             _ if is_one => &mut found.holonomy,
             _ => &mut found.bound,

@@ -1,4 +1,4 @@
-//! Growing patches over the triangles that face nearly the same way.
+//! Growth of patches over triangles that face in similar directions.
 
 use std::collections::HashSet;
 
@@ -8,10 +8,10 @@ use super::facets::{Facets, NONE};
 use crate::control::Control;
 use crate::error::Result;
 
-/// Patches while they grow: which facets are taken.
+/// Growing patches, and which facets are taken.
 pub(super) struct Growth<'a, 'b> {
     pub facets: &'a Facets<'b>,
-    /// The least cosine between a facet's normal and that of its patch.
+    /// The smallest cosine between a facet's normal and that of its patch.
     least: f64,
     pub taken: Vec<bool>,
     seen: Vec<u32>,
@@ -19,7 +19,7 @@ pub(super) struct Growth<'a, 'b> {
     control: &'a Control,
 }
 
-/// Facets that hang together, and how they face.
+/// Connected facets, and their direction.
 #[derive(Debug, Clone)]
 pub(super) struct Region {
     pub normal: Vector3<f64>,
@@ -32,8 +32,8 @@ impl<'a, 'b> Growth<'a, 'b> {
         Self { facets, least, taken: vec![false; facets.len()], seen: vec![0; facets.len()], epoch: 0, control }
     }
 
-    /// The free facets around a start whose normals are near enough to this one; the start is one of them if it is free and its
-    /// own normal is.
+    /// Returns the free facets around a start whose normals are close enough to this one. The start is included if it
+    /// is free and its own normal is close enough.
     pub fn around(&mut self, start: u32, normal: Vector3<f64>) -> Result<Region> {
         self.epoch += 1;
         let mut region = Region { normal, facets: Vec::new(), area: 0.0 };
@@ -65,7 +65,7 @@ impl<'a, 'b> Growth<'a, 'b> {
         }
     }
 
-    /// Turns a region's plane towards its facets' mean normal and grows it anew, as long as it becomes larger.
+    /// Rotates a region's plane towards its facets' mean normal and grows it again, as long as it becomes larger.
     pub fn climb(&mut self, mut region: Region) -> Result<Region> {
         loop {
             let sum: Vector3<f64> =
@@ -80,7 +80,7 @@ impl<'a, 'b> Growth<'a, 'b> {
         }
     }
 
-    /// The free facets among several, in pieces that hang together.
+    /// Returns the connected components of the free facets of a region.
     pub fn pieces(&mut self, of: &Region) -> Result<Vec<Region>> {
         let free: Vec<u32> = of.facets.iter().copied().filter(|&f| !self.taken[f as usize]).collect();
         let mut pieces: Vec<Region> = Vec::new();

@@ -1,19 +1,19 @@
-//! Quasi-isometric patches with a certificate, after Appleboim, Saucan and Zeevi (2006).
+//! Quasi-isometric patches with a certificate, by Appleboim, Saucan and Zeevi (2006).
 //!
-//! A patch is projected orthogonally onto a plane. If every direction in it is inclined by at most θ to the plane, no length
-//! changes by more than a factor C ≤ 1 + tan θ, and no angle by a dilatation of more than K ≤ (1 + tan θ)^1.5 (Gehring, Väisälä).
+//! A patch is projected orthogonally onto a plane. If every direction in it is inclined by at most θ to the plane,
+//! lengths change by a factor C ≤ 1 + tan θ at most, and angles by a dilatation K ≤ (1 + tan θ)^1.5 (Gehring, Väisälä).
 //!
-//! The paper accepts a triangle whose two new edges are inclined by at most θ. That does not suffice: between its edges a
-//! triangle can be steeper, and of one that is thin along a contour line all edges can be level while it stands upright. What
-//! makes the certificate true is that the triangle's *normal* is inclined by at most θ to that of the plane; then so is
-//! every direction in it, its edges among them. It depends on the surface alone, not on how that is cut into triangles.
+//! The paper accepts a triangle whose two new edges are inclined by at most θ. This is not sufficient: a triangle can
+//! be steeper between its edges, and the edges of one that is thin along a contour line can all be level while it is
+//! upright. The certificate holds if the *normal* of the triangle is inclined by at most θ to that of the plane. Then
+//! every direction in it is, including its edges. This depends only on the surface, not on its triangulation.
 //!
-//! Projection leaves the directions along the contour lines as they are and shrinks those across by the cosine of the
-//! inclination: σ1 = 1, σ2 = cos θ. So C and K are at most 1 / cos θ, which is far below the paper's bounds (1.015
-//! instead of 1.176 for 10°). Who gives a bound gets the angle that this formula allows.
+//! Projection preserves the directions along contour lines and shrinks those across them by the cosine of the
+//! inclination: σ1 = 1, σ2 = cos θ. So C and K are at most 1 / cos θ, far below the paper's bounds (1.015 instead of
+//! 1.176 for 10°). A given bound is converted to the angle that this formula permits.
 //!
-//! That a projection is one to one the paper takes for granted. A spiral staircase of level steps lies on itself: here
-//! triangles that would are left to other patches.
+//! The paper assumes that a projection is one to one. But a spiral staircase of level steps would overlap itself. Here,
+//! triangles that would overlap are assigned to other patches.
 
 mod cone;
 mod dissolve;
@@ -35,48 +35,48 @@ use growth::Growth;
 pub use projection::Plane;
 use projection::{Projected, project};
 
-/// The least and the greatest angle of a patch, degrees.
+/// The smallest and the largest angle of a patch in degrees.
 pub const ANGLES: [f64; 2] = [0.01, 80.0];
 
-/// Angles that are tried for a number of patches.
+/// The number of angles that are tried to reach a number of patches.
 const BISECTIONS: usize = 12;
 
-/// What is asked of the patches.
+/// The requirement on the patches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Limit {
-    /// No direction is inclined by more than so many degrees to its patch's plane; certified by the paper's theorem.
+    /// The maximum inclination in degrees of any direction to its patch's plane; certified by the paper's theorem.
     Angle(f64),
-    /// No length changes by more than this factor, nor does the ratio of two lengths from the same point; certified by the cosine.
+    /// The maximum change factor of lengths, and of ratios of two lengths at a point; certified by the cosine.
     Bound(f64),
-    /// There are at most so many patches, of the smallest angle for which they were found.
+    /// The maximum number of patches, with the smallest angle for which they were found.
     Count(usize),
 }
 
-/// Where patches begin.
+/// How the seeds of patches are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seeds {
-    /// In the flattest places: candidates are grown around all of them, turned to where they become largest, and the largest
-    /// is kept first.
+    /// In the flattest regions: candidates grow around all of them, rotated to be as large as possible; the largest is
+    /// kept.
     Curvature,
-    /// At the flattest free triangle, one after another; each patch stays on the plane of its seed. The paper's way.
+    /// At the flattest free triangle, repeatedly; each patch stays on the plane of its seed, as in the paper.
     Flattest,
-    /// At a random free triangle, one after another; each patch stays on the plane of its seed. The paper's other way.
+    /// At a random free triangle, repeatedly; each patch stays on the plane of its seed, as in the paper's alternative.
     Random(u64),
 }
 
-/// What holds for every triangle of a patch, proven.
+/// Proven bounds for every triangle of the patches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Certificate {
-    /// No direction is inclined by more to the plane, degrees.
+    /// The maximum inclination of any direction to the plane in degrees.
     pub angle: f64,
-    /// No length changes by more than this factor: max(σ1, 1/σ2) ≤ C.
+    /// The maximum factor by which lengths change: max(σ1, 1/σ2) ≤ C.
     pub c: f64,
-    /// Maximal dilatation: σ1/σ2 ≤ K.
+    /// The maximal dilatation: σ1/σ2 ≤ K.
     pub k: f64,
 }
 
 impl Certificate {
-    /// By the theorem of Gehring and Väisälä, as in the paper.
+    /// Returns the certificate for an angle by the theorem of Gehring and Väisälä, as in the paper.
     pub fn of_angle(angle: f64) -> Result<Self> {
         let [least, most] = ANGLES;
         if !(least..=most).contains(&angle) {
@@ -86,7 +86,7 @@ impl Certificate {
         Ok(Self { angle, c, k: c.powf(1.5) })
     }
 
-    /// Of the greatest angle whose cosine keeps a bound on C, and with it on K.
+    /// Returns the certificate for the largest angle whose cosine satisfies a bound on C, and thus on K.
     pub fn of_bound(bound: f64) -> Result<Self> {
         let [least, most] = ANGLES.map(|angle| angle.to_radians().cos().recip());
         if !(least..=most).contains(&bound) {
@@ -103,36 +103,36 @@ pub struct Patch {
     pub faces: Vec<u32>,
     /// Their vertices, ascending.
     pub vertices: Vec<u32>,
-    /// The place of each of these vertices, mm.
+    /// The position of each of these vertices in mm.
     pub uv: Vec<[f64; 2]>,
-    /// Onto which it is projected.
+    /// The plane onto which it is projected.
     pub plane: Plane,
-    /// The greatest inclination of a triangle, degrees.
+    /// The largest inclination of a triangle in degrees.
     pub tilt: f64,
-    /// Area on the surface, mm².
+    /// The area on the surface in mm².
     pub area: f64,
-    /// The greatest max(σ1, 1/σ2) of its triangles, measured in the plane.
+    /// The largest max(σ1, 1/σ2) of its triangles, measured in the plane.
     pub isometric: f64,
-    /// The greatest σ1/σ2 of its triangles, measured in the plane.
+    /// The largest σ1/σ2 of its triangles, measured in the plane.
     pub quasi_conformal: f64,
 }
 
-/// A surface as flat patches: every triangle belongs to one.
+/// A surface as flat patches: every triangle belongs to one patch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Atlas {
     /// The patch of each face.
     pub labels: Vec<u32>,
-    /// From the largest to the smallest.
+    /// The patches by decreasing area.
     pub patches: Vec<Patch>,
-    /// What holds for all of them.
+    /// The bounds that hold for all patches.
     pub certificate: Certificate,
     /// σ1 and σ2 of each face.
     pub stretch: Vec<[f64; 2]>,
 }
 
-/// Flattens a surface of any topology in certified patches, as few as are found.
+/// Flattens a surface of any topology in as few certified patches as are found.
 ///
-/// The patches do not depend on the numbers of vertices and triangles.
+/// The patches do not depend on the numbering of vertices and triangles.
 ///
 /// # Examples
 /// ```
@@ -195,7 +195,7 @@ fn grown(
     Ok(patches)
 }
 
-/// The patches of the smallest angle, by bisection, of which there are not too many.
+/// Returns the patches with the smallest angle, by bisection, that gives at most this number of patches.
 fn at_most(
     count: usize,
     grow: impl Fn(&Certificate) -> Result<Vec<Projected>>,
@@ -219,7 +219,7 @@ fn at_most(
     Ok(best)
 }
 
-/// The patches, measured, from the largest to the smallest.
+/// Returns the measured patches by decreasing area.
 fn finished(
     facets: &Facets<'_>,
     mut grown: Vec<Projected>,
@@ -269,7 +269,7 @@ fn measured(facets: &Facets<'_>, plane: Plane, of: &[u32], area: f64, stretch: &
     patch
 }
 
-/// The angle between unit vectors, degrees.
+/// Returns the angle between unit vectors in degrees.
 fn inclination(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
 }

@@ -1,4 +1,4 @@
-//! Onto the plane, one to one.
+//! One-to-one projection onto planes.
 
 use std::collections::VecDeque;
 
@@ -15,32 +15,32 @@ use crate::error::Result;
 /// A plane, seen from the side to which its normal points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
-    /// The point of the plane that becomes (0, 0), mm.
+    /// The point of the plane that is mapped to (0, 0), in mm.
     pub origin: Vector3<f64>,
-    /// Unit normal.
+    /// The unit normal.
     pub normal: Vector3<f64>,
     /// Orthogonal unit vectors: the directions of u and v.
     pub axes: [Vector3<f64>; 2],
 }
 
 impl Plane {
-    /// With superior up (where the plane is level: anterior).
+    /// Creates a plane with superior up (anterior if the plane is level).
     pub(super) fn new(origin: Vector3<f64>, normal: Vector3<f64>) -> Self {
         let up = if normal.z.abs() < 0.9 { Vector3::z() } else { Vector3::y() };
         let right = up.cross(&normal).normalize();
         Self { origin, normal, axes: [right, normal.cross(&right)] }
     }
 
-    /// Where a point is projected to, mm.
+    /// Returns the projection of a point in mm.
     pub fn project(&self, point: &Vector3<f64>) -> [f64; 2] {
         self.axes.map(|axis| axis.dot(&(point - self.origin)))
     }
 }
 
-/// Facets and the plane to which they are projected.
+/// Facets, and the plane onto which they are projected.
 pub(super) type Projected = (Plane, Vec<u32>);
 
-/// Projects a region. Facets that would come to lie on others become patches of their own.
+/// Projects a region. Facets that would overlap others become separate patches.
 pub(super) fn project(facets: &Facets<'_>, region: Region, control: &Control) -> Result<Vec<Projected>> {
     let mut patches = Vec::new();
     let mut left = region.facets;
@@ -49,7 +49,7 @@ pub(super) fn project(facets: &Facets<'_>, region: Region, control: &Control) ->
         let mut plane = Plane::new(facets.corners(start)[0], region.normal);
         let mut taken = injective(facets, &left, start, &plane, control)?;
         if taken.is_empty() {
-            // so thin that rounding turned it over
+            // so thin that rounding flipped it
             plane = Plane::new(plane.origin, facets.normals[start as usize]);
             taken.push(start);
         }
@@ -64,7 +64,7 @@ pub(super) fn project(facets: &Facets<'_>, region: Region, control: &Control) ->
     Ok(patches)
 }
 
-/// Those facets of a region, from a start outwards, whose projections do not meet.
+/// Returns the facets of a region, from a start outwards, whose projections do not overlap.
 fn injective(facets: &Facets<'_>, region: &[u32], start: u32, plane: &Plane, control: &Control) -> Result<Vec<u32>> {
     let mut sorted = region.to_vec();
     sorted.sort_unstable();
@@ -88,7 +88,7 @@ fn injective(facets: &Facets<'_>, region: &[u32], start: u32, plane: &Plane, con
     queue.iter().for_each(|&n| seen[n] = true);
     while let Some(n) = queue.pop_front() {
         control.check()?;
-        // rounding can turn a thin triangle over
+        // rounding can flip a thin triangle
         let is_upright = counterclockwise(flat[n]).is_some_and(|turned| turned == flat[n]);
         let mut meets = |other: u32| accepted[other as usize] && interiors_meet(&flat[n], &flat[other as usize]);
         if !is_upright || tree.any_other(position[n], &mut meets) {

@@ -1,4 +1,4 @@
-//! Which patches a surface is made of.
+//! The choice of patches.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -11,7 +11,7 @@ use super::facets::Facets;
 use super::growth::{Growth, Region};
 use crate::error::Result;
 
-/// How many candidates every facet belongs to at least, where there are so many.
+/// The minimum number of candidates that contain each facet, if there are enough candidates.
 const COVER: u8 = 3;
 
 pub(super) fn shuffled(facets: &Facets<'_>, seed: u64) -> Vec<u32> {
@@ -20,7 +20,7 @@ pub(super) fn shuffled(facets: &Facets<'_>, seed: u64) -> Vec<u32> {
     order
 }
 
-/// As in the paper: one region after another, each on the plane of the next seed that is free.
+/// Takes one region after another, each on the plane of the next free seed, as in the paper.
 pub(super) fn one_after_another(growth: &mut Growth<'_, '_>, seeds: &[u32]) -> Result<Vec<Region>> {
     let mut regions = Vec::new();
     for &seed in seeds {
@@ -33,8 +33,8 @@ pub(super) fn one_after_another(growth: &mut Growth<'_, '_>, seeds: &[u32]) -> R
     Ok(regions)
 }
 
-/// The largest region first: candidates are grown around the seeds, and the largest of what is left of them is kept, again and
-/// again. Candidates only become smaller when others are kept, so that only the one that seems largest has to be looked at anew.
+/// Takes the largest region first: candidates grow around the seeds, and the largest remainder is kept repeatedly.
+/// Candidates only shrink when others are kept, so that only the one that appears largest must be computed again.
 pub(super) fn largest_first(growth: &mut Growth<'_, '_>, seeds: &[u32]) -> Result<Vec<Region>> {
     let mut candidates: BinaryHeap<Candidate> = candidates(growth, seeds)?.into_iter().map(Candidate::from).collect();
     let mut regions = Vec::new();
@@ -46,12 +46,12 @@ pub(super) fn largest_first(growth: &mut Growth<'_, '_>, seeds: &[u32]) -> Resul
         let climbed = growth.climb(region.clone())?;
         growth.take(&climbed);
         regions.push(climbed);
-        candidates.extend(growth.pieces(&region)?.into_iter().map(Candidate::from)); // what it has left behind
+        candidates.extend(growth.pieces(&region)?.into_iter().map(Candidate::from)); // the rest of it
     }
     Ok(regions)
 }
 
-/// Regions around seeds, from the first seed to the last, until every facet belongs to enough of them.
+/// Returns regions around seeds, in their order, until every facet belongs to enough of them.
 fn candidates(growth: &mut Growth<'_, '_>, seeds: &[u32]) -> Result<Vec<Region>> {
     let mut covered = vec![0u8; growth.facets.len()];
     let mut regions = Vec::new();
@@ -70,7 +70,7 @@ fn candidates(growth: &mut Growth<'_, '_>, seeds: &[u32]) -> Result<Vec<Region>>
     Ok(regions)
 }
 
-/// A region that may become a patch: the largest is first, of equally large ones the one that begins first.
+/// A region that may become a patch. The largest comes first; of equally large ones, the one that begins first.
 struct Candidate {
     region: Region,
     first: u32,

@@ -20,7 +20,7 @@ fn made(surface: &Surface, limit: Limit, seeds: Seeds) -> Atlas {
     patches(surface, limit, seeds, &Control::default()).unwrap()
 }
 
-/// A sheet shaken out of its plane, and sideways.
+/// A plane grid with random displacements in all directions.
 pub(super) fn shaken(side: usize, shake: &[[f64; 3]], size: f64) -> Mesh {
     let (mut points, faces) = shapes::sheet(side, side);
     for (point, by) in points.iter_mut().zip(shake) {
@@ -29,7 +29,7 @@ pub(super) fn shaken(side: usize, shake: &[[f64; 3]], size: f64) -> Mesh {
     (points, faces)
 }
 
-/// Everything that is promised, from what is returned alone.
+/// Checks all guarantees, using only the returned values.
 fn check(surface: &Surface, atlas: &Atlas) {
     let Certificate { angle, c, k } = atlas.certificate;
     let mut seen = vec![false; surface.faces().len()];
@@ -59,8 +59,7 @@ fn check(surface: &Surface, atlas: &Atlas) {
     assert!(atlas.patches.windows(2).all(|two| two[0].area >= two[1].area));
 }
 
-/// Every direction in every triangle, not its sides alone, is within the angle of the plane, and lengths change by no more than
-/// its cosine.
+/// Every direction in every triangle, not its sides alone, is within the angle, and lengths change by its cosine.
 fn check_plane(patch: &Patch, points: &[Vector3<f64>], faces: &[[u32; 3]], angle: f64) {
     let Plane { normal, axes: [u, v], .. } = patch.plane;
     assert!((u.cross(&v) - normal).norm() < 1e-14 && (normal.norm() - 1.0).abs() < 1e-14);
@@ -102,7 +101,7 @@ proptest! {
         angle in 3.0..40.0f64,
         seed in any::<u64>(),
     ) {
-        // a part of it stays level, so that there are ties
+        // a part of it remains level, so that there are ties
         let mut shake = shake;
         shake[..flat].fill([0.0; 3]);
         let mesh = shaken(8, &shake, 0.3);
@@ -173,10 +172,10 @@ fn certificates_are_the_papers() {
     }
 }
 
-/// Why the paper's own test of a triangle's two new edges does not do.
+/// Why the paper's test of a triangle's two new edges is not sufficient.
 #[test]
 fn edges_within_the_angle_do_not_suffice() {
-    // a level triangle, and one beside it that stands upright on a level contour line but for a little
+    // a level triangle, and one beside it that is nearly upright on a level contour line
     let points = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, -1.0, 0.0], [0.5, 0.001, 0.02]];
     let surface = shapes::surface((points, vec![[0, 2, 1], [0, 1, 3]]));
     let inclination = |a: usize, b: usize| {
@@ -224,7 +223,7 @@ fn a_number_of_patches_is_kept_by_the_smallest_angle() {
     assert!(matches!(none, Err(Error::TooFewPatches { count: 1, .. })));
 }
 
-/// Two and a half turns of a spiral staircase: all of it is nearly level, but it lies on itself.
+/// Two and a half turns of a spiral staircase, which is nearly level everywhere, but overlaps itself.
 #[test]
 fn a_spiral_staircase_does_not_lie_on_itself() {
     let spiral = shapes::surface(moved(&shapes::sheet(157, 2), |&[n, rail, _]| {

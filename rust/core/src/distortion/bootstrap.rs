@@ -1,8 +1,8 @@
 //! Standard errors by the bootstrap over sources (Efron 1979).
 //!
-//! Figures are of all pairs from some random sources: another choice would give others. Sources are drawn anew from those that
-//! there are, with replacement, a thousand times; the figures' standard deviation over the draws is their standard error. The
-//! scale of the best figures is held.
+//! The figures are computed from all pairs of random sources, so another choice of sources would change them. The
+//! sources are resampled with replacement a thousand times. The standard deviation of the figures over these draws is
+//! their standard error. The best scale is held fixed.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -12,27 +12,27 @@ use super::sums::Sums;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Draws; the standard errors themselves are then known to about 2 %.
+/// The number of draws. The standard errors themselves then have a relative error of about 2 %.
 const DRAWS: usize = 1000;
 
-/// How many figures there are of each scale, and beside.
+/// The number of figures at each scale, without the scale itself.
 const FIGURES: usize = 9;
 
-/// The standard errors of figures; NaN where a draw leaves a figure undefined, and for a single source.
+/// Standard errors of figures. NaN if there is a single source, or if a figure is undefined in a draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StandardErrors {
-    /// Of the figures at scale 1.
+    /// Standard errors of the figures at scale 1.
     pub raw: Figures,
-    /// Of the figures at the best scale. That of the scale is NaN, for it is held.
+    /// Standard errors of the figures at the best scale. That of the scale is NaN, because the scale is fixed.
     pub best_scale: Figures,
-    /// Of the correlation.
+    /// Standard error of the correlation.
     pub pearson_r: f64,
-    /// Of the mean geodesic distance, mm.
+    /// Standard error of the mean geodesic distance, in mm.
     pub mean_geodesic: f64,
 }
 
-/// The standard errors of the figures of all sources together, given each one's sums at scale 1 and at the best scale, and of
-/// how many points the sources were drawn without replacement: from all of them, nothing is left to chance.
+/// Returns the standard errors of the figures, given the sums of each source at scale 1 and at the best scale. `points`
+/// is the number of points from which the sources were drawn without replacement; if all were drawn, the error is 0.
 pub(super) fn standard_errors(
     raw: &[Sums],
     best: &[Sums],
@@ -50,7 +50,7 @@ pub(super) fn standard_errors(
         drawn.push(values(&raw, &best));
     }
     let n = sources as f64;
-    // a draw's variance is short by (n − 1)/n; and what is drawn from few points is better known
+    // the variance of a draw is too small by (n − 1)/n; sampling without replacement from few points reduces the error
     let correction = if sources > 1 { (n / (n - 1.0) * (1.0 - n / points as f64)).sqrt() } else { f64::NAN };
     let errors: [f64; 2 * FIGURES + 2] = std::array::from_fn(|figure| {
         let mean = drawn.iter().map(|values| values[figure]).sum::<f64>() / DRAWS as f64;

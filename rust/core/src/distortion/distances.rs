@@ -1,8 +1,8 @@
-//! How far a solver's distances are from exact ones.
+//! The error of a solver's distances, compared with exact distances.
 
 use rayon::prelude::*;
 
-use super::judge::reference_sources;
+use super::evaluate::reference_sources;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geodesic::Solver;
@@ -10,16 +10,17 @@ use crate::geodesic::exact::{Exact, Reach};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
 
-/// On surfaces of up to so many vertices all of them are compared from a few sources; on larger ones those nearest to each of more
-/// sources: what exact distances take grows faster than the surface, on smooth ones by far (docs/decisions/0034).
+/// On surfaces with up to this many vertices, all vertices are compared from a few sources. On larger surfaces, the
+/// vertices nearest to each of more sources are compared, because the cost of exact distances grows faster than the
+/// surface, and much faster on smooth surfaces (docs/decisions/0034).
 const ALL_COMPARED: usize = 20_000;
 const FEW_SOURCES: usize = 2;
 const MORE_SOURCES: usize = 8;
 const COMPARED: usize = 10_000;
 
-/// By which part of themselves a solver's distances are off from exact ones: the mean of |δ/δ_exact − 1| over the vertices apart from
-/// their source, from two random sources; on surfaces of more than 20,000 vertices from eight, over some 10,000 nearest to each; NaN
-/// where there are none.
+/// Returns the relative error of a solver's distances: the mean of |δ/δ_exact − 1| over the vertices other than the
+/// source, from two random sources. On surfaces with more than 20,000 vertices, from eight sources over about 10,000
+/// nearest vertices each. NaN if there are none.
 pub fn error_of_distances<S: Solver>(surface: &Surface, solver: &S, seed: u64, control: &Control) -> Result<f64> {
     let count = if is_large(surface.len()) { MORE_SOURCES } else { FEW_SOURCES };
     error_from(&reference_sources(surface.len(), count, seed), surface, solver, control)
@@ -35,7 +36,7 @@ fn error_from<S: Solver>(sources: &[u32], surface: &Surface, solver: &S, control
         let mut row = found.row(n).to_vec();
         is_large(row.len()).then(|| f64::from(*row.select_nth_unstable_by(COMPARED, f32::total_cmp).1))
     };
-    // a solver's distances are hardly ever shorter than exact ones: within the reach there are as many vertices or more
+    // a solver's distances are rarely shorter than exact ones, so the radius holds at least as many vertices
     let mm = (0..sources.len()).filter_map(farthest).reduce(f64::max).unwrap_or(f64::INFINITY);
     let exact = Exact::new(surface).within(Reach { mm, rings: None });
     let of_source = |(n, &source): (usize, &u32)| {
@@ -49,7 +50,7 @@ fn error_from<S: Solver>(sources: &[u32], surface: &Surface, solver: &S, control
     Ok(pairwise_sum(&errors) / errors.len() as f64)
 }
 
-/// A sum in halves, whose rounding grows with the logarithm of the number of values; in the order in which NumPy adds.
+/// Sums by halves, in the order of NumPy. The rounding error grows with the logarithm of the number of values.
 fn pairwise_sum(values: &[f64]) -> f64 {
     if values.len() > 128 {
         let half = values.len() / 2 / 8 * 8;
@@ -98,7 +99,7 @@ mod tests {
         let control = Control::default();
         let error = |side: usize, beyond: f32| {
             let surface = shapes::surface(shapes::sheet(side, side));
-            let corner = [0]; // from where 10,000 vertices reach 113 mm
+            let corner = [0]; // the 10,000 nearest vertices reach 113 mm
             let exact = Exact::new(&surface);
             let stretched = Altered(&exact, |row: &mut [f32]| {
                 row.iter_mut().filter(|distance| **distance > beyond).for_each(|distance| *distance *= 2.0);
@@ -107,8 +108,8 @@ mod tests {
             error_from(&corner, &surface, &stretched, &control).unwrap()
         };
         assert_eq!(error(144, 120.0), 0.0);
-        assert!((error(144, 56.0) - 0.88).abs() < 0.02); // twice as far as they are, it reaches all
-        assert!(error(139, 120.0) > 0.2); // 19,600 vertices: all are compared
+        assert!((error(144, 56.0) - 0.88).abs() < 0.02); // with twice their distance, it reaches all
+        assert!(error(139, 120.0) > 0.2); // 19,600 vertices: all of them are compared
     }
 
     #[test]

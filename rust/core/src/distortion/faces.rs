@@ -1,13 +1,12 @@
-//! Distortion of triangles: what flattening did to areas, edges and shapes.
+//! Distortion of triangles by flattening: areas, edges and shapes.
 //!
-//! Each triangle of the surface is mapped to the plane by an affine map; the singular values σ1 ≥ σ2 ≥ 0 of its Jacobian
-//! are the most and the least that it stretches. Measures are raw: a flat map is in mm, and σ1 = σ2 = 1 is perfect. Only areas
-//! are also given at the scale that keeps the whole area.
-//! What is undefined (a triangle without area on the surface or in the plane, a vertex without place) is NaN, is left out
-//! of the summary, and is counted there.
+//! Each triangle of the surface is mapped to the plane by an affine map. The singular values σ1 ≥ σ2 ≥ 0 of its
+//! Jacobian are the largest and the smallest stretch. Measures are raw: a flat map is in mm, and σ1 = σ2 = 1 is
+//! perfect. Only areas are also given at the scale that preserves the total area. Undefined values (a triangle without
+//! area on the surface or in the plane, a vertex without a position) are NaN. The summary only counts them.
 //!
-//! Areas are absolute and σ2 is not negative, as in Connectome Workbench: a map can fold and still have good figures here.
-//! [`Flipped`] and [`overlap`](super::overlap) tell.
+//! Areas are absolute and σ2 is not negative, as in Connectome Workbench. A map with folds can therefore have good
+//! figures here; [`Flipped`] and [`overlap`](super::overlap) report folds.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -15,94 +14,93 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::{Result, check_points};
 
-/// What one worker does between two looks at whether it should stop.
+/// The number of items that one worker processes between two checks for cancellation.
 const CHUNK: usize = 4096;
 
-/// Factors of area beyond which the share of the surface is told.
+/// Factors of area change; the share of the surface beyond each of them is reported.
 pub const AREA_FACTORS: [f64; 3] = [1.25, 1.5, 2.0];
 
-/// What flattening did to the triangles.
+/// The distortion of the triangles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceDistortion {
-    /// For each vertex log2(A_flat / A_surface), where the area of a vertex is a third of that of its faces; the summary is
-    /// that of the absolute values, in which each vertex counts once.
+    /// For each vertex, log2(A_flat / A_surface), where the area of a vertex is a third of the area of its faces. The
+    /// summary is that of the absolute values; each vertex counts once.
     ///
-    /// This is what `wb_command -surface-distortion` computes (Connectome Workbench, `AlgorithmSurfaceDistortion.cxx`
-    /// without options, on `SurfaceFile::computeNodeAreas`), in f64 where it has f32. There areas are absolute too, since
-    /// they are computed from squared lengths, and the ratio is not checked: 0/0 and a vertex without faces are NaN, but a
-    /// zero area on one side is ±∞. Here that is NaN.
+    /// The same as `wb_command -surface-distortion` (Connectome Workbench, `AlgorithmSurfaceDistortion.cxx` without
+    /// options, on `SurfaceFile::computeNodeAreas`), but in f64 instead of f32. Workbench's areas are absolute too,
+    /// because they are computed from squared lengths. It does not check the ratio: 0/0 and a vertex without faces are
+    /// NaN, but a zero area on one side is ±∞. Here, that is NaN.
     pub areal: Measure,
-    /// The factor on the map that makes its area that of the surface.
+    /// The factor by which the map must be multiplied to have the area of the surface.
     pub equal_area_scale: f64,
     /// The summary of `areal` at that scale.
     pub equal_area: Summary,
-    /// The share of the surface, by its area, in triangles whose area changes by more than each of [`AREA_FACTORS`], either way,
-    /// at that scale. A triangle without area in the plane is beyond all; NaN where there is no scale.
+    /// The share of the surface, by area, in triangles whose area changes by more than each of [`AREA_FACTORS`] in
+    /// either direction, at that scale. A triangle without area in the plane exceeds all factors. NaN without a scale.
     pub area_beyond: [f64; 3],
-    /// |l_flat / l_surface − 1| over the edges, in which each edge counts once. (Workbench's `-edge-method` has for each
-    /// vertex the mean of |log2(l_flat / l_surface)| over its edges.) Edges that are 0 mm long on the surface are undefined.
+    /// |l_flat / l_surface − 1| over the edges; each edge counts once. (Workbench's `-edge-method` gives, for each vertex, the
+    /// mean of |log2(l_flat / l_surface)| over its edges.) Edges of length 0 mm on the surface are undefined.
     pub edge: Summary,
-    /// Number of edges, the undefined ones among them.
+    /// The number of edges, including undefined ones.
     pub edges: usize,
-    /// For each face σ1/σ2, the quasi-conformal error (Haker et al., Ju et al.); 1 keeps angles. The summary is by area.
+    /// For each face σ1/σ2, the quasi-conformal error (Haker et al., Ju et al.); 1 preserves angles. Summary by area.
     pub quasi_conformal: Measure,
-    /// For each face the mean over its corners of |angle in the plane − angle on the surface|, degrees. The summary is by
-    /// area.
+    /// For each face, the mean of |angle in the plane − angle on the surface| in degrees. The summary is by area.
     pub angle: Measure,
-    /// For each face max(σ1, 1/σ2), the C of a C-quasi-isometry (Saucan et al.); 1 keeps lengths. The summary is by area.
+    /// For each face max(σ1, 1/σ2), the C of a C-quasi-isometry (Saucan et al.); 1 preserves lengths. Summary by area.
     pub isometric: Measure,
-    /// For each face the symmetric Dirichlet energy ½(σ1² + σ2² + σ1⁻² + σ2⁻²) (SLIM, Rabinovich et al.); 2 keeps lengths.
-    /// The summary is by area.
+    /// For each face, the symmetric Dirichlet energy ½(σ1² + σ2² + σ1⁻² + σ2⁻²) (SLIM, Rabinovich et al.); 2 preserves
+    /// lengths. The summary is by area.
     pub symmetric_dirichlet: Measure,
-    /// For each face [σ1, σ2]; σ2 = 0 in a collapsed one.
+    /// For each face, [σ1, σ2]; σ2 = 0 in a collapsed face.
     pub stretch: Vec<[f64; 2]>,
-    /// Triangles that are turned over.
+    /// Flipped triangles.
     pub flipped: Flipped,
 }
 
-/// A measure: its values and how they are spread.
+/// The values of a measure and their distribution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measure {
-    /// One value a vertex or a face; NaN where it is undefined.
+    /// One value per vertex or face; NaN where it is undefined.
     pub values: Vec<f64>,
-    /// Of those that are defined.
+    /// The summary of the defined values.
     pub summary: Summary,
 }
 
-/// How values are spread; all NaN where none is defined.
+/// The distribution of values; all NaN if none is defined.
 ///
-/// Quantiles are the smallest value that at least this share of the weight does not exceed: numpy's
+/// A quantile is the smallest value that is not exceeded by at least this share of the weight, as in numpy's
 /// `quantile(..., weights=..., method="inverted_cdf")`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
-    /// Weighted mean.
+    /// The weighted mean.
     pub mean: f64,
-    /// Weighted median.
+    /// The weighted median.
     pub median: f64,
-    /// Weighted 95th percentile.
+    /// The weighted 95th percentile.
     pub p95: f64,
-    /// The largest.
+    /// The largest value.
     pub max: f64,
-    /// Number of values that are NaN and are left out.
+    /// The number of undefined values, which are excluded.
     pub undefined: usize,
 }
 
 /// Triangles of the minority orientation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flipped {
-    /// Number of triangles with the orientation in the plane that fewer of them have (of equally many those with less area,
-    /// of equal area the clockwise ones).
+    /// The number of triangles with the less frequent orientation in the plane. If both are equally frequent, the one
+    /// with less area; if the areas are equal too, the clockwise one.
     pub count: usize,
-    /// Their share of the surface's area.
+    /// The share of the surface's area in these triangles.
     pub area_share: f64,
-    /// Number of triangles without area in the plane, which have no orientation.
+    /// The number of triangles without area in the plane, which have no orientation.
     pub collapsed: usize,
-    /// For each face: is it one of the minority?
+    /// For each face, whether it is flipped.
     pub per_face: Vec<bool>,
 }
 
-/// Measures a flat map of triangles: `points` (mm) on the surface, `uv` (mm) in the plane, the same vertices in both.
-/// Panics if there is not one place a vertex.
+/// Measures a flat map of triangles: `points` (mm) on the surface and `uv` (mm) in the plane are positions of the same
+/// vertices. Panics if the numbers of points and of positions differ.
 pub fn measure_faces(
     points: &[Vector3<f64>],
     faces: &[[u32; 3]],
@@ -156,8 +154,8 @@ pub fn measure_faces(
     })
 }
 
-/// The factor on a map that makes its area that of the surface: √(Σ A_surface / Σ A_flat). NaN where the map has none.
-/// Panics if there is not one place a vertex.
+/// Returns the factor by which a map must be multiplied to have the area of the surface: √(Σ A_surface / Σ A_flat). NaN
+/// if the map has no area. Panics if the numbers of points and of positions differ.
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     assert_eq!(points.len(), uv.len(), "one place a vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();
@@ -167,7 +165,7 @@ pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64;
     if flat > 0.0 { (on_surface / flat).sqrt() } else { f64::NAN }
 }
 
-/// The share of the surface in triangles whose area changes by more than a factor, either way, at a scale.
+/// Returns the share of the surface in triangles whose area changes by more than a factor either way, at a scale.
 fn share_beyond(factor: f64, triangles: &[Triangle], scale: f64) -> f64 {
     let known = || triangles.iter().filter(|triangle| triangle.surface > 0.0 && triangle.flat.is_finite());
     let is_beyond = |triangle: &&Triangle| {
@@ -178,17 +176,17 @@ fn share_beyond(factor: f64, triangles: &[Triangle], scale: f64) -> f64 {
     if scale.is_nan() {
         f64::NAN
     } else {
-        let sum = known().filter(is_beyond).map(area).fold(0.0, |sum, area| sum + area); // of nothing 0, not -0
+        let sum = known().filter(is_beyond).map(area).fold(0.0, |sum, area| sum + area); // an empty sum is 0, not -0
         sum / known().map(area).sum::<f64>()
     }
 }
 
-/// The absolute values of log2 of areas at a scale.
+/// Returns |log2| of the areas at a scale.
 fn at_scale(areal: &[f64], scale: f64) -> Vec<f64> {
     areal.iter().map(|log| (log + 2.0 * scale.log2()).abs()).collect()
 }
 
-/// The edges of every face, each as often as it has faces, in ascending order.
+/// Returns the edges of all faces in ascending order, each once per face.
 pub(super) fn sorted_edges(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let sides = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)]);
     let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(sides).collect();
@@ -196,7 +194,7 @@ pub(super) fn sorted_edges(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     edges
 }
 
-/// σ1 and σ2 of the affine map between a triangle on the surface and one in the plane; NaN where it is undefined.
+/// Returns σ1 and σ2 of the affine map from a triangle on the surface to one in the plane; NaN if undefined.
 pub(crate) fn stretch_of(points: [Vector3<f64>; 3], places: [[f64; 2]; 3]) -> [f64; 2] {
     Triangle::of(points, places.map(|[u, v]| Vector3::new(u, v, 0.0))).stretch
 }
@@ -204,19 +202,19 @@ pub(crate) fn stretch_of(points: [Vector3<f64>; 3], places: [[f64; 2]; 3]) -> [f
 /// One triangle on the surface and in the plane.
 #[derive(Debug, Clone, Copy)]
 struct Triangle {
-    /// Area on the surface, mm².
+    /// Area on the surface in mm².
     surface: f64,
-    /// Area in the plane, mm²; negative if clockwise.
+    /// Area in the plane in mm²; negative if clockwise.
     flat: f64,
     /// σ1 and σ2.
     stretch: [f64; 2],
-    /// Mean error of the corners' angles, degrees.
+    /// Mean error of the corners' angles in degrees.
     angle: f64,
 }
 
 impl Triangle {
     fn of(points: [Vector3<f64>; 3], places: [Vector3<f64>; 3]) -> Self {
-        // seen from the longest side the corner beyond it stands above that side: the Jacobian is as exact as can be
+        // the apex above its longest side projects onto that side, which makes the Jacobian most accurate
         let side = |k: usize| (points[(k + 1) % 3] - points[k]).norm_squared();
         let first = if side(0) >= side(1).max(side(2)) { 0 } else { 1 + usize::from(side(2) > side(1)) };
         let turned = |corners: [Vector3<f64>; 3]| [0, 1, 2].map(|k| corners[(first + k) % 3]);
@@ -226,14 +224,14 @@ impl Triangle {
         Self { surface, flat, stretch: stretch(&points, &places, surface, flat.abs()), angle }
     }
 
-    /// Has it an area on the surface and one in the plane?
+    /// Returns whether it has an area on the surface and one in the plane.
     fn is_defined(&self) -> bool {
         self.surface > 0.0 && self.flat.abs() > 0.0
     }
 }
 
-/// The normal of a triangle, as long as twice its area; zero if it is no longer than what rounding leaves of zero, NaN if a
-/// corner is not finite.
+/// Returns the normal of a triangle, with a length of twice its area. It is zero if it is not longer than the rounding
+/// error of zero, and NaN if a corner is not finite.
 pub(crate) fn doubled_area(corners: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (a, b) = (corners[1] - corners[0], corners[2] - corners[0]);
     let longest = a.norm_squared().max(b.norm_squared()).max((b - a).norm_squared());
@@ -252,7 +250,7 @@ fn corner(corners: &[Vector3<f64>; 3], k: usize) -> f64 {
     a.cross(&b).norm().atan2(a.dot(&b)).to_degrees()
 }
 
-/// σ1 and σ2 of the affine map between triangles of these areas.
+/// Returns σ1 and σ2 of the affine map between triangles of these areas.
 fn stretch(points: &[Vector3<f64>; 3], places: &[Vector3<f64>; 3], surface: f64, flat: f64) -> [f64; 2] {
     if !(surface > 0.0 && flat >= 0.0) {
         return [f64::NAN; 2];
@@ -261,19 +259,19 @@ fn stretch(points: &[Vector3<f64>; 3], places: &[Vector3<f64>; 3], surface: f64,
     let (flat_base, flat_other) = (places[1] - places[0], places[2] - places[0]);
     let length = base.norm();
     let height = 2.0 * surface / length;
-    // the Jacobian's columns: where unit vectors along the base and square to it go
+    // columns of the Jacobian: the images of unit vectors along the base and perpendicular to it
     let x = flat_base / length;
     let y = (flat_other - flat_base * (base.dot(&other) / (length * length))) / height;
-    // σ1 ± σ2 are the sizes of its turning and of its mirroring part
+    // σ1 ± σ2 are the norms of its rotating and of its reflecting part
     let turning = (x.x + y.y).hypot(x.y - y.x);
     let mirroring = (x.x - y.y).hypot(x.y + y.x);
     let most = 0.5 * (turning + mirroring);
-    // |turning − mirroring| / 2 would lose all digits of a small σ2
+    // |rotation − reflection| / 2 would lose all digits of a small σ2
     let least = if flat > 0.0 { (flat / surface / most).min(most) } else { 0.0 };
     [most, least]
 }
 
-/// The areas of vertices: each has a third of those of its faces.
+/// Returns the areas of vertices: each has a third of the areas of its faces.
 fn vertex_areas(vertices: usize, faces: &[[u32; 3]], areas: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut sums = vec![0.0; vertices];
     for (face, area) in faces.iter().zip(areas) {
@@ -297,7 +295,7 @@ impl Summary {
     fn of(values: &[f64], weight: impl Fn(usize) -> f64) -> Self {
         let defined = values.iter().enumerate().filter(|(_, value)| !value.is_nan());
         let mut sorted: Vec<(f64, f64)> = defined.map(|(n, &value)| (value, weight(n))).collect();
-        // pairs that compare equal are the same bits: the sums do not depend on the threads
+        // pairs that compare equal have the same bits, so sums do not depend on the threads
         sorted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let total: f64 = sorted.iter().map(|pair| pair.1).sum();
         let quantile = |share: f64| {

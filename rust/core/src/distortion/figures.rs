@@ -1,11 +1,11 @@
-//! The figures of distances.
+//! Figures of the distortion of distances.
 
-/// Figures of a map at one scale.
+/// The figures of a map at one scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// The factor by which flat distances were multiplied.
     pub scale: f64,
-    /// Mean of |d − δ|/δ (Grossmann et al.: ε̄_r).
+    /// Mean of |d − δ|/δ (ε̄_r of Grossmann et al.).
     pub relative_error: f64,
     /// The same over pairs with δ ≤ 5 mm.
     pub relative_error_0_5mm: f64,
@@ -17,16 +17,16 @@ pub struct Figures {
     pub relative_error_10mm: f64,
     /// The same over pairs with δ ≤ 30 mm.
     pub relative_error_30mm: f64,
-    /// Mean of |d − δ|, mm (Grossmann et al.: ε̄).
+    /// Mean of |d − δ| in mm (ε̄ of Grossmann et al.).
     pub absolute_error: f64,
-    /// √(Σ(d − δ)² / Σδ²) (Kruskal).
+    /// √(Σ(d − δ)² / Σδ²), the stress-1 of Kruskal.
     pub stress_1: f64,
-    /// (1/Σδ) Σ (d − δ)²/δ (Schwartz et al., equation 1.0).
+    /// (1/Σδ) Σ (d − δ)²/δ, Sammon's stress (Schwartz et al., equation 1.0).
     pub sammon_stress: f64,
 }
 
 impl Figures {
-    /// All of them by their names.
+    /// Returns all figures with their names.
     pub fn named(&self) -> [(&'static str, f64); 10] {
         [
             ("scale", self.scale),

@@ -1,18 +1,18 @@
-//! Distortion: what flattening did to the distances.
+//! Distortion of distances by flattening.
 //!
-//! A measure is a pure function of distance rows δ (mm, from reference sources to all points) and the flat map's distances
-//! d. It never looks at how the map was made. Figures are given raw (a flat map is in mm) and at the map's best scale
-//! s* = argmin mean |s·d − δ|/δ. Pairs of a point with itself, or with another at no distance from it, are left out: they have
-//! no relative error. Undefined figures are NaN.
+//! Every measure is a function of distance rows δ (mm, from reference sources to all points) and of the distances d in
+//! the flat map. It does not depend on how the map was made. Figures are given at scale 1 (a flat map is in mm) and at
+//! the best scale of the map, s* = argmin mean |s·d − δ|/δ. Pairs at distance δ = 0, such as a point with itself, are
+//! excluded, because they have no relative error. Undefined figures are NaN.
 //!
-//! Rows are passed twice, once for each scale, and are never needed all at once. What is kept of each source are its
-//! [sums](sums::Sums), from which the figures and, by the bootstrap over sources, their standard errors follow.
+//! Rows are passed twice, once for each scale, and are never needed all at once. Only [sums](sums::Sums) are kept of
+//! each source. The figures and their standard errors, by the bootstrap over sources, follow from them.
 
 pub mod bootstrap;
 pub mod distances;
+pub mod evaluate;
 pub mod faces;
 mod figures;
-pub mod judge;
 pub mod overlap;
 mod scale;
 pub mod sums;
@@ -30,72 +30,72 @@ use bootstrap::{StandardErrors, standard_errors};
 use scale::{Answer, Ratios};
 use sums::Sums;
 
-/// Pairs kept to be drawn as a scatter of flat against geodesic distance.
+/// The number of pairs that are kept for a scatter plot of flat against geodesic distance.
 const SCATTER: usize = 20_000;
 
-/// Points that one task sums up.
+/// The number of points that one task sums.
 const CHUNK: usize = 4096;
 
-/// The memory in bytes that measuring a map needs at most beside rows and the map itself: 16 MiB are the histogram of
-/// ratios in which the best scale is found, the rest sums of each source, what threads sum up, and the scatter.
+/// The maximum memory in bytes for evaluating a map, beside the rows and the map itself. The histogram of ratios for
+/// the best scale takes 16 MiB; the rest are the sums of each source, the sums of the threads, and the scatter plot.
 pub const WORK_BYTES: u64 = 40 << 20;
 
-/// What flattening did to the distances.
+/// The distortion of distances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Distortion {
-    /// At scale 1.
+    /// Figures at scale 1.
     pub raw: Figures,
-    /// At the scale with the least mean relative error.
+    /// Figures at the scale with the smallest mean relative error.
     pub best_scale: Figures,
-    /// Correlation of d and δ.
+    /// The correlation of d and δ.
     pub pearson_r: f64,
-    /// Mean of δ, mm (Grossmann et al.: δ̄).
+    /// The mean of δ in mm (δ̄ of Grossmann et al.).
     pub mean_geodesic: f64,
-    /// How far the figures scatter with the choice of the sources.
+    /// Standard errors of the figures, due to the choice of sources.
     pub standard_error: StandardErrors,
-    /// Number of sources.
+    /// The number of sources.
     pub sources: usize,
-    /// Number of pairs.
+    /// The number of pairs.
     pub pairs: usize,
-    /// For each point the mean of |d − δ|/δ over the reference sources, at scale 1.
+    /// For each point, the mean of |d − δ|/δ over the reference sources, at scale 1.
     pub per_point: Vec<f64>,
     /// Some of the pairs, as [δ, d] in mm.
     pub scatter: Vec<[f64; 2]>,
 }
 
-/// Measures flat maps (places in mm, of the same vertices) against distance rows to all of their points.
+/// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points.
 pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Control) -> Result<Vec<Distortion>> {
-    let mut maps: Vec<Judged> = maps.iter().map(|uv| Judged::new(uv, rows.sources().len(), seed)).collect();
+    let mut maps: Vec<Evaluated> = maps.iter().map(|uv| Evaluated::new(uv, rows.sources().len(), seed)).collect();
     control.begin("measuring distortion", 2);
-    pass(&mut maps, rows, control, Judged::take_raw)?;
+    pass(&mut maps, rows, control, Evaluated::take_raw)?;
     control.advance();
-    while maps.iter_mut().any(Judged::seeks_scale) {
-        pass(&mut maps, rows, control, Judged::take_ratios)?;
+    while maps.iter_mut().any(Evaluated::seeks_scale) {
+        pass(&mut maps, rows, control, Evaluated::take_ratios)?;
     }
-    pass(&mut maps, rows, control, Judged::take_best)?;
+    pass(&mut maps, rows, control, Evaluated::take_best)?;
     control.advance();
     maps.into_iter().map(|map| map.distortion(seed, control)).collect()
 }
 
-/// The scale at which a map's distances are nearest to those of rows to all of its points: argmin mean |s·d − δ|/δ. NaN where
-/// all places are one.
+/// Returns the scale at which the distances of a map are closest to the rows: argmin mean |s·d − δ|/δ. The rows must
+/// reach all points of the map. NaN if all positions coincide.
 pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Result<f64> {
-    let mut map = [Judged::new(uv, 0, 0)];
+    let mut map = [Evaluated::new(uv, 0, 0)];
     pass(&mut map, rows, control, |map, block, control| {
         map.begin_ratios(block, control)?;
         map.take_ratios(block, control)
     })?;
     while map[0].seeks_scale() {
-        pass(&mut map, rows, control, Judged::take_ratios)?;
+        pass(&mut map, rows, control, Evaluated::take_ratios)?;
     }
     Ok(map[0].scale.unwrap_or(f64::NAN))
 }
 
 fn pass<'a, R: Rows>(
-    maps: &mut [Judged<'a>],
+    maps: &mut [Evaluated<'a>],
     rows: &R,
     control: &Control,
-    take: impl Fn(&mut Judged<'a>, &Block, &Control) -> Result<()>,
+    take: impl Fn(&mut Evaluated<'a>, &Block, &Control) -> Result<()>,
 ) -> Result<()> {
     let columns = rows.columns().max(1);
     rows.visit(control, &mut |first, data| {
@@ -117,13 +117,13 @@ impl Block<'_> {
         &self.data[n * self.columns..(n + 1) * self.columns]
     }
 
-    /// One value a source, in parallel, in the order of the sources, by its number among these.
+    /// Computes one value per source in parallel, in order; `value` receives the source's number in the block.
     fn each_source<T: Send>(&self, control: &Control, value: impl Fn(usize) -> T + Sync) -> Result<Vec<T>> {
         let of_source = |n| control.check().map(|()| value(n));
         (0..self.sources.len()).into_par_iter().map(of_source).collect()
     }
 
-    /// Visits the (δ, d) of all pairs of the n-th source with others.
+    /// Visits (δ, d) for all pairs of the n-th source with other points.
     #[inline]
     fn pairs(&self, n: usize, uv: &[[f64; 2]], mut visit: impl FnMut(f64, f64)) {
         let source = self.sources[n] as usize;
@@ -140,29 +140,29 @@ fn apart([x, y]: [f64; 2], [u, v]: [f64; 2]) -> f64 {
     ((u - x) * (u - x) + (v - y) * (v - y)).sqrt()
 }
 
-/// A map, and what is known of it so far.
-struct Judged<'a> {
+/// A map and its figures so far.
+struct Evaluated<'a> {
     uv: &'a [[f64; 2]],
-    /// At scale 1 and at the best scale, source by source.
+    /// Sums at scale 1 and at the best scale, for each source.
     raw: Vec<Sums>,
     best: Vec<Sums>,
     ratios: Ratios,
     scale: Option<f64>,
-    /// Sum and number of relative errors of each point.
+    /// The sum and the number of relative errors of each point.
     per_point: Vec<(f64, f64)>,
-    /// Pairs for the scatter, as the number of a source and how far behind it, around the end, the point is.
+    /// Pairs for the scatter plot: the number of a source, and the cyclic offset from the source to the point.
     chosen: Vec<(usize, usize)>,
     scatter: Vec<[f64; 2]>,
 }
 
-impl<'a> Judged<'a> {
+impl<'a> Evaluated<'a> {
     fn new(uv: &'a [[f64; 2]], sources: usize, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let others = uv.len().saturating_sub(1);
         let pairs = if others == 0 { 0 } else { SCATTER.min(sources * others) };
         let mut chosen: Vec<_> =
             (0..pairs).map(|_| (rng.random_range(0..sources), rng.random_range(1..uv.len()))).collect();
-        chosen.sort_unstable(); // blocks come in the order of the sources
+        chosen.sort_unstable(); // blocks arrive in the order of the sources
         Self {
             uv,
             raw: Vec::with_capacity(sources),
@@ -203,7 +203,7 @@ impl<'a> Judged<'a> {
         Ok(())
     }
 
-    /// Adds to each point's sum, source by source, so that it does not depend on blocks or threads.
+    /// Adds to the sum of each point, source by source, so that the result does not depend on blocks or threads.
     fn take_points(&mut self, block: &Block, control: &Control) -> Result<()> {
         let uv = self.uv;
         self.per_point.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
@@ -228,12 +228,12 @@ impl<'a> Judged<'a> {
         let here = self.chosen[begin..].iter().take_while(|&&(n, _)| n < block.first + block.sources.len());
         self.scatter.extend(here.map(|&(n, behind)| {
             let source = block.sources[n - block.first] as usize;
-            let point = (source + behind) % self.uv.len(); // any but the source
+            let point = (source + behind) % self.uv.len(); // any point but the source
             [f64::from(block.row(n - block.first)[point]), apart(self.uv[source], self.uv[point])]
         }));
     }
 
-    /// Looks for the best scale among the ratios that were counted; if it lies elsewhere they have to be counted there.
+    /// Looks for the best scale among the counted ratios. Returns whether they must be counted again elsewhere.
     fn seeks_scale(&mut self) -> bool {
         if self.scale.is_none() {
             match self.ratios.median() {
@@ -276,7 +276,7 @@ impl<'a> Judged<'a> {
             standard_error: standard_errors(&self.raw, &self.best, self.uv.len(), seed, control)?,
             sources: self.raw.len(),
             pairs: raw.pairs(),
-            per_point: self.per_point.iter().map(|(sum, count)| sum / count).collect(), // NaN where there is no other source
+            per_point: self.per_point.iter().map(|(sum, count)| sum / count).collect(), // NaN without other sources
             scatter: self.scatter,
         })
     }

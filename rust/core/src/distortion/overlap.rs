@@ -1,8 +1,8 @@
-//! Overlaps: does the flat map lie on itself?
+//! Overlaps of a flat map with itself.
 //!
-//! A map without flipped triangles can still cover itself, where far parts of its boundary run into each other. The tests are
-//! exact, by Shewchuk's predicate (crate `robust`), for places in mm of any size that does not underflow. Only interiors
-//! count: triangles that touch, vertices that are doubled along a cut and edges that lie on each other are no overlap.
+//! A map without flipped triangles can still cover itself where distant parts of its boundary run into each other. The
+//! tests are exact by Shewchuk's predicate (crate `robust`), for positions in mm of any size that does not underflow.
+//! Only interiors count: triangles that touch, doubled vertices along a cut and coincident edges are not overlaps.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,23 +15,23 @@ use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
 use crate::error::{Result, check_points};
 
-/// Searches in one step of the progress.
+/// The number of searches in one step of the progress.
 const CHUNK: usize = 256;
 
-/// Where a flat map lies on itself.
+/// The places where a flat map overlaps itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Overlap {
-    /// Number of pairs of boundary edges that cross at a point that is an end of neither. Zero in an embedding; but a
-    /// boundary that crosses itself exactly at a vertex, or a boundary inside the map, only shows in `covering`.
+    /// The number of pairs of boundary edges that cross at a point that is not an end of either. It is zero in an
+    /// embedding. A boundary that crosses itself exactly at a vertex, or inside the map, appears only in `covering`.
     pub crossings: usize,
-    /// Number of triangles that cover a part of another one.
+    /// The number of triangles that cover a part of another triangle.
     pub covering: usize,
-    /// For each face: does it cover a part of another one?
+    /// For each face, whether it covers a part of another face.
     pub per_face: Vec<bool>,
 }
 
-/// Finds where a flat map (`uv`, mm) of triangles lies on itself. Triangles without area, and those with a corner that has
-/// no place, cover nothing; edges of one face are the boundary.
+/// Finds where a flat map (`uv`, mm) of triangles overlaps itself. Triangles without area or with an undefined corner
+/// cover nothing. Edges with one face form the boundary.
 pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
     check_points(faces.iter().flatten().copied(), uv.len())?;
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };
@@ -55,7 +55,7 @@ fn is_placed(corners: &[Coord<f64>]) -> bool {
     corners.iter().all(|corner| corner.x.is_finite() && corner.y.is_finite())
 }
 
-/// The triangle, turned over if it is clockwise; none if it has no interior.
+/// Returns the triangle with counterclockwise orientation; none if it has no interior.
 pub(crate) fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
     match orient2d(a, b, c) {
         _ if !is_placed(&[a, b, c]) => None,
@@ -65,20 +65,20 @@ pub(crate) fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
     }
 }
 
-/// Do segments cross at a point that is an end of neither?
+/// Returns whether segments cross at a point that is not an end of either.
 fn cross([a, b]: Segment, [c, d]: Segment) -> bool {
     let opposite = |left: f64, right: f64| (left > 0.0 && right < 0.0) || (left < 0.0 && right > 0.0);
     opposite(orient2d(a, b, c), orient2d(a, b, d)) && opposite(orient2d(c, d, a), orient2d(c, d, b))
 }
 
-/// Have counterclockwise triangles a common interior point? Convex sets have none if and only if a line parts them, and
-/// among polygons a line along one of their sides does.
+/// Returns whether counterclockwise triangles have a common interior point. Convex sets have none if and only if a line
+/// separates them; for polygons, a line along one of their sides does.
 pub(crate) fn interiors_meet(a: &Triangle, b: &Triangle) -> bool {
     let outside = |a: &Triangle, k: usize, b: &Triangle| b.iter().all(|&p| orient2d(a[k], a[(k + 1) % 3], p) <= 0.0);
     (0..3).all(|k| !outside(a, k, b) && !outside(b, k, a))
 }
 
-/// Number of pairs of segments that cross at a point that is an end of neither.
+/// Returns the number of pairs of segments that cross at a point that is not an end of either.
 pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result<usize> {
     let tree = Tree::over(segments.iter().map(|ends| Bounds::around(ends)).collect());
     let of_chunk = |chunk: Range<usize>| {
@@ -86,7 +86,7 @@ pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result
         for position in chunk {
             control.check()?;
             let n = tree.order[position];
-            // each pair from its lower number
+            // count each pair once
             tree.any_other(position, &mut |other| {
                 count += usize::from(other > n && cross(segments[n as usize], segments[other as usize]));
                 false
@@ -98,9 +98,9 @@ pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result
     chunks(segments.len()).map(of_chunk).try_reduce(|| 0, |a, b| Ok(a + b))
 }
 
-/// Which triangles cover a part of another one. The search from a triangle ends at the first one it meets, and both are
-/// marked, so that a map with many folds takes no longer than a good one. Marks only ever say what is true, and the search
-/// from an unmarked one is complete: the order of the threads does not matter.
+/// Returns which triangles cover a part of another one. The search from a triangle ends at the first hit, and both are
+/// marked, so that a map with many folds takes no longer than a good one. Marks are always correct, and the search from
+/// an unmarked triangle is complete, so the order of the threads does not matter.
 fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>> {
     let tree = Tree::over(triangles.iter().map(|corners| Bounds::around(corners)).collect());
     let covering: Vec<AtomicBool> = triangles.iter().map(|_| AtomicBool::new(false)).collect();
@@ -128,7 +128,7 @@ fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>>
     Ok(covering.into_iter().map(AtomicBool::into_inner).collect())
 }
 
-/// The numbers below `count`, in parallel, a step of the progress at a time.
+/// Iterates in parallel over the numbers below `count`, in chunks of one progress step.
 fn chunks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     (0..count.div_ceil(CHUNK)).into_par_iter().map(move |n| n * CHUNK..((n + 1) * CHUNK).min(count))
 }
@@ -181,7 +181,7 @@ mod tests {
         uv.map(|p| p.map(|x| (x * per_mm).round() / per_mm)).collect()
     }
 
-    /// All by the definition: shared areas, and crossings as the solution of two equations.
+    /// By definition: shared areas, and crossings as the solution of two equations.
     fn brute_force(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Overlap {
         let corners = |face: &[u32; 3]| face.map(|v| uv[v as usize]);
         let has_area = |face: &[u32; 3]| shared_area(corners(face), corners(face)) > 0.0;
@@ -214,7 +214,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whole numbers: corners on sides, sides on sides, the same triangle twice, triangles without area.
+        /// Integers: corners on sides, sides on sides, the same triangle twice, triangles without area.
         #[test]
         fn touching_triangles_are_as_by_brute_force(
             places in prop::collection::vec(prop::array::uniform2(0..8i32), 24),
@@ -229,7 +229,7 @@ mod tests {
             places in prop::collection::vec(prop::array::uniform2(-9.0..9.0f64), 300),
             size in 0.02..1.0f64,
         ) {
-            // triangles of their own, from small and scattered to large and on each other
+            // separate triangles, from small and scattered to large and overlapping
             let centre = |n: usize| places[(n / 3 * 3 + 150) % 300];
             let corner = |(n, p): (usize, &[f64; 2])| [0, 1].map(|k| centre(n)[k] + size * p[k]);
             let uv = on_lattice(16.0, places.iter().enumerate().map(corner));
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn a_seam_is_no_overlap() {
-        // a grid that is cut along a column: the vertices there are doubled and lie on each other
+        // a grid that is cut along a column: the vertices there are doubled and coincide
         let (mut uv, faces) = grid(6, 4);
         uv.iter_mut().for_each(|p| *p = [p[0] * 0.1 + 0.3 * p[1], p[1] * 0.7]);
         let columns = |n: u32| n % 7;
@@ -261,7 +261,7 @@ mod tests {
             faces.iter().map(|face| face.map(|v| if right(face) && columns(v) == 3 { copy(v) } else { v })).collect();
         doubled.iter().for_each(|&v| uv.push(uv[v as usize]));
         assert_eq!(counts(&cut, &uv), (0, 0));
-        // pushed into each other by a hair
+        // minimal overlap
         (35..40).for_each(|v| uv[v][0] -= 1e-15);
         assert!(counts(&cut, &uv).1 > 0);
     }
@@ -269,10 +269,10 @@ mod tests {
     #[test]
     fn a_fold_covers_what_lies_under_it() {
         let (uv, faces) = grid(4, 3);
-        // folded at x = 3: the last column lies on the one before
+        // folded at x = 3: the last column covers the previous one
         let folded: Vec<_> = uv.iter().map(|&[x, y]| [3.0 - (x - 3.0).abs(), y]).collect();
         let overlap = found(&faces, &folded);
-        assert_eq!((overlap.crossings, overlap.covering), (0, 12)); // boundaries lie on each other and do not cross
+        assert_eq!((overlap.crossings, overlap.covering), (0, 12)); // boundaries coincide and do not cross
         let covers = |n: usize| (n / 2) % 4 >= 2;
         assert!(overlap.per_face.iter().enumerate().all(|(n, &is)| is == covers(n)));
         // two triangles at a common side
@@ -288,7 +288,7 @@ mod tests {
         let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 2.0], [f64::NAN, 0.0]];
         assert_eq!(counts(&[[0, 1, 2], [0, 3, 4], [3, 3, 1], [1, 2, 5]], &uv), (0, 0));
         assert_eq!(counts(&[[0, 1, 2], [0, 1, 2]], &uv), (0, 2));
-        // a corner without end, along either axis
+        // an infinite corner, along either axis
         for far in [[f64::INFINITY, 1.0], [1.0, f64::INFINITY], [f64::NEG_INFINITY; 2]] {
             let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 1.0], far];
             assert_eq!(counts(&[[0, 1, 2], [3, 4, 5]], &uv), (0, 0), "{far:?}");

@@ -1,23 +1,23 @@
-//! The scale of the least mean relative error, Σ |s·d − δ|/δ: the median of δ/d weighted by d/δ.
+//! The scale with the smallest mean relative error, Σ |s·d − δ|/δ: the median of δ/d, weighted by d/δ.
 //!
-//! Weights are counted in the bins of a histogram around the median of the first source. They are whole numbers, so that
-//! their sums are the same in whatever order threads add to them.
+//! Weights are counted in the bins of a histogram around the median of the first source. They are integers, so their
+//! sums do not depend on the order in which threads add them.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bins of the histogram: the scale is found to a millionth of itself.
+/// The number of bins of the histogram. It resolves the scale to a relative precision of 10⁻⁶.
 const BINS: usize = 1 << 21;
 
-/// The weight of a pair with the ratio in the middle of the histogram.
+/// The weight of a pair whose ratio lies in the middle of the histogram.
 const UNIT: f64 = (1u64 << 28) as f64;
 
-/// No weight is larger, so that sums stay numbers.
+/// The largest weight, so that sums do not overflow.
 const MOST: f64 = (1u64 << 50) as f64;
 
-/// The histogram reaches so many times lower and higher than its middle.
+/// The histogram reaches from its middle divided by this factor to its middle times this factor.
 const REACH: f64 = 2.0;
 
-/// Weights of ratios δ/d.
+/// A histogram of the weights of ratios δ/d.
 #[derive(Debug, Default)]
 pub struct Ratios {
     middle: f64,
@@ -26,12 +26,12 @@ pub struct Ratios {
     bins: Vec<AtomicU64>,
 }
 
-/// Where the median is.
+/// The position of the median.
 #[derive(Debug)]
 pub enum Answer {
-    /// It is this; NaN where there is no ratio.
+    /// The median; NaN if there is no ratio.
     Found(f64),
-    /// Outside the histogram: count again with this one.
+    /// The median lies outside the histogram: count again with this one.
     Elsewhere(Ratios),
 }
 
@@ -41,7 +41,7 @@ impl Ratios {
         Self { middle, bins, ..Self::default() }
     }
 
-    /// An empty histogram around the median of some pairs (δ, d).
+    /// Creates an empty histogram around the median of pairs (δ, d).
     pub fn around_median(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut ratios: Vec<f64> = pairs.filter(|&(_, d)| d > 0.0).map(|(delta, d)| delta / d).collect();
         ratios.sort_unstable_by(f64::total_cmp);
@@ -62,7 +62,7 @@ impl Ratios {
         (self.middle * REACH - self.low()) / BINS as f64
     }
 
-    /// Counts a pair; one that lies at the same place in the map has no ratio, and its error is the same at every scale.
+    /// Counts a pair. A pair at the same position in the map has no ratio; its error is the same at every scale.
     pub fn add(&self, delta: f64, d: f64) {
         if d > 0.0 && !self.bins.is_empty() {
             let ratio = delta / d;
@@ -121,7 +121,7 @@ mod tests {
             sorted.sort_by(f64::total_cmp);
             let found = median(&pairs, first.min(pairs.len()));
             let half = 0.5 * sorted.iter().map(|ratio| ratio.recip()).sum::<f64>();
-            // as much weight on either side, but for what lies nearer than the histogram can tell
+            // equal weights on both sides, up to the resolution of the histogram
             let below = |limit: f64| sorted.iter().filter(|&&r| r < limit).map(|r| r.recip()).sum::<f64>();
             let allowed = 1e-7 * half;
             prop_assert!(below(found * (1.0 - 1e-6)) <= half + allowed);

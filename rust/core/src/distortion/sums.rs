@@ -1,13 +1,13 @@
-//! Sums over pairs, from which all figures of distances follow.
+//! Sums over pairs, from which all figures of distances are computed.
 
 use std::iter::Sum;
 
 use super::figures::Figures;
 
-/// Where bands of distances end, mm; an end belongs to the band below it.
+/// The upper ends of the distance bands in mm; each belongs to its band.
 const BANDS_MM: [f64; 4] = [5.0, 10.0, 15.0, 30.0];
 
-/// Sums over pairs of δ and d at some scale.
+/// Sums over pairs (δ, d) at some scale.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sums {
     delta: f64,
@@ -18,12 +18,12 @@ pub struct Sums {
     error: f64,
     squared_error: f64,
     sammon: f64,
-    /// Relative errors and number of pairs: up to 5, 10, 15 and 30 mm, and beyond.
+    /// The sum of relative errors and the number of pairs: up to 5, 10, 15 and 30 mm, and above.
     bands: [(f64, f64); BANDS_MM.len() + 1],
 }
 
 impl Sums {
-    /// Takes a pair in.
+    /// Adds a pair.
     pub fn add(&mut self, delta: f64, d: f64) {
         let error = (d - delta).abs();
         let relative = error / delta;
@@ -54,17 +54,17 @@ impl Sums {
         self
     }
 
-    /// Sum of relative errors and number of pairs of several bands.
+    /// Returns the sum of relative errors and the number of pairs of several bands.
     fn over(&self, bands: std::ops::Range<usize>) -> (f64, f64) {
         self.bands[bands].iter().fold((0.0, 0.0), |sum, band| (sum.0 + band.0, sum.1 + band.1))
     }
 
-    /// Number of pairs.
+    /// Returns the number of pairs.
     pub fn pairs(&self) -> usize {
         self.over(0..self.bands.len()).1 as usize
     }
 
-    /// The figures of these pairs, whose d were multiplied by `scale`. What no pair defines is NaN.
+    /// Returns the figures of these pairs, whose d were multiplied by `scale`. Figures without pairs are NaN.
     pub fn figures(&self, scale: f64) -> Figures {
         let relative = |bands| {
             let (sum, count) = self.over(bands);
@@ -85,12 +85,12 @@ impl Sums {
         }
     }
 
-    /// Mean of δ, mm.
+    /// Returns the mean of δ in mm.
     pub fn mean_geodesic(&self) -> f64 {
         self.delta / self.over(0..self.bands.len()).1
     }
 
-    /// Pearson's correlation of d and δ.
+    /// Returns Pearson's correlation of d and δ.
     pub fn correlation(&self) -> f64 {
         let n = self.over(0..self.bands.len()).1;
         let covariance = self.product / n - self.d / n * (self.delta / n);

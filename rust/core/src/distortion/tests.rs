@@ -29,7 +29,7 @@ fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) ->
     DistanceRows::new(sources.to_vec(), points.len(), sources.iter().flat_map(row).collect())
 }
 
-fn judged(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
+fn evaluated(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
     measure(&[uv], rows, 0, &Control::default()).unwrap().remove(0)
 }
 
@@ -58,7 +58,7 @@ proptest! {
     #[test]
     fn figures_follow_their_definitions(uv in places(), stretch in 0.5..2.0f64) {
         let rows = rows_of(&[0, 3, 7, 11], &uv, |a, b| stretch * (1.0 + 0.3 * ((a * 31 + b * 17) as f64).sin()));
-        let distortion = judged(&uv, &rows);
+        let distortion = evaluated(&uv, &rows);
         let pairs = pairs(&uv, &rows);
         let close = |a: f64, b: f64| (a - b).abs() < 1e-9 || (a.is_nan() && b.is_nan());
         for figures in [distortion.raw, distortion.best_scale] {
@@ -91,7 +91,7 @@ proptest! {
     #[test]
     fn no_scale_is_better_than_the_best(uv in places(), stretch in 0.2..5.0f64) {
         let rows = rows_of(&[0, 5, 9], &uv, |a, b| stretch * (1.0 + 0.4 * ((a * 7 + b * 13) as f64).sin()));
-        let best = judged(&uv, &rows).best_scale;
+        let best = evaluated(&uv, &rows).best_scale;
         let pairs = pairs(&uv, &rows);
         let error = |s: f64| mean(pairs.iter().map(|&(x, d)| (s * d - x).abs() / x));
         // the objective is convex and piecewise linear: its least value is at one of its kinks
@@ -103,7 +103,7 @@ proptest! {
     fn points_have_the_mean_of_their_pairs(uv in places()) {
         let sources = [0, 4, 8];
         let rows = rows_of(&sources, &uv, |a, b| 1.0 + 0.2 * ((a + 3 * b) as f64).cos());
-        let distortion = judged(&uv, &rows);
+        let distortion = evaluated(&uv, &rows);
         for (point, &value) in distortion.per_point.iter().enumerate() {
             let errors = sources.iter().enumerate().filter(|&(_, &s)| s as usize != point).map(|(n, &s)| {
                 let delta = f64::from(rows.row(n)[point]);
@@ -119,11 +119,11 @@ proptest! {
 fn a_perfect_map_has_no_error_and_a_scaled_one_only_its_scale() {
     let uv: Vec<[f64; 2]> = (0..50).map(|n| [f64::from(n % 7) * 3.0, f64::from(n / 7) * 2.0]).collect();
     let rows = rows_of(&[0, 20, 40], &uv, |_, _| 1.0);
-    let perfect = judged(&uv, &rows);
+    let perfect = evaluated(&uv, &rows);
     assert!(perfect.raw.relative_error < 1e-6 && (perfect.best_scale.scale - 1.0).abs() < 1e-6);
     assert!(perfect.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5 && *delta > 0.0));
     let doubled: Vec<[f64; 2]> = uv.iter().map(|p| p.map(|x| 2.0 * x)).collect();
-    let scaled = judged(&doubled, &rows);
+    let scaled = evaluated(&doubled, &rows);
     assert!((scaled.raw.relative_error - 1.0).abs() < 1e-6);
     assert!((scaled.best_scale.scale - 0.5).abs() < 1e-6 && scaled.best_scale.relative_error < 1e-6);
 }
@@ -132,15 +132,15 @@ fn a_perfect_map_has_no_error_and_a_scaled_one_only_its_scale() {
 fn points_at_no_distance_from_each_other_are_left_out() {
     let uv = [[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [7.0, 2.0]];
     let apart = rows_of(&[0, 2], &uv[..3], |_, _| 2.0);
-    // the last one lies where the first does, and elsewhere in the map
+    // the last one coincides with the first one on the surface, but not in the map
     let rows: Vec<f32> = [0, 1].iter().flat_map(|&n| [apart.row(n), &[apart.row(n)[0]]].concat()).collect();
-    let found = judged(&uv, &DistanceRows::new(vec![0, 2], 4, rows));
+    let found = evaluated(&uv, &DistanceRows::new(vec![0, 2], 4, rows));
     assert_eq!((found.pairs, found.per_point[3]), (5, found.per_point[3].abs()));
     let figures = [found.raw, found.best_scale];
     assert!(figures.iter().all(|f| f.scale > 0.0 && f.relative_error.is_finite() && f.sammon_stress.is_finite()));
     assert!(found.per_point.iter().all(|error| error.is_finite()));
-    // and where nothing is any distance away nothing is defined
-    let none = judged(&uv[..2], &DistanceRows::new(vec![0], 2, vec![0.0, 0.0]));
+    // without positive distances, nothing is defined
+    let none = evaluated(&uv[..2], &DistanceRows::new(vec![0], 2, vec![0.0, 0.0]));
     assert!(none.raw.relative_error.is_nan() && none.best_scale.scale.is_nan() && none.pairs == 0);
 }
 
@@ -148,12 +148,12 @@ fn points_at_no_distance_from_each_other_are_left_out() {
 fn undefined_figures_are_nan() {
     let uv = [[0.0, 0.0], [50.0, 0.0], [0.0, 60.0]];
     let rows = rows_of(&[0], &uv, |_, _| 1.0);
-    let distortion = judged(&uv, &rows);
+    let distortion = evaluated(&uv, &rows);
     assert!(distortion.raw.relative_error_10mm.is_nan() && distortion.raw.relative_error_30mm.is_nan());
     assert!(distortion.per_point[0].is_nan() && !distortion.per_point[1].is_nan());
 }
 
-/// Rows that are passed on a few at a time.
+/// Rows that are passed a few at a time.
 struct Few<'a>(&'a DistanceRows, usize);
 
 impl Rows for Few<'_> {
@@ -174,7 +174,7 @@ impl Rows for Few<'_> {
     }
 }
 
-/// Bit by bit; what is NaN on one side is so on the other.
+/// Bit by bit; NaN equals NaN.
 fn same(a: &Distortion, b: &Distortion) -> bool {
     format!("{a:?}") == format!("{b:?}")
 }
@@ -194,7 +194,7 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     let other: Vec<[f64; 2]> = uv.iter().map(|[x, y]| [3.0 * x, y + 0.1 * x]).collect();
     let sources: Vec<u32> = (0..37).map(|n| n * 101).collect();
     let rows = rows_of(&sources, &uv, uneven);
-    let (expected, alone) = (judged(&uv, &rows), judged(&other, &rows));
+    let (expected, alone) = (evaluated(&uv, &rows), evaluated(&other, &rows));
     assert!(!same(&expected, &alone));
     let errors = pairs(&uv, &rows).iter().map(|(delta, d)| (d - delta).abs() / delta).collect::<Vec<f64>>();
     for point in [1, 4095, 4096, 4999] {
@@ -213,34 +213,34 @@ fn blocks_threads_and_other_maps_change_no_bit() {
 
 #[test]
 fn standard_errors_are_those_of_theory() {
-    // all sources have as many pairs: the relative error is the mean of the sources' means
+    // all sources have equally many pairs: the relative error is the mean of the sources' means
     let uv = scattered(200);
     let sources: Vec<u32> = (0..100).map(|n| 2 * n).collect();
     let rows = rows_of(&sources, &uv, uneven);
-    let found = judged(&uv, &rows);
+    let found = evaluated(&uv, &rows);
     let of_source = |n: u32| mean(pairs(&uv, &rows)[199 * n as usize..][..199].iter().map(|(x, d)| (d - x).abs() / x));
     let means: Vec<f64> = (0..100).map(of_source).collect();
     let all = mean(means.iter().copied());
     let variance = means.iter().map(|x| (x - all).powi(2)).sum::<f64>() / 99.0;
     let theory = (variance / 100.0 * (1.0 - 100.0 / 200.0)).sqrt();
     assert!((found.standard_error.raw.relative_error / theory - 1.0).abs() < 0.08);
-    let again = judged(&uv, &rows).standard_error.raw;
+    let again = evaluated(&uv, &rows).standard_error.raw;
     assert_eq!(again.stress_1.to_bits(), found.standard_error.raw.stress_1.to_bits());
 }
 
 #[test]
 fn standard_errors_of_all_points_and_of_one_source() {
     let uv = scattered(30);
-    let all = judged(&uv, &rows_of(&(0..30).collect::<Vec<u32>>(), &uv, uneven)).standard_error;
+    let all = evaluated(&uv, &rows_of(&(0..30).collect::<Vec<u32>>(), &uv, uneven)).standard_error;
     assert_eq!((all.raw.relative_error, all.best_scale.stress_1, all.pearson_r), (0.0, 0.0, 0.0));
-    let one = judged(&uv, &rows_of(&[4], &uv, uneven)).standard_error;
+    let one = evaluated(&uv, &rows_of(&[4], &uv, uneven)).standard_error;
     assert!(one.raw.relative_error.is_nan() && one.mean_geodesic.is_nan());
 }
 
 #[test]
 fn a_map_in_one_place_has_no_best_scale() {
     let uv = scattered(30);
-    let found = judged(&[[1.0, 2.0]; 30], &rows_of(&[3, 4], &uv, |_, _| 1.0));
+    let found = evaluated(&[[1.0, 2.0]; 30], &rows_of(&[3, 4], &uv, |_, _| 1.0));
     assert_eq!(found.raw.relative_error, 1.0);
     assert!(found.best_scale.scale.is_nan() && found.best_scale.stress_1.is_nan() && found.pearson_r.is_nan());
 }
@@ -248,11 +248,11 @@ fn a_map_in_one_place_has_no_best_scale() {
 #[test]
 fn the_best_scale_alone_is_that_of_the_figures() {
     let uv = scattered(200);
-    // the first source is off by far: ratios have to be counted again, elsewhere
+    // the first source is far off: ratios must be counted again elsewhere
     for first in [3.0, 50.0, 0.3] {
         let sources: Vec<u32> = (0..20).map(|n| 7 * n).collect();
         let rows = rows_of(&sources, &uv, |a, b| uneven(a, b) * if a == 0 { first } else { 3.0 });
-        let scale = judged(&uv, &rows).best_scale.scale;
+        let scale = evaluated(&uv, &rows).best_scale.scale;
         assert!((1.0..5.0).contains(&scale), "{scale}");
         for block in [1, 6, 20] {
             assert_eq!(best_scale(&uv, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");

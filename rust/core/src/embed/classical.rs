@@ -1,7 +1,7 @@
 //! Classical scaling.
 //!
-//! Grossmann et al. (2002), section 3: with Δ the distances and J = I − 11ᵀ/m, B = −½ J (Δ∘Δ) J. With (λ₁, v₁), (λ₂, v₂)
-//! the two largest positive eigenpairs of B, the places are X = [√λ₁ v₁ | √λ₂ v₂]. It minimises the strain, without search.
+//! Grossmann et al. (2002), section 3: with distances Δ and J = I − 11ᵀ/m, B = −½ J (Δ∘Δ) J. With (λ₁, v₁), (λ₂, v₂)
+//! the two largest positive eigenpairs of B, the positions are X = [√λ₁ v₁ | √λ₂ v₂]. They minimise strain.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::SelfAdjointEigen;
@@ -12,28 +12,28 @@ use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::sources::check_enough;
 
-/// Up to this size all eigenpairs are computed, above only the leading ones (the iterative solver needs some room).
+/// Up to this size, all eigenpairs are computed; above, only the leading ones (the iterative solver needs some room).
 const DENSE: usize = 256;
 
-/// How many eigenvalues of the largest magnitude are kept.
+/// The number of eigenvalues with the largest magnitude that are kept.
 const SPECTRUM: usize = 12;
 
-/// Eigenvalues below this share of ‖B‖ are rounding: rows are f32.
+/// Eigenvalues below this share of ‖B‖ are attributed to rounding, because rows are f32.
 const ROUNDING: f64 = 1e-6;
 
-/// The places of the sources in the plane, and how planar their distances are.
+/// The positions of the sources in the plane, and the planarity of their distances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scaling {
-    /// Centred at the origin, along the principal axes, in mm.
+    /// Positions in mm, centred at the origin, along the principal axes.
     pub places: Vec<[f64; 2]>,
-    /// The eigenvalues of B of the largest magnitude (mm²), by falling magnitude. Two that stand out mean a planar
-    /// surface; negative ones cannot be embedded in any dimension.
+    /// The eigenvalues of B with the largest magnitude (mm²), in decreasing order of magnitude. Two dominant ones mean
+    /// a planar surface; negative ones cannot be embedded in any dimension.
     pub eigenvalues: Vec<f64>,
-    /// The share of Σ λ² of all eigenvalues that the two used ones carry: 1 for a surface that is isometric to the plane.
+    /// The share of Σ λ² of all eigenvalues in the two used ones: 1 for a surface that is isometric to the plane.
     pub planarity: f64,
 }
 
-/// Classical scaling of the distances among sources. The two directions' distances are averaged.
+/// Computes classical scaling of the distances among sources. The distances in the two directions are averaged.
 pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let m = distances.sources().len();
     check_enough(m)?;
@@ -55,7 +55,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     };
     let axis = |k: usize| {
         let column = vectors.col(k);
-        // an eigenvector has no sign of its own: the entry of the largest magnitude becomes positive
+        // the sign of an eigenvector is arbitrary: the entry with the largest magnitude becomes positive
         let largest = (0..m).rev().max_by(|&p, &q| column[p].abs().total_cmp(&column[q].abs())).unwrap_or(0);
         (column, values[k].sqrt().copysign(column[largest]))
     };
@@ -67,7 +67,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     })
 }
 
-/// B = −½ J (Δ∘Δ) J.
+/// Returns B = −½ J (Δ∘Δ) J.
 fn double_centred(distances: &DistanceRows) -> Mat<f64> {
     let m = distances.sources().len();
     let squared = |i: usize, j: usize| {
@@ -91,7 +91,7 @@ fn all_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     Ok((eigen.S().column_vector().iter().copied().collect(), eigen.U().to_owned()))
 }
 
-/// The eigenpairs of the largest magnitude, by a restarted Krylov method from a fixed start.
+/// Returns the eigenpairs with the largest magnitude, by a restarted Krylov method from a fixed start.
 fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     let m = b.nrows();
     let scale = b.norm_l2();
@@ -111,7 +111,7 @@ fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
         MemStack::new(&mut MemBuffer::new(scratch)),
         params,
     );
-    // the leading two decide the map; a tail that is a heap of equal small values may stay unsorted
+    // the leading two determine the map; a tail of equal small values may remain unconverged
     if found.n_converged_eigen < 2 {
         return Err(Error::EigenNotConverged { sources: m });
     }
@@ -120,8 +120,8 @@ fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     Ok((values, vectors.get(.., ..kept).to_owned()))
 }
 
-/// The memory in bytes that [`classical_scaling`] needs at most, or a system of as many radial functions: distances of four
-/// bytes between any two sources, a matrix of f64, and its factor.
+/// Returns the maximum memory in bytes of [`classical_scaling`], or of a system of as many radial functions: distances
+/// of four bytes between any two sources, a matrix of f64, and its factor.
 pub const fn memory_need(sources: usize) -> u64 {
     (4 + 8 + 8) * (sources as u64).pow(2)
 }

@@ -1,8 +1,8 @@
-//! Embeddings: from distances between sources to their places in the plane.
+//! Embeddings: from distances between sources to positions in the plane.
 
 pub mod classical;
 pub mod sammon;
 pub mod stress;
 
-/// A place in the plane, mm.
+/// A position in the plane in mm.
 pub(crate) type Place = nalgebra::Vector2<f64>;

@@ -1,12 +1,12 @@
-//! Sammon's stress, made less by Newton steps along each coordinate.
+//! Minimisation of Sammon's stress by Newton steps along each coordinate.
 //!
-//! Schwartz, Shaw and Wolfson (1989), equation 1: over pairs at the geodesic distance δ and the flat distance d,
+//! Schwartz, Shaw and Wolfson (1989), equation 1: over pairs at geodesic distance δ and flat distance d,
 //!
 //!   L = (1/Σδ) Σ (d − δ)²/δ.
 //!
-//! Every point moves against its gradient, each coordinate divided by the magnitude of its second derivative (the Hessian's
-//! diagonal) and multiplied by a factor μ, all points at once (Sammon 1969, whose "magic factor" it is). A coordinate with hardly
-//! any curvature takes a leap. Leaps make the stress rise at times; they also lead out of folds.
+//! All points move at once against their gradients. Each coordinate is divided by the magnitude of its second
+//! derivative (the diagonal of the Hessian) and multiplied by a factor μ (the "magic factor" of Sammon 1969). A
+//! coordinate with hardly any curvature takes a leap. Leaps sometimes increase the stress, but lead out of folds.
 
 use rayon::prelude::*;
 
@@ -17,37 +17,37 @@ use crate::geodesic::neighbourhood::{Near, Neighbourhoods};
 /// Sammon's magic factor: "about 0.3 or 0.4".
 const FACTOR: f64 = 0.35;
 
-/// The least curvature, as a part of that which a point has when it is far from all others: bounds the leaps.
+/// The smallest curvature, as a share of that of a point far from all others; it limits the leaps.
 const LEAST_CURVATURE: f64 = 1e-3;
 
-/// Most steps from one start.
+/// The maximum number of steps from one start.
 pub const MOST_STEPS: usize = 1500;
 
-/// Steps over which the stress is judged, and the part of it by which it changes at most at the end.
-const JUDGED: usize = 20;
+/// The number of steps over which convergence is tested, and the maximum relative change of the stress at convergence.
+const EVALUATED: usize = 20;
 const SETTLED: f64 = 1e-5;
 
-/// Vertices that are visited together.
+/// The number of vertices that are visited together.
 const BATCH: usize = 32;
 
-/// Two points are no nearer than this part of their geodesic distance, lest their direction be undefined.
+/// The minimum distance of two points, as a share of their geodesic distance, for which their direction is defined.
 const NEAREST: f64 = 1e-9;
 
-/// The stress of one point's pairs, Σ (d − δ)²/δ, with the derivatives by its own place.
+/// The stress of one point's pairs, Σ (d − δ)²/δ, and its derivatives with respect to the point's position.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pull {
-    /// Σ (d − δ)²/δ, mm.
+    /// Σ (d − δ)²/δ in mm.
     pub stress: f64,
     /// Half its gradient.
     pub gradient: [f64; 2],
-    /// Half its second derivatives, 1/mm.
+    /// Half its second derivatives, in 1/mm.
     pub curvature: [f64; 2],
-    /// Σ 1/δ, 1/mm: half the curvature of a point that is far away from all others.
+    /// Σ 1/δ in 1/mm: half the curvature of a point far from all others.
     pub stiffness: f64,
 }
 
 impl Pull {
-    /// Of a point's pairs, with all points at `uv`.
+    /// Computes it for a point's pairs, with all points at `uv`.
     pub fn of(vertex: usize, near: &[Near], uv: &[[f64; 2]]) -> Self {
         let [x, y] = uv[vertex];
         let mut pull = Self::default();
@@ -74,17 +74,17 @@ impl Pull {
         std::array::from_fn(|axis| {
             let curvature = self.curvature[axis].abs().max(least);
             let moved = place[axis] - FACTOR * self.gradient[axis] / curvature;
-            if moved.is_finite() { moved } else { place[axis] } // a point without pairs stays
+            if moved.is_finite() { moved } else { place[axis] } // a point without pairs does not move
         })
     }
 }
 
-/// Sammon's stress of a map: 0 if it keeps all distances of pairs.
+/// Returns Sammon's stress of a map: 0 if it preserves the distances of all pairs.
 pub fn stress(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<f64> {
     Ok(step(pairs, uv, control)?.0)
 }
 
-/// The stress of a map, and where its points go.
+/// Returns the stress of a map, and the new positions of its points.
 fn step(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<(f64, Vec<[f64; 2]>)> {
     let mut moved = vec![[0.0; 2]; uv.len()];
     let of_batch = |(batch, moved): (usize, &mut [[f64; 2]])| {
@@ -101,20 +101,20 @@ fn step(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<(f
     Ok((sums.iter().sum::<f64>() / pairs.total(), moved))
 }
 
-/// What descent from a start came to.
+/// The result of the optimisation from one start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descended {
-    /// The map of least stress on the way, mm.
+    /// The map with the smallest stress on the way, in mm.
     pub uv: Vec<[f64; 2]>,
     /// Its stress.
     pub least: f64,
     /// The stress at the start and after every step.
     pub stresses: Vec<f64>,
-    /// It ended because the stress did not change any more.
+    /// Whether it ended because the stress hardly changed.
     pub converged: bool,
 }
 
-/// Moves a map until its stress does not change any more.
+/// Optimises a map until its stress hardly changes.
 pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) -> Result<Descended> {
     let mut found = Descended { uv: Vec::new(), least: f64::INFINITY, stresses: Vec::new(), converged: false };
     let mut uv = start;
@@ -132,9 +132,9 @@ pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) 
     Ok(found)
 }
 
-/// Did the stress hardly change over the last steps?
+/// Returns whether the stress hardly changed over the last steps.
 fn is_settled(stresses: &[f64]) -> bool {
-    let Some(first) = stresses.len().checked_sub(JUDGED) else { return false };
+    let Some(first) = stresses.len().checked_sub(EVALUATED) else { return false };
     let least = stresses[first..].iter().copied().fold(f64::INFINITY, f64::min);
     let most = stresses[first..].iter().copied().fold(0.0, f64::max);
     most - least <= SETTLED * most || most < f64::from(f32::EPSILON).powi(2) // distances are f32

@@ -1,4 +1,4 @@
-//! Whether a surface can be flattened as it is.
+//! Checks whether a surface can be flattened as it is.
 
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -6,7 +6,7 @@ use crate::sources::FEWEST_SOURCES;
 use crate::surface::voxels::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
-/// Can this surface be flattened as it is?
+/// Checks that a surface can be flattened as it is.
 pub fn check_disk(surface: &Surface) -> Result<()> {
     if surface.len() < FEWEST_SOURCES {
         return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
@@ -21,7 +21,7 @@ pub fn check_disk(surface: &Surface) -> Result<()> {
     Ok(())
 }
 
-/// Can this connected surface be flattened?
+/// Checks that a connected voxel surface can be flattened.
 pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<CubeTopology> {
     let points = surface.len();
     if points < FEWEST_SOURCES {

@@ -1,11 +1,11 @@
-//! Flattening after Grossmann, Kiryati and Kimmel (2002).
+//! Flattening by Grossmann, Kiryati and Kimmel (2002).
 
 use nalgebra::Vector3;
 
 use super::check::check_flattenable;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
-use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
+use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
 use crate::error::Result;
 use crate::geodesic::bundle::BundleScratch;
@@ -16,8 +16,8 @@ use crate::sources::{Sources, check_enough};
 use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
-/// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
-/// scaling of the sources, radial functions for the rest. The rows from the sources are kept in the map if so wished.
+/// Flattens a connected part of a voxel surface by the method of Grossmann, Kiryati and Kimmel (2002): chain-code
+/// geodesics, classical scaling of the sources, and radial functions for the other points. Rows are kept on request.
 pub fn grossmann2002(
     surface: &VoxelSurface,
     graph: &VoxelGraph,
@@ -30,14 +30,14 @@ pub fn grossmann2002(
     let sources = sources.choose(graph, control)?;
     check_enough(sources.len())?;
     let (among, rows) = DistanceRows::among_sources(graph, &sources, keep_rows, control)?;
-    control.begin("scaling", 1);
+    control.begin("classical scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
     let mut uv = place_rest(&surface.points(), &sources, &scaling.places, control)?;
     let seen_from_outside = handedness(surface, graph, &uv);
     orient(&surface.points(), seen_from_outside, &mut uv);
 
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap {
         uv,
@@ -51,7 +51,7 @@ pub fn grossmann2002(
     })
 }
 
-/// The places of all points: those of the sources as they are, the rest by radial functions.
+/// Returns the positions of all points: those of the sources unchanged, the others by radial functions.
 fn place_rest(
     points: &[Vector3<f64>],
     sources: &[u32],
@@ -68,11 +68,11 @@ fn place_rest(
     Ok(uv)
 }
 
-/// What a voxel needs while it is placed, bytes: its point in mm, and its place before that is turned.
+/// The memory per voxel for placement in bytes: a point in mm, and its position before the map is oriented.
 const PLACING_BYTES: u64 = 24 + 16;
 
-/// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
-/// with `links` links in its graph. Scaling is done when judging begins.
+/// Returns the maximum memory in bytes of [`grossmann2002`], beside the volume itself, for a surface of `points` voxels
+/// with `links` links in its graph. Scaling ends before the evaluation begins.
 pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) -> u64 {
     BASE_BYTES
         + VoxelSurface::memory_need(points)
@@ -80,5 +80,5 @@ pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) 
         + (PLACING_BYTES + PYTHON_BYTES) * points as u64
         + VoxelGraph::memory_need(points, links)
         + threads as u64 * BundleScratch::memory_need(points)
-        + classical::memory_need(sources).max(judge::memory_need(points))
+        + classical::memory_need(sources).max(evaluate::memory_need(points))
 }

@@ -1,4 +1,4 @@
-//! Whole methods, composed from the stages: one file a method, and what they share.
+//! Complete methods, composed of the stages: one file per method, and their common parts.
 
 mod check;
 pub mod grossmann2002;

@@ -1,4 +1,4 @@
-//! Flattening after Schwartz, Shaw and Wolfson (1989): the generalised mapmaker's problem.
+//! Flattening by Schwartz, Shaw and Wolfson (1989): the generalised mapmaker's problem.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -7,7 +7,7 @@ use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
 use crate::control::Control;
-use crate::distortion::judge::{REFERENCE_SOURCES, judge};
+use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::classical_scaling;
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
 use crate::embed::stress::levels::Convergence;
@@ -19,41 +19,41 @@ use crate::rows::DistanceRows;
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
 
-/// The part of the surface that a neighbourhood covers: "roughly 10 percent of the surface area of the entire problem".
+/// The share of the surface in a neighbourhood: "roughly 10 percent of the surface area of the entire problem".
 const SHARE: f64 = 0.1;
 
-/// Vertices of a neighbourhood at least, where the surface has so many: of small surfaces a tenth is little.
+/// The minimum number of vertices in a neighbourhood, if there are as many: a tenth can be too few.
 const SMALLEST: f64 = 100.0;
 
-/// Which distances are kept, and from where descent begins.
+/// The distances that are preserved, and the start of the optimisation.
 #[derive(Debug, Clone)]
 pub struct Options<'a> {
-    /// Rings of a neighbourhood; None for all pairs of vertices.
+    /// The number of rings in a neighbourhood; None for all pairs of vertices.
     pub rings: Option<u32>,
-    /// Vertices whose distances to all others are kept, too.
+    /// Vertices whose distances to all others are preserved too.
     pub sources: &'a [u32],
-    /// Random starts; the map of least stress is kept.
+    /// The number of random starts; the map with the smallest stress is kept.
     pub starts: u32,
-    /// Seed of the random starts.
+    /// The seed of the random starts.
     pub seed: u64,
-    /// Keep the rows from the sources in the map.
+    /// Whether the map keeps the rows from the sources.
     pub keep_rows: bool,
 }
 
-/// A flat map, and what the starts came to.
+/// A flat map, and the outcome of each start.
 #[derive(Debug, Clone)]
 pub struct Mapped {
-    /// The map of least stress.
+    /// The map with the smallest stress.
     pub map: FlatMap,
-    /// The stress that each start ended with.
+    /// The final stress of each start.
     pub stresses: Vec<f64>,
-    /// How many distances were kept.
+    /// The number of preserved distances.
     pub pairs: usize,
 }
 
-/// Flattens a disk after Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a few sources, and from
-/// random starts Newton steps along each coordinate to the map of least stress. Every vertex takes part.
-/// Panics if there is no start.
+/// Flattens a disk by the method of Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a
+/// few sources, and Newton steps along each coordinate, from random starts, to the map with the smallest stress. All
+/// vertices take part. Panics if the number of starts is 0.
 pub fn schwartz1989(
     surface: &Surface,
     graph: &GeodesicGraph,
@@ -71,13 +71,13 @@ pub fn schwartz1989(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let (kept, convergence) = (pairs.pairs(), Some(Convergence { energies, converged }));
     drop(pairs);
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, options.seed, control)?;
+    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, options.seed, control)?;
     let map =
         FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows };
     Ok(Mapped { map, stresses, pairs: kept })
 }
 
-/// Descends from every start, and returns the descent to the least stress and what all of them came to.
+/// Optimises from every start, and returns the result with the smallest stress and the stresses of all starts.
 fn best_of_starts(
     surface: &Surface,
     pairs: &Neighbourhoods,
@@ -88,7 +88,7 @@ fn best_of_starts(
     let mut best: Option<Descended> = None;
     let mut stresses = Vec::new();
     for start in 0..options.starts {
-        control.begin("moving points from a random start", MOST_STEPS as u64 + 1);
+        control.begin("optimising from a random start", MOST_STEPS as u64 + 1);
         let found = sammon::descend(pairs, scattered(surface.len(), side, options.seed, start), control)?;
         stresses.push(found.least);
         if best.as_ref().is_none_or(|best| found.least < best.least) {
@@ -104,7 +104,7 @@ fn scattered(points: usize, side: f64, seed: u64, start: u32) -> Vec<[f64; 2]> {
     (0..points).map(|_| std::array::from_fn(|_| side * (rng.random::<f64>() - 0.5))).collect()
 }
 
-/// How planar the distances among the sources are; NaN where there are too few.
+/// Returns the planarity of the distances among the sources; NaN if there are too few sources.
 fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> {
     if sources.len() < FEWEST_SOURCES {
         return Ok((Vec::new(), f64::NAN));
@@ -120,14 +120,14 @@ fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> 
     Ok((scaling.eigenvalues, scaling.planarity))
 }
 
-/// The least number of rings with which neighbourhoods cover a tenth of the vertices on average, and a hundred if there are so
-/// many.
+/// Returns the smallest number of rings with which neighbourhoods contain on average a tenth of the vertices, and at
+/// least a hundred vertices if there are so many.
 pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     control.begin("counting neighbours", 1);
     let vertices = surface.len() as f64;
     let wanted = (SHARE * vertices).max(SMALLEST.min(vertices));
     let mut rings = 1;
-    // neighbourhoods are small beside the surface: no need to go on to its far end
+    // neighbourhoods are small compared with the surface, so the search need not reach its far end
     for most in std::iter::successors(Some(16), |most| Some(2 * most)) {
         let sizes = sizes_of_rings(surface, Some(most), control)?;
         rings = sizes.len().max(1) as u32;
@@ -141,17 +141,16 @@ pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     Ok(rings)
 }
 
-/// What a distance needs, from both of its ends, bytes: as it is measured, and as it is merged.
+/// The memory per distance in bytes, counted from both ends: as measured, and as merged.
 const PAIR_BYTES: f64 = 2.0 * 16.0;
 
-/// What a vertex needs beside its distances, bytes: exact geometry, starts, maps.
+/// The memory per vertex in bytes, without distances: exact geometry, starts, maps.
 const VERTEX_BYTES: u64 = 1500;
 
-/// What exact distances need of a vertex for each thread, bytes.
+/// The memory per vertex and thread of exact distances, in bytes.
 const WAVE_BYTES: u64 = 400;
 
-/// The memory in bytes that [`schwartz1989`] needs at most beside the surface's input; neighbourhoods are counted around some
-/// vertices.
+/// Returns the maximum memory in bytes of [`schwartz1989`] beside the surface's input. Neighbourhoods are sampled.
 pub fn memory_need(
     surface: &Surface,
     rings: Option<u32>,
@@ -164,7 +163,7 @@ pub fn memory_need(
         Some(_) => sizes_of_rings(surface, rings, control)?.last().copied().unwrap_or(1.0),
         None => points as f64,
     };
-    let near = (1.05 * near + 2.0 * sources as f64).min(points as f64); // of a sample
+    let near = (1.05 * near + 2.0 * sources as f64).min(points as f64); // estimated from a sample
     let pairs = 0.5 * near * points as f64;
     let others = voxflat::memory_need(points, REFERENCE_SOURCES, threads, AfterPlacing::Dropped);
     Ok(others + (PAIR_BYTES * pairs) as u64 + (VERTEX_BYTES + WAVE_BYTES * threads as u64) * points as u64)

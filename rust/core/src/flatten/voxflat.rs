@@ -1,11 +1,11 @@
-//! The default method: descent on distances and triangles, from coarse to fine.
+//! The default method: optimisation of distances and triangles, from coarse to fine.
 
 use super::check::check_disk;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
 use crate::distortion::best_scale;
+use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::distortion::faces::equal_area_scale;
-use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::area_bound::bounded;
 use crate::embed::stress::levels::{self, Levels};
@@ -19,10 +19,10 @@ use crate::sources::check_enough;
 use crate::store;
 use crate::surface::Surface;
 
-/// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
-/// keep their shape, from coarse to fine. No triangle is turned over. In the end the map is brought to its scale, and judged by the graph's
-/// distances; levels and rows are dropped before.
-/// Errors: Those of [`check_disk`], [`check_enough`] and the stages, [`flatten_from`] among them.
+/// Flattens a disk, given its levels and the distances on them by any solver: minimises stress and the distortion of
+/// triangles, from coarse to fine. No triangle is flipped. Finally, the map is scaled and evaluated by distances along
+/// the graph; levels and rows are dropped before.
+/// Errors: Those of [`check_disk`], [`check_enough`] and the stages, including [`flatten_from`].
 pub fn voxflat(
     mut levels: Levels,
     rows: DistanceRows,
@@ -35,7 +35,7 @@ pub fn voxflat(
     check_disk(surface)?;
     let sources = levels.landmarks().to_vec();
     check_enough(sources.len())?;
-    control.begin("scaling", 1);
+    control.begin("classical scaling", 1);
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;
     control.check()?;
@@ -52,8 +52,8 @@ pub fn voxflat(
     let convergence = Some(convergence);
     let factor = match scale {
         Scale::Distances => {
-            let judged: Vec<[f64; 2]> = levels.judged().iter().map(|&vertex| uv[vertex as usize]).collect();
-            best_scale(&judged, &rows, control)?
+            let evaluated: Vec<[f64; 2]> = levels.evaluated().iter().map(|&vertex| uv[vertex as usize]).collect();
+            best_scale(&evaluated, &rows, control)?
         }
         Scale::Areas => equal_area_scale(surface.points(), surface.faces(), &uv),
     };
@@ -68,22 +68,22 @@ pub fn voxflat(
         }
         None => orient(surface.points(), map_area(surface.faces(), &uv), &mut uv),
     }
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
 }
 
-/// How a map is made.
+/// Options of the default method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options<'a> {
-    /// From 0, where near distances and shapes count most, to 1, where far distances do.
+    /// From 0, which favours near distances and shapes, to 1, which favours far distances.
     pub weighting: f64,
-    /// A map that is known, from which descent goes on; the map is turned as this one lies.
+    /// A known map from which the optimisation starts; the result is rotated to match it.
     pub start: Option<Start<'a>>,
-    /// By which factor no triangle may change its area, against that of the whole, or as near to that as can be had: see
-    /// [`bounded`]. More than 1.
+    /// The maximum factor by which the area of a triangle may change relative to the whole map; the bound is approached
+    /// as closely as possible, see [`bounded`]. Greater than 1.
     pub max_area: Option<f64>,
-    /// What the map's mm are.
+    /// The scale of the map.
     pub scale: Scale,
 }
 
@@ -93,33 +93,33 @@ impl Default for Options<'_> {
     }
 }
 
-/// What a map's mm are: a surface that is not flat has none that are right for both.
+/// How a map is scaled. No scale is right for both the distances and the areas of a curved surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// Distances are right on average: the mean relative error of those from the sources is the least of any scale.
+    /// The scale with the smallest mean relative error of the distances from the sources.
     Distances,
-    /// The map's area is that of the surface.
+    /// The scale that preserves the total area.
     Areas,
 }
 
-/// What becomes of the rows from the sources when all points are placed.
+/// How rows from the sources are stored after placement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AfterPlacing {
-    /// They make room for those of the reference sources.
+    /// They are dropped, which makes room for the rows of the reference sources.
     Dropped,
     /// They stay in memory.
     Kept,
-    /// They were in a store all the time.
+    /// They are kept on disk, in a store.
     Stored,
 }
 
-/// What exact distances from a few sources take of a vertex, bytes: the faces laid flat, and what each thread knows of vertices and
-/// edges. Distances along links are compared with them before the map is made.
+/// The memory per vertex of exact distances from a few sources, in bytes: faces unfolded into the plane, and each
+/// thread's data on vertices and edges. They are compared with distances along links before the map is made.
 const FLAT_FACES_BYTES: u64 = 260;
 const WAVE_BYTES: u64 = 160;
 
-/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices: what stays all the
-/// time, and the most that one of the stages takes, the links' making, the comparison with exact distances, rows, descent, and judging.
+/// Returns the maximum memory in bytes of [`voxflat`] beside the surface's input, for a surface of `points` vertices:
+/// the permanent part, and the maximum over the stages (links, exact distances, rows, optimisation, figures).
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let (vertices, workers) = (points as u64, threads as u64);
     let searches = workers * BundleScratch::memory_need(points);
@@ -127,9 +127,9 @@ pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPla
     let storing = if rows == AfterPlacing::Stored { store::memory_need(points, sources, threads) } else { 0 };
     let comparing = (FLAT_FACES_BYTES + workers * WAVE_BYTES) * vertices;
     let descent = kept + classical::memory_need(sources) + levels::memory_need(points, sources);
-    let judging = kept + searches + judge::memory_need(points);
+    let evaluating = kept + searches + evaluate::memory_need(points);
     let measuring = kept + searches.max(storing);
-    let stages = [comparing, measuring, descent, judging].into_iter().max().unwrap_or(0);
+    let stages = [comparing, measuring, descent, evaluating].into_iter().max().unwrap_or(0);
     BASE_BYTES
         + Surface::memory_need(points)
         + FlatMap::memory_need(points)

@@ -1,11 +1,11 @@
-//! Flattening after Zigelman, Kimmel and Kiryati (2002).
+//! Flattening by Zigelman, Kimmel and Kiryati (2002).
 
 use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
 use crate::adjacency::marked;
 use crate::control::Control;
-use crate::distortion::judge::{REFERENCE_SOURCES, judge};
+use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
 use crate::error::{Error, Result};
 use crate::geodesic::graph::GeodesicGraph;
@@ -18,42 +18,41 @@ use crate::sources::{Sources, check_enough};
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
 
-/// Against the quadric error edges count more than usual: sources are to lie evenly.
+/// The weight of edge lengths against the quadric error; higher than usual, so that sources are evenly spaced.
 const EVENNESS: f64 = 0.1;
 
-/// Which vertices are the sources, which decides how the rest is placed.
+/// How the sources are chosen, which also determines how the other vertices are placed.
 #[derive(Debug, Clone)]
 pub enum Sampling<'a> {
-    /// What decimation to so many vertices leaves; the rest comes back by re-insertion.
+    /// The vertices that remain after decimation to this number; the others are re-inserted.
     Decimation {
-        /// How many.
+        /// The number of vertices.
         count: usize,
     },
-    /// Any vertices; decimation leaves them, the rest comes back by re-insertion.
+    /// Given vertices, which decimation keeps; the others are re-inserted.
     Vertices(&'a [u32]),
-    /// The pixels on a lattice of a range image; the rest is placed between them by bilinear functions.
+    /// The pixels on a lattice of a range image; the others are placed by bilinear interpolation.
     Grid {
-        /// The pixel (row, column) that each vertex is.
+        /// The pixel (row, column) of each vertex.
         pixels: &'a [[u32; 2]],
-        /// Distance of rows and of columns, mm.
+        /// The distance between rows and between columns, in mm.
         spacing: [f64; 2],
-        /// About how many.
+        /// The approximate number of sources.
         count: usize,
     },
 }
 
-/// How the vertices that are no sources are placed.
+/// How the vertices other than the sources are placed.
 enum Rest<'a> {
     Reinserted(Box<Decimation>),
     Between(Lattice<'a>),
 }
 
-/// Flattens a disk after Zigelman, Kimmel and Kiryati (2002): fast marching among the sources, classical scaling of them, and
-/// the rest between them. Distances for the figures are those of the graph, as for every other map.
+/// Flattens a disk by the method of Zigelman, Kimmel and Kiryati (2002): fast marching among the sources, classical
+/// scaling of the sources, and placement of the other vertices between them. The evaluation uses the graph, as always.
 ///
-/// Vertices that decimation cannot take away without harm to the surface become sources, too. The rows from the sources are kept
-/// in the map if so wished.
-/// Panics if there is not one pixel a vertex.
+/// Vertices that decimation cannot remove without harm to the surface also become sources. The map optionally keeps the
+/// distance rows. Panics if the number of pixels differs from the number of vertices.
 pub fn zigelman2002(
     surface: &Surface,
     graph: &GeodesicGraph,
@@ -68,7 +67,7 @@ pub fn zigelman2002(
     let marching = Marching::new(surface, wave, control)?;
     let (among, rows) = DistanceRows::among_sources(&marching, &sources, keep_rows, control)?;
     drop(marching);
-    control.begin("scaling", 1);
+    control.begin("classical scaling", 1);
     let scaling = classical_scaling(&among)?;
     drop(among);
     control.check()?;
@@ -77,7 +76,7 @@ pub fn zigelman2002(
         Rest::Reinserted(decimation) => reinserted(&decimation, surface.len(), &sources, &scaling.places, control)?,
     };
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None, rows })
 }
@@ -118,7 +117,7 @@ fn sample<'a>(
     }
 }
 
-/// The places of all vertices from those of the sources, which are what decimation left.
+/// Returns the positions of all vertices, given those of the sources, which are the vertices that decimation left.
 fn reinserted(
     decimation: &Decimation,
     points: usize,
@@ -135,15 +134,15 @@ fn reinserted(
     Ok(uv)
 }
 
-/// What fast marching and decimation keep of a vertex, bytes: fronts of 20 bytes, some twelve of them, the surface again as it
-/// loses vertices, with the errors and the weights of what is removed.
+/// The memory per vertex of fast marching and decimation, in bytes: about twelve fronts of 20 bytes, and a copy of the
+/// surface during decimation, with the errors and weights of removed vertices.
 const WORK_BYTES: u64 = 1500;
 
-/// The memory in bytes that [`zigelman2002`] needs at most beside the surface's input: what [`voxflat`](super::voxflat()) needs
-/// from as many sources as judge the map, fast marching, decimation, and scaling.
+/// Returns the maximum memory in bytes of [`zigelman2002`] beside the surface's input: that of
+/// [`voxflat`](super::voxflat()) for the reference sources, and that of fast marching, decimation, and scaling.
 pub fn memory_need(points: usize, sources: usize, threads: usize) -> u64 {
-    let judged = voxflat::memory_need(points, REFERENCE_SOURCES, threads, AfterPlacing::Dropped);
-    judged + WORK_BYTES * points as u64 + classical::memory_need(sources)
+    let evaluated = voxflat::memory_need(points, REFERENCE_SOURCES, threads, AfterPlacing::Dropped);
+    evaluated + WORK_BYTES * points as u64 + classical::memory_need(sources)
 }
 
 #[cfg(test)]

@@ -1,13 +1,13 @@
-//! The rows of a bundle of sources that lie near each other, all at once.
+//! Rows of a bundle of nearby sources, computed together.
 //!
-//! A search passes every link once a row, and it is the memory in which links lie that it waits for. Here the distances from all
-//! sources of a bundle lie side by side at each vertex: a link is called from memory once, and passed by a few vector instructions.
-//! Vertices are visited in the order of their distances from the midst of the bundle. From afar all its sources are seen in one
-//! direction, so most vertices are visited when all of their distances are final. Where they are not, links are passed again:
-//! window by window of that order, forward and backward in turns, until nothing changes.
+//! A search passes every link once per row, and mostly waits for the memory of the links. Here, the distances from all
+//! sources of a bundle are adjacent at each vertex: a link is loaded once, and passed by a few vector instructions.
+//! Vertices are visited in the order of their distances from the centre of the bundle. From afar, all its sources lie
+//! in one direction, so that most vertices are visited when all of their distances are final. Where they are not, links
+//! are passed again, window by window in that order, alternately forward and backward, until nothing changes.
 //!
-//! A distance is the least sum of lengths over all paths, added up from the source on. It is the same in whatever order vertices are
-//! visited, bit by bit, and therefore that of a search in [`super::shortest`].
+//! A distance is the smallest sum of lengths over all paths, added up from the source on. It does not depend on the
+//! order in which vertices are visited, bit by bit, and therefore equals that of a search in [`super::shortest`].
 
 use std::ops::Range;
 
@@ -18,61 +18,61 @@ use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Most sources of a bundle: as many distances as lie in one line of the cache.
+/// The maximum number of sources of a bundle: their distances fill a cache line.
 pub const MOST_SOURCES: usize = 16;
 
-/// Fewer sources of one surface lie too far apart for bundles,
+/// The minimum number of sources that are bundled, because fewer are too far apart,
 const FEWEST_SOURCES: usize = 96;
 
-/// unless all distances of a bundle, to so many vertices, lie in the cache, wherever its sources are;
+/// unless the surface has at most this number of vertices, so that all distances of a bundle fit into the cache;
 const CACHED: usize = 1 << 12;
 
-/// then fewer than these.
+/// then the minimum is this.
 const FEWEST_CACHED: usize = 32;
 
-/// Vertices of a window, in square roots of their number in all: so many that what lies in them fits into the cache.
+/// The size of a window in square roots of the number of vertices, such that its data fit into the cache.
 const WINDOW: f64 = 4.0;
 
-/// How many places ahead links are called from memory.
+/// The number of positions by which links are prefetched.
 const AHEAD: usize = 3;
 
-/// Places between two looks at whether the user has had enough.
+/// The number of positions between two checks for cancellation.
 const CHECK: usize = 512;
 
 const NOWHERE: Range<usize> = Range { start: usize::MAX, end: 0 };
 
-/// Vertices whose distances are written into all rows before those of the next: they stay in the cache.
+/// The number of vertices whose distances are written to all rows at a time, so that they stay in the cache.
 const WRITTEN: usize = 256;
 
-/// The distances from the sources of a bundle, side by side, in mm.
+/// The adjacent distances from the sources of a bundle in mm.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 struct Lanes([f32; MOST_SOURCES]);
 
 const UNKNOWN: Lanes = Lanes([f32::INFINITY; MOST_SOURCES]);
 
-/// What a worker keeps from one bundle to the next.
+/// Buffers of a worker that are reused for all bundles.
 #[derive(Debug)]
 pub struct BundleScratch {
     search: Search,
     from_midst: Vec<f32>,
-    /// The vertices in the order of their visits, behind the bits of their distances from the midst.
+    /// The vertices in the order of their visits, after the bits of their distances from the centre.
     order: Vec<u64>,
-    /// Where in the order each vertex is.
+    /// The position of each vertex in the order.
     places: Vec<u32>,
-    /// Whether the vertex at a place has distances that its neighbours have not been told of.
+    /// Whether the vertex at a position has distances that are not yet passed to its neighbours.
     waiting: Vec<bool>,
     distances: Vec<Lanes>,
 }
 
 impl BundleScratch {
-    /// The memory in bytes that one worker needs.
+    /// Returns the memory in bytes that one worker needs.
     pub const fn memory_need(vertices: usize) -> u64 {
         let (lanes, order, from_midst, places, waiting) = (4 * MOST_SOURCES, 8, 4, 4, 1);
         Search::memory_need(vertices) + (lanes + order + from_midst + places + waiting) as u64 * vertices as u64
     }
 
-    /// Scratch for one graph.
+    /// Creates the buffers for a graph.
     pub fn new(graph: &impl Links) -> Self {
         Self {
             search: Search::new(graph),
@@ -89,8 +89,8 @@ impl BundleScratch {
         search(&mut self.search, graph, source, f32::INFINITY, row, control)
     }
 
-    /// Writes the distances from each source of a bundle, its midst first, to every vertex or to the targets: a row a source.
-    /// Panics if there are more sources than a bundle has.
+    /// Writes the distances from each source of a bundle, its centre first, to every vertex or to the targets: one row
+    /// per source. Panics if there are more sources than a bundle can have.
     pub fn rows(
         &mut self,
         graph: &impl Links,
@@ -140,12 +140,12 @@ impl BundleScratch {
         Ok(())
     }
 
-    /// Orders the vertices, and puts the sources to their places; the last of these.
+    /// Orders the vertices, and initialises the sources; returns the last position of a source.
     fn begin(&mut self, graph: &impl Links, midst: u32, bundle: &[u32], control: &Control) -> Result<usize> {
         let vertices = graph.vertices();
         self.from_midst.resize(vertices, 0.0);
         search(&mut self.search, graph, midst, f32::INFINITY, &mut self.from_midst, control)?;
-        // distances are not negative, so that they are ordered as their bits are
+        // distances are not negative, so their bits have the same order
         self.order.clear();
         self.order.extend((0..).zip(&self.from_midst).map(|(vertex, from)| u64::from(from.to_bits()) << 32 | vertex));
         self.order.sort_unstable();
@@ -168,8 +168,8 @@ impl BundleScratch {
     }
 }
 
-/// Puts sources that lie near each other together: their numbers, in each bundle the one in its midst first. A bundle has one
-/// source where they are too few, and no more than leave work for so many threads.
+/// Groups nearby sources into bundles of source numbers, the central one first. Bundles consist of one source if there
+/// are few sources, and there are enough of them for all threads.
 pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
     let numbers = 0..sources.len() as u32;
     let fewest = if graph.vertices() > CACHED { FEWEST_SOURCES } else { FEWEST_CACHED };
@@ -180,7 +180,7 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
     let mut found = Search::new(graph);
     let mut row = vec![0.0; graph.vertices()];
     let at = |row: &[f32], number: u32| row[sources[number as usize] as usize];
-    // from the outermost source inward, so that no few are left over between bundles
+    // from the outermost source inwards, so that no few are left between bundles
     search(&mut found, graph, sources[0], f32::INFINITY, &mut row, control)?;
     let mut left: Vec<u32> = numbers.collect();
     left.sort_by(|&a, &b| at(&row, a).total_cmp(&at(&row, b)));
@@ -212,7 +212,7 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
     Ok(bundles)
 }
 
-/// Writes the distances from a source to every vertex that is nearer than a radius; elsewhere the radius.
+/// Writes the distances from a source to every vertex that is closer than a radius; elsewhere, the radius.
 fn search(
     search: &mut Search,
     graph: &impl Links,
@@ -229,7 +229,7 @@ fn search(
 struct Visits<'a, G> {
     graph: &'a G,
     scratch: &'a mut BundleScratch,
-    /// The last place of a source: up to there distances are made final first.
+    /// The last position of a source: distances up to there are made final first.
     farthest: usize,
     control: &'a Control,
 }
@@ -257,7 +257,7 @@ impl<G: Links> WithSimd for Visits<'_, G> {
 }
 
 impl<G: Links> Visits<'_, G> {
-    /// Visits the places one after the other; where vertices wait afterwards.
+    /// Visits the positions in order; returns where vertices wait afterwards.
     #[inline(always)]
     fn forward(&mut self, places: Range<usize>) -> Result<Range<usize>> {
         let end = places.end;
@@ -273,7 +273,7 @@ impl<G: Links> Visits<'_, G> {
         Ok(left)
     }
 
-    /// The same from the last place to the first.
+    /// Does the same from the last position to the first.
     #[inline(always)]
     fn backward(&mut self, places: Range<usize>) -> Result<Range<usize>> {
         let start = places.start;
@@ -297,7 +297,7 @@ impl<G: Links> Visits<'_, G> {
         Ok(self.scratch.waiting[place])
     }
 
-    /// Calls the links of the vertex at a place from memory, if it is to be visited.
+    /// Prefetches the links of the vertex at a position, if it will be visited.
     #[inline(always)]
     fn call(&self, place: usize) {
         if self.scratch.waiting.get(place) == Some(&true) {
@@ -306,7 +306,7 @@ impl<G: Links> Visits<'_, G> {
         }
     }
 
-    /// Tells the neighbours of the vertex at a place of its distances; the places of those that came nearer lie within the range.
+    /// Passes the distances of the vertex at a position to its neighbours; returns a range with those that came closer.
     #[inline(always)]
     fn visit(&mut self, place: usize) -> Range<usize> {
         let BundleScratch { order, places, waiting, distances, .. } = &mut *self.scratch;
@@ -334,7 +334,7 @@ impl<G: Links> Visits<'_, G> {
     }
 }
 
-/// Widens a range so that it holds another, if that is not empty.
+/// Widens a range to contain another one, unless that is empty.
 #[inline(always)]
 fn widen(range: &mut Range<usize>, by: Range<usize>) {
     if !by.is_empty() {
@@ -351,12 +351,12 @@ mod tests {
     use crate::tests::row;
     use proptest::prelude::*;
 
-    /// Each row by a search of its own.
+    /// Computes each row by a separate search.
     fn searched(graph: &impl Links, sources: &[u32]) -> Vec<Vec<f32>> {
         sources.iter().map(|&source| row(graph, source)).collect()
     }
 
-    /// The rows of sources, in one bundle, to the targets or to all.
+    /// Computes the rows of sources in one bundle, to the targets or to all vertices.
     fn bundled(graph: &impl Links, sources: &[u32], targets: Option<&[u32]>) -> Vec<Vec<f32>> {
         let columns = targets.map_or(graph.vertices(), <[u32]>::len);
         let mut rows = vec![vec![f32::NAN; columns]; sources.len()];
@@ -395,7 +395,7 @@ mod tests {
             links in prop::collection::vec((0u32..40, 0u32..40, prop::sample::select(vec![0.0f32, 1e-30, 1e-7, 0.3, 1.0, 1e6])), 1..150),
             sources in prop::collection::vec(0u32..40, 1..=MOST_SOURCES),
         ) {
-            let graph = Listed::new(40, &links); // not all of it can be reached
+            let graph = Listed::new(40, &links); // not connected
             prop_assert_eq!(bundled(&graph, &sources, None), searched(&graph, &sources));
         }
 

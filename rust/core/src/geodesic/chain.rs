@@ -2,15 +2,15 @@
 //!
 //! # The estimator
 //! Grossmann et al. (2002), equations 1 and 2, after Kiryati and Kübler (1995): a digital path with N₁ direct, N₂ minor
-//! diagonal and N₃ major diagonal links has length 0.9016 N₁ + 1.289 N₂ + 1.615 N₃ voxels. Of all linear estimators that
-//! are unbiased for straight lines of uniformly random direction, this one has the least mean square error (RMS 2.88 %).
+//! diagonal and N₃ major diagonal links has length 0.9016 N₁ + 1.289 N₂ + 1.615 N₃ voxels. Of all linear estimators
+//! that are unbiased for straight lines of uniformly random direction, it has the least mean square error (RMS 2.88 %).
 //!
 //! # Any spacing
-//! The same principle gives the weights of an anisotropic grid. A line of unit length (mm) in direction u advances
-//! a = |u₁|/h₁, b = |u₂|/h₂, c = |u₃|/h₃ voxels along the three axes. Let the axes be named so that a ≥ b ≥ c. Its chain
-//! code has one link for each step along the first axis; a share b/a of them also steps along the second, c/a along the
-//! third. For almost every direction the two rounding phases are independent and uniform, so both step together in a share
-//! (b/a)(c/a). The expected numbers of links per mm are therefore
+//! The same principle gives the weights of an anisotropic grid. A line of unit length (mm) in direction u advances a =
+//! |u₁|/h₁, b = |u₂|/h₂, c = |u₃|/h₃ voxels along the three axes. Let the axes be numbered so that a ≥ b ≥ c. Its chain
+//! code has one link for each step along the first axis; a share b/a of them also steps along the second axis, and c/a
+//! along the third. For almost every direction, the two rounding phases are independent and uniform, so that both steps
+//! coincide in a share (b/a)(c/a). The expected numbers of links per mm are therefore
 //!
 //! ```text
 //! N(first axis)            = a (1 − b/a)(1 − c/a)
@@ -20,9 +20,9 @@
 //! ```
 //!
 //! There are seven kinds of links (three direct, three minor diagonal, one major diagonal). With n(u) their expected
-//! numbers, the weights ψ minimise the mean of (ψ·n(u) − 1)² while that of ψ·n(u) is 1, over u uniform on the sphere: with
-//! G the mean of n nᵀ and g that of n, ψ = G⁻¹g / (gᵀG⁻¹g). On a cubic grid this gives the published constants (to 0.001), which
-//! are then used as published.
+//! numbers, the weights ψ minimise the mean of (ψ·n(u) − 1)² under the condition that the mean of ψ·n(u) is 1, over u
+//! uniform on the sphere: with G the mean of n nᵀ and g that of n, ψ = G⁻¹g / (gᵀG⁻¹g). On a cubic grid, this gives the
+//! published constants (to 0.001), which are then used as published.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -31,30 +31,30 @@ use crate::error::{Error, Result};
 use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
-/// The weights of Kiryati and Kübler, in voxels: direct, minor diagonal, major diagonal link.
+/// The weights of Kiryati and Kübler in voxels: direct, minor diagonal, major diagonal link.
 pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
 
-/// The greatest ratio of spacings for which links are measured. Far above, most steps along the long axis hide behind
-/// those along the short ones, and weights that are right on average mean nothing for any single line.
+/// The largest ratio of spacings for which links are measured. Far above, most steps along the long axis coincide with
+/// steps along the short ones, and weights that are right on average are meaningless for a single line.
 const MOST_ANISOTROPIC: f64 = 20.0;
 
 /// How the links of a digital path are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LinkLengths {
-    /// The unbiased estimator of the paper.
+    /// The unbiased estimator of Grossmann et al. (2002).
     #[default]
     ChainCode,
     /// The Euclidean distance between voxel centres (1, √2, √3 times the spacing), which overestimates; for comparison.
     Euclidean,
 }
 
-/// The lengths in mm of the seven kinds of links. A kind is named by the set of axes along which the link steps: bit 0
-/// for the first axis, bit 1 for the second, bit 2 for the third.
+/// The lengths in mm of the seven kinds of links. A kind is the set of axes along which the link steps: bit 0 for the
+/// first axis, bit 1 for the second, bit 2 for the third.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainWeights([f64; 8]);
 
 impl ChainWeights {
-    /// The weights for voxels of this spacing (mm).
+    /// Computes the weights for voxels of this spacing (mm).
     pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Result<Self> {
         let longest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
         let shortest = spacing.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
@@ -76,19 +76,19 @@ impl ChainWeights {
         })
     }
 
-    /// The length in mm of each kind of link; that of kind 0, no step at all, is 0.
+    /// Returns the length in mm of each kind of link; that of kind 0, which makes no step, is 0.
     pub fn lengths(&self) -> [f64; 8] {
         self.0
     }
 }
 
-/// Do the spacings differ by no more than rounding in a header does?
+/// Returns whether the spacings differ by no more than the rounding of a header.
 fn is_cubic(spacing: [f64; 3]) -> bool {
     let largest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
     spacing.iter().all(|&h| (largest - h).abs() < 1e-3 * largest)
 }
 
-/// The least-squares unbiased weights for a grid, as derived above.
+/// Returns the least-squares unbiased weights for a grid, as derived above.
 fn unbiased(spacing: [f64; 3]) -> ChainWeights {
     let mut gram = SMatrix::<f64, 7, 7>::zeros();
     let mut mean = SVector::<f64, 7>::zeros();
@@ -105,7 +105,7 @@ fn unbiased(spacing: [f64; 3]) -> ChainWeights {
     ChainWeights(std::array::from_fn(|kind| if kind == 0 { 0.0 } else { weights[kind - 1] }))
 }
 
-/// The expected numbers of the seven kinds of links per mm of a line in direction `u`.
+/// Returns the expected numbers of the seven kinds of links per mm of a line in direction `u`.
 fn expected_links(u: [f64; 3], spacing: [f64; 3]) -> SVector<f64, 7> {
     let steps: [f64; 3] = std::array::from_fn(|axis| u[axis].abs() / spacing[axis]);
     let mut order = [0, 1, 2];
@@ -122,7 +122,7 @@ fn expected_links(u: [f64; 3], spacing: [f64; 3]) -> SVector<f64, 7> {
 
 const OCTANT_POINTS: usize = 100_000;
 
-/// Directions spread evenly over the first octant of the sphere (a Fibonacci lattice).
+/// Returns directions that are evenly spread over the first octant of the sphere (a Fibonacci lattice).
 fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
     let golden = (5f64.sqrt() - 1.0) / 2.0;
     (0..OCTANT_POINTS).map(move |n| {
@@ -133,7 +133,7 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-/// The 26-neighbour graph of a surface.
+/// Creates the 26-neighbour graph of a surface.
 pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<VoxelGraph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
     VoxelGraph::of(surface, weights.lengths(), control)
@@ -190,7 +190,7 @@ mod tests {
         (errors.iter().sum::<f64>() / n, (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt())
     }
 
-    /// The RMS error that the derivation expects.
+    /// The RMS error predicted by the derivation.
     fn expected_rms(spacing: [f64; 3], weights: &ChainWeights) -> f64 {
         let weights = SVector::<f64, 7>::from_column_slice(&weights.lengths()[1..]);
         let squared = |u| (expected_links(u, spacing).dot(&weights) - 1.0).powi(2);

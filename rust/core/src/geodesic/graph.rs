@@ -1,12 +1,12 @@
-//! Geodesics over the triangles of a surface as paths in a graph.
+//! Geodesics over the triangles of a surface, as paths in a graph.
 //!
-//! Faces around a vertex are unfolded into its plane, one across the next (`view`). Another vertex that is then seen from
-//! it, through the edges in between, is joined to it by a straight line across these faces: a true path on the surface, and
-//! the shortest through these faces. Such lines and the edges are the links, but for those that others replace
-//! (`needed`). Distances are therefore those of real paths, never too short, symmetric, and obey the triangle
-//! inequality; they are too long where no chain of links runs straight.
+//! Faces around a vertex are unfolded into its plane, one across the next (`view`). Another vertex that is then visible
+//! through the edges in between is connected by a straight line across these faces: a true path on the surface, and the
+//! shortest one through these faces. Such lines and the edges are the links, except those that others replace
+//! (`pruning`). Therefore, distances are lengths of real paths, never too short, symmetric, and satisfy the triangle
+//! inequality. They are too long where no chain of links is straight.
 
-mod needed;
+mod pruning;
 mod view;
 
 use rayon::prelude::*;
@@ -15,17 +15,17 @@ use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
-use needed::Needed;
+use pruning::Needed;
 use view::View;
 pub(super) use view::{Beyond, outgoing, unfold};
 
-/// Links that one task measures.
+/// The number of links that one task measures.
 const BATCH: usize = 1 << 16;
 
-/// Links are judged in so many layers, shorter ones first: what the links of one replace is not judged any more.
+/// The number of layers of links, shorter ones first; links that one replaces are not evaluated again.
 const LAYERS: usize = 8;
 
-/// How many edges a link may cross (docs/decisions/0007). Fewer save memory and time on large surfaces.
+/// Returns how many edges a link may cross (docs/decisions/0007). Fewer save memory and time on large surfaces.
 fn edges_crossed(vertices: usize) -> u32 {
     match vertices {
         0..=500_000 => 11,
@@ -33,7 +33,7 @@ fn edges_crossed(vertices: usize) -> u32 {
     }
 }
 
-/// Straight links over a surface, each from both of its ends, in compressed rows; a vertex's arcs are ordered by neighbour.
+/// Straight links over a surface, stored at both ends in compressed rows; a vertex's arcs are ordered by neighbour.
 ///
 /// # Examples
 /// ```
@@ -59,30 +59,30 @@ pub struct GeodesicGraph {
 }
 
 impl GeodesicGraph {
-    /// The memory in bytes that the graph of so many vertices needs at most, which is while its links are found: somewhat more
-    /// than was measured (docs/decisions/0034).
+    /// Returns the maximum memory in bytes of a graph, while its links are found: more than was measured
+    /// (docs/decisions/0034).
     pub fn memory_need(vertices: usize) -> u64 {
         vertices as u64 * if edges_crossed(vertices) == 11 { 1800 } else { 1000 }
     }
 
-    /// The memory in bytes that it takes when it is done, at most: of some 94 links a vertex, or 50.
+    /// Returns the maximum memory in bytes of the finished graph, with about 94 links per vertex, or 50.
     pub fn size(vertices: usize) -> u64 {
         vertices as u64 * if edges_crossed(vertices) == 11 { 760 } else { 410 }
     }
 
-    /// The graph of a surface.
+    /// Creates the graph of a surface.
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
         Self::in_layers(surface, edges_crossed(surface.len()), LAYERS, control)
     }
 
-    /// The graph whose links cross up to so few edges that they need not be judged in layers.
+    /// Creates the graph whose links cross at most `crossed` edges, few enough to be evaluated without layers.
     pub(crate) fn crossing(surface: &Surface, crossed: u32, control: &Control) -> Result<Self> {
         Self::in_layers(surface, crossed, 1, control)
     }
 
-    /// The graph whose links are judged in so many layers.
+    /// Creates the graph whose links are evaluated in this number of layers.
     fn in_layers(surface: &Surface, crossed: u32, layers: usize, control: &Control) -> Result<Self> {
-        control.begin("joining neighbours", surface.len() as u64);
+        control.begin("building the graph", surface.len() as u64);
         let needed = Needed::of(View::new(surface, crossed), surface.len(), layers, control)?;
         let (starts, arcs) = needed.joined()?;
         Ok(Self::from_rows(starts, arcs))
@@ -100,7 +100,7 @@ impl GeodesicGraph {
         &self.arcs[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
     }
 
-    /// Number of links, each counted from both of its ends.
+    /// Returns the number of links, counted from both of their ends.
     pub fn links(&self) -> usize {
         self.arcs.len()
     }

@@ -1,17 +1,18 @@
 //! Fast marching over triangles (Kimmel, Sethian 1998; Zigelman, Kimmel, Kiryati 2002, section 2).
 //!
-//! Distances are computed in the order of their size, as in Dijkstra's algorithm, but a wave also runs across triangles:
-//! where two corners of a triangle are final, the third is reached by the front that passed both. A front runs into an
-//! obtuse corner before it passes both others, so such a corner is split: the triangles beyond the opposite side are
-//! unfolded until a vertex is found that parts the corner into two acute ones (Kimmel and Sethian's "unfolding").
+//! Distances are computed in ascending order, as in Dijkstra's algorithm, but fronts also cross triangles: where two
+//! corners of a triangle are final, the third is reached by the front that passed both. A front reaches an obtuse
+//! corner before it passes both others, so such a corner is split: the triangles across the opposite side are unfolded
+//! until a vertex is found that divides the corner into two acute ones ("unfolding" of Kimmel and Sethian).
 //!
-//! The paper takes the front for a straight line within a triangle ([`Wave::Plane`]). That is wrong near the source, and
-//! the error stays. [`Wave::Circle`] takes it for a circle around the point from which both distances come, as if the
-//! surface were unfolded up to there: exact as long as no vertex lies between. Around the source straight lines over unfolded
-//! triangles are the start, for there a triangle's side may be longer than the distance, and no front passes it in time.
+//! The paper approximates the front within a triangle by a straight line ([`Wave::Plane`]). This is wrong near the
+//! source, and the error persists. [`Wave::Circle`] uses a circle around the point from which both distances come, as
+//! if the surface were unfolded up to there, which is exact if no vertex lies between. Around the source, it starts
+//! with straight lines over unfolded triangles, because a triangle's side there can be longer than the distance, so
+//! that no front passes it in time.
 
 pub mod descent;
-mod sight;
+mod visibility;
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -25,16 +26,16 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
-/// Triangles that are unfolded at most to split an obtuse corner.
+/// The maximum number of triangles that are unfolded to split an obtuse corner.
 const MOST_UNFOLDED: usize = 12;
 
-/// Edges that a straight line crosses at most: from the source, or back along a path.
+/// The maximum number of edges that a straight line crosses, from the source or back along a path.
 const SEEN: u32 = 8;
 
-/// Vertices between two looks at the control.
+/// The number of vertices between two checks for cancellation.
 const BATCH: usize = 1 << 10;
 
-/// What a front is taken for within a triangle.
+/// The shape of a front within a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wave {
     /// A straight line, as in the paper: first order.
@@ -45,7 +46,7 @@ pub enum Wave {
 }
 
 /// How the third corner of a triangle is reached from two others: with the first at the origin and the second at
-/// (`side`, 0), it lies at `apex`; mm.
+/// (`side`, 0), it lies at `apex`, in mm.
 #[derive(Debug, Clone, Copy)]
 struct Front {
     to: u32,
@@ -54,7 +55,7 @@ struct Front {
     apex: [f32; 2],
 }
 
-/// Fast marching over a surface: for each vertex the triangles, or parts of them, across which a front leaves it.
+/// Fast marching over a surface: for each vertex, the triangles, or parts of them, across which a front leaves it.
 #[derive(Debug, Clone)]
 pub struct Marching<'a> {
     surface: &'a Surface,
@@ -64,7 +65,7 @@ pub struct Marching<'a> {
 }
 
 impl<'a> Marching<'a> {
-    /// The triangles of a surface, with obtuse corners split.
+    /// Creates the solver from the triangles of a surface, with obtuse corners split.
     pub fn new(surface: &'a Surface, wave: Wave, control: &Control) -> Result<Self> {
         let mut fronts: Vec<(u32, Front)> = Vec::with_capacity(2 * surface.twins().len());
         for corner in 0..surface.twins().len() as u32 {
@@ -87,7 +88,7 @@ impl<'a> Marching<'a> {
         Ok(Self { surface, starts, fronts: fronts.into_iter().map(|(_, front)| front).collect(), wave })
     }
 
-    /// Where the march begins: the source, and with circles what is seen from it through up to so many triangles.
+    /// Returns where the march begins: at the source and, with circles, at vertices visible across a few triangles.
     fn starts_around(&self, source: u32) -> Vec<Arc> {
         let mut seen = vec![Arc { to: source, length: 0.0 }];
         if self.wave == Wave::Circle {
@@ -102,7 +103,7 @@ impl<'a> Marching<'a> {
         &self.fronts[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
     }
 
-    /// The distances from `source`, left in the scratch; `settled` is told of each vertex when its own is final.
+    /// Computes the distances from `source` in the scratch; calls `settled` for each vertex when its distance is final.
     fn run(&self, source: u32, scratch: &mut Scratch, mut settled: impl FnMut(u32), control: &Control) -> Result<()> {
         control.check()?;
         let vertices = self.starts.len() - 1;
@@ -150,7 +151,7 @@ impl<'a> Marching<'a> {
     }
 }
 
-/// What a worker keeps from one row to the next.
+/// Buffers of a worker that are reused for all rows.
 #[derive(Debug, Default)]
 pub struct Scratch {
     distance: Vec<f64>,
@@ -189,17 +190,17 @@ impl Solver for Marching<'_> {
     }
 }
 
-/// How a front crosses the side between two corners that it passed on its way to a point beyond.
+/// Where a front crosses the side between two corners on its way to a point beyond.
 #[derive(Debug, Clone, Copy)]
 struct Crossing {
-    /// The point's distance, mm.
+    /// The distance of the point in mm.
     reached: f64,
-    /// Where it crosses the side, mm from the first corner.
+    /// Where it crosses the side, in mm from the first corner.
     at: f64,
 }
 
 impl Wave {
-    /// How a front that passes (0, 0) and (`side`, 0) at two distances reaches (x, y), if it gets there between the two.
+    /// Returns how a front that passes (0, 0) and (`side`, 0) at two distances reaches (x, y) between them, if so.
     fn across(self, here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
         let crossing = match self {
             Self::Plane => plane(here, there, side, x, y),
@@ -209,7 +210,7 @@ impl Wave {
     }
 }
 
-/// A straight front: the quadratic of Kimmel and Sethian, solved by the front's direction.
+/// A straight front: the quadratic equation of Kimmel and Sethian, solved for the front's direction.
 fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     let along = (there - here) / side;
     if along.abs() >= 1.0 {
@@ -219,12 +220,12 @@ fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     Some(Crossing { reached: here + along * x + across * y, at: x - y * along / across })
 }
 
-/// A front that is a circle: around the point below the side that has the two distances.
+/// A circular front around the point below the side that has the two distances.
 fn circle(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     let centre = (here * here - there * there + side * side) / (2.0 * side);
     let depth = here * here - centre * centre;
     if depth < 0.0 {
-        return None; // rounding aside, one distance comes along the side from the other
+        return None; // except for rounding, one distance comes along the side from the other
     }
     let depth = depth.sqrt();
     Some(Crossing { reached: (x - centre).hypot(y + depth), at: (centre * y + x * depth) / (y + depth) })
@@ -232,8 +233,8 @@ fn circle(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> 
 
 type Placed = (u32, Vector2<f64>);
 
-/// The corner at the origin of a half-edge as one or two acute corners: the ends of the opposite sides, in the plane of
-/// the face with the corner at the origin. An obtuse corner stays as it is where no vertex is found to split it.
+/// Returns the corner at the origin of a half-edge as one or two acute corners: the ends of the opposite sides, in the
+/// plane of the face with the corner at the origin. An obtuse corner is kept if no vertex is found to split it.
 fn acute(surface: &Surface, corner: u32) -> impl Iterator<Item = [Placed; 2]> {
     let point = |v: u32| surface.points()[v as usize];
     let (apex, a, b) = (surface.origin(corner), surface.target(corner), surface.origin(previous(corner)));
@@ -249,7 +250,7 @@ fn acute(surface: &Surface, corner: u32) -> impl Iterator<Item = [Placed; 2]> {
     first.into_iter().chain(second)
 }
 
-/// The first vertex beyond the opposite side of an obtuse corner that lies at acute angles to both of its sides.
+/// Returns the first vertex beyond the opposite side of an obtuse corner at acute angles to both of its sides.
 fn splitting(surface: &Surface, corner: u32, right: Placed, left: Placed) -> Option<Placed> {
     let (mut right, mut left) = (right, left);
     let (first, last) = (right.1, left.1);
@@ -268,7 +269,7 @@ fn splitting(surface: &Surface, corner: u32, right: Placed, left: Placed) -> Opt
         if is_left_of_first && is_right_of_last {
             return Some((beyond, place));
         }
-        // through the side that the directions at acute angles to both pass
+        // through the side that is crossed by the directions at acute angles to both
         if is_left_of_first {
             (right, side) = ((beyond, place), previous(twin));
         } else {
@@ -278,7 +279,7 @@ fn splitting(surface: &Surface, corner: u32, right: Placed, left: Placed) -> Opt
     None
 }
 
-/// The place of a vertex beyond the side from `right` to `left`, unfolded into their plane.
+/// Returns the position of a vertex beyond the side from `right` to `left`, unfolded into their plane.
 fn unfolded(surface: &Surface, right: Placed, left: Placed, vertex: u32) -> Vector2<f64> {
     let point = |v: u32| surface.points()[v as usize];
     let (p, q) = (point(right.0), point(left.0));
@@ -358,7 +359,7 @@ mod tests {
             let arc = |v: usize| 2.0 * ((surface.points()[v] - surface.points()[0]).norm() / 2.0).asin();
             error(&row(&surface, wave, 0), arc)
         };
-        // around a point source the error of straight fronts falls only as h log h
+        // around a point source, the error of straight fronts decreases only as h log h
         for (wave, falls, finest) in [(Wave::Plane, 0.75, 0.012), (Wave::Circle, 0.6, 0.002)] {
             let errors = [4, 5, 6].map(|times| of(times, wave));
             assert!(errors[1] < falls * errors[0] && errors[2] < falls * errors[1], "{wave:?} {errors:?}");

@@ -1,16 +1,16 @@
-//! Geodesic distances: link lengths, shortest paths, and the one trait of all solvers.
+//! Geodesic distances: link lengths, shortest paths, and the common trait of all solvers.
 //!
-//! | module | concept |
+//! | module | contents |
 //! |---|---|
 //! | [`shortest`] | shortest paths in a graph, one source after the other |
-//! | [`bundle`] | the same for sources that lie near each other, at once |
-//! | [`solver`] | the trait [`Solver`], which every graph has |
+//! | [`bundle`] | shortest paths from nearby sources, computed together |
+//! | [`solver`] | the trait [`Solver`], which every graph implements |
 //! | [`chain`] | lengths of the chain-code links of a graph of voxels |
 //! | [`graph`] | straight links over unfolded triangles |
 //! | [`path`] | paths across triangles |
 //! | [`marching`] | fast marching over triangles |
 //! | [`exact`] | exact distances over triangles |
-//! | [`neighbourhood`] | exact distances within so many rings |
+//! | [`neighbourhood`] | exact distances within a number of rings |
 
 pub mod bundle;
 pub mod chain;

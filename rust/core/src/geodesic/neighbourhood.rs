@@ -1,7 +1,7 @@
-//! Exact distances within neighbourhoods of so many rings, and from a few vertices to all others.
+//! Exact distances within neighbourhoods of a number of rings, and from a few vertices to all others.
 //!
-//! Wolfson and Schwartz (1989) measure the distances from every node to those that so many edges lead to, over the faces in
-//! between, and merge them with a sampling of very long ones.
+//! Wolfson and Schwartz (1989) measure the distances from every node to those that are reached across a number of
+//! edges, over the faces in between, and combine them with a sample of very long ones.
 
 use rayon::prelude::*;
 
@@ -13,10 +13,10 @@ use crate::error::{Error, Result};
 use crate::surface::Surface;
 use crate::surface::mesh::paths::Network;
 
-/// Vertices around which neighbourhoods are counted, where there are more.
+/// The maximum number of vertices around which neighbourhoods are counted.
 const COUNTED: usize = 1024;
 
-/// A vertex near another, and how far it is, mm.
+/// A nearby vertex and its distance in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Near {
     /// The vertex.
@@ -25,7 +25,7 @@ pub struct Near {
     pub distance: f32,
 }
 
-/// For each vertex those at known distances, in ascending order. What is near another has it near, at the same distance.
+/// For each vertex, those at known distances, in ascending order. The relation and the distances are symmetric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neighbourhoods {
     starts: Vec<usize>,
@@ -34,14 +34,14 @@ pub struct Neighbourhoods {
 }
 
 impl Neighbourhoods {
-    /// Exact distances from every vertex within so many rings of faces (everywhere, if None), and from `sources` to all vertices.
+    /// Measures exact distances from every vertex within `rings` (everywhere if None), and from `sources` to all.
     ///
-    /// A path within the rings may be longer than the shortest one; of both directions the shorter counts.
+    /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used.
     pub fn measure(surface: &Surface, rings: Option<u32>, sources: &[u32], control: &Control) -> Result<Self> {
         Ok(Self::measure_with_rows(surface, rings, sources, false, control)?.0)
     }
 
-    /// The same, and if so wished the rows from the sources to all vertices, one after the other, as they were measured.
+    /// Does the same, and optionally also returns the rows from the sources to all vertices, as measured.
     pub fn measure_with_rows(
         surface: &Surface,
         rings: Option<u32>,
@@ -74,7 +74,7 @@ impl Neighbourhoods {
         Ok((Self::of(rows, &is_source, control)?, kept))
     }
 
-    /// From rows in ascending order, of which those of sources know all vertices.
+    /// Creates neighbourhoods from rows in ascending order; those of sources contain all vertices.
     fn of(rows: Vec<Box<[Near]>>, is_source: &[bool], control: &Control) -> Result<Self> {
         let sources: Vec<u32> = (0u32..).zip(is_source).filter_map(|(v, &is_source)| is_source.then_some(v)).collect();
         let mut starts = vec![0];
@@ -118,7 +118,7 @@ impl Neighbourhoods {
         Ok(near)
     }
 
-    /// Every vertex must be near another, and every source must reach all.
+    /// Checks that every vertex has a neighbour, and that every source reaches all vertices.
     fn check_reached(&self) -> Result<()> {
         for vertex in 0..self.len() {
             let row = self.of_vertex(vertex);
@@ -130,33 +130,33 @@ impl Neighbourhoods {
         Ok(())
     }
 
-    /// Number of vertices.
+    /// Returns the number of vertices.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Is there no vertex?
+    /// Returns whether there are no vertices.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many pairs of vertices there are.
+    /// Returns the number of pairs of vertices.
     pub fn pairs(&self) -> usize {
         self.near.len() / 2
     }
 
-    /// The sum of the distances of all pairs, counted from both ends, mm.
+    /// Returns the sum of the distances of all pairs, counted from both ends, in mm.
     pub fn total(&self) -> f64 {
         self.total
     }
 
-    /// Those near a vertex.
+    /// Returns the vertices near a vertex.
     pub fn of_vertex(&self, vertex: usize) -> &[Near] {
         &self.near[self.starts[vertex]..self.starts[vertex + 1]]
     }
 }
 
-/// A row with the sources that it lacks; how far these are stands in their own rows.
+/// Returns a row including missing sources; their distances are in their own rows.
 fn merge(row: &[Near], sources: &[u32], to: &mut Vec<Near>) {
     let mut row = row.iter().peekable();
     for &vertex in sources {
@@ -170,8 +170,8 @@ fn merge(row: &[Near], sources: &[u32], to: &mut Vec<Near>) {
     to.extend(row);
 }
 
-/// How many vertices lie within 1, 2, 3 … rings around one, itself included, up to all; mean over vertices spread over the
-/// numbers, or over all if they are few.
+/// Returns the number of vertices within 1, 2, 3 … rings around a vertex, including it, up to all vertices; the mean
+/// over a sample of vertices, or over all if they are few.
 pub fn sizes_of_rings(surface: &Surface, most: Option<u32>, control: &Control) -> Result<Vec<f64>> {
     let edges = Network::of(surface);
     let counted = surface.len().min(COUNTED);

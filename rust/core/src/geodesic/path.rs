@@ -1,4 +1,4 @@
-//! Paths over a surface, as the solvers trace them: points at vertices and on edges, straight within triangles in between.
+//! Paths over a surface, as traced by the solvers: points at vertices and on edges, joined by lines within triangles.
 
 use nalgebra::Vector3;
 
@@ -7,13 +7,13 @@ use crate::surface::mesh::Surface;
 /// A point of a path on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
-    /// Where in space it lies, mm.
+    /// Its position in space in mm.
     pub point: Vector3<f64>,
-    /// Where on the surface it lies.
+    /// Its location on the surface.
     pub site: Site,
 }
 
-/// Where on a surface a point of a path lies.
+/// The location of a point of a path on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Site {
     /// At a vertex.
@@ -28,7 +28,7 @@ pub enum Site {
 }
 
 impl PathPoint {
-    /// The point at a site.
+    /// Returns the point at a site.
     pub fn at(surface: &Surface, site: Site) -> Self {
         let place = |v: u32| surface.points()[v as usize];
         let point = match site {
@@ -42,7 +42,7 @@ impl PathPoint {
     }
 }
 
-/// The length of a path, mm: of its straight segments together.
+/// Returns the length of a path in mm, the sum over its straight segments.
 pub fn length(path: &[PathPoint]) -> f64 {
     path.windows(2).map(|two| (two[0].point - two[1].point).norm()).sum()
 }
@@ -52,7 +52,7 @@ pub(super) mod checks {
     use super::*;
     use crate::surface::mesh::{BORDER, shapes};
 
-    /// A sheet with hills and dales, reproducibly at random.
+    /// Returns a grid with reproducibly random hills.
     pub fn bumpy(m: usize, n: usize, seed: u64) -> Surface {
         use rand::{Rng, SeedableRng};
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -67,7 +67,7 @@ pub(super) mod checks {
         shapes::surface((points.into_iter().map(&mut shake).collect(), faces))
     }
 
-    /// The faces that touch a point of a path.
+    /// Returns the faces that touch a point of a path.
     fn faces_of(surface: &Surface, site: Site) -> Vec<u32> {
         match site {
             Site::Vertex(v) => {
@@ -81,7 +81,7 @@ pub(super) mod checks {
         }
     }
 
-    /// Each point is where its site says, and each segment within a face.
+    /// Asserts that each point is at its site, and that each segment lies within a face.
     pub fn assert_on_surface(surface: &Surface, path: &[PathPoint]) {
         for passed in path {
             assert_eq!(*passed, PathPoint::at(surface, passed.site));

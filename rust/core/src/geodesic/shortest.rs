@@ -1,24 +1,24 @@
 //! Shortest paths in a graph by a monotone bucket queue.
 //!
-//! Distances are sorted into buckets no wider than the shortest link (Dial; Denardo, Fox). A vertex taken from the lowest
-//! bucket is then final, as in Dijkstra's algorithm, but the queue costs no comparison. Only the few buckets that one link
-//! can span are alive at a time, so they are kept in a ring.
+//! Distances are sorted into buckets no wider than the shortest link (Dial; Denardo, Fox). A vertex taken from the
+//! lowest bucket is then final, as in Dijkstra's algorithm, but the queue needs no comparisons. Only the few buckets
+//! that one link can span are in use at a time, so they are kept in a ring.
 
 use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// Most buckets in the ring. Where links differ more in length, buckets are wider than the shortest link: a vertex may
-/// then be taken out more than once, which costs time but no correctness.
+/// The maximum number of buckets in the ring. If lengths of links differ more, buckets are wider than the shortest
+/// link. A vertex may then be taken out more than once, which costs time but remains correct.
 const MOST_BUCKETS: f32 = 62.0;
 
-/// Vertices whose links are called from memory together: one after the other, each would be waited for.
+/// The number of vertices whose links are prefetched together; one after the other, each would be waited for.
 const AHEAD: usize = 32;
 
-/// Links that lie in one line of the cache.
+/// The number of links in one cache line.
 const LINE: usize = 8;
 
-/// Has no vertex more links than a voxel can have neighbours?
+/// Returns whether no vertex has more links than a voxel can have neighbours.
 pub(super) fn is_sparse(graph: &impl Links) -> bool {
     graph.most_links() <= 26
 }
@@ -29,18 +29,18 @@ pub struct Search {
     per_mm: f32,
     buckets: Vec<Vec<(u32, f32)>>,
     current: Vec<(u32, f32)>,
-    /// Room for the neighbours of [`AHEAD`] vertices of a sparse graph, otherwise none.
+    /// Space for the neighbours of [`AHEAD`] vertices of a sparse graph; empty for other graphs.
     lowered: Vec<(u32, f32)>,
 }
 
 impl Search {
-    /// The memory in bytes that one worker needs for a row: its distances, and in the buckets two entries of eight bytes a
-    /// vertex, for one that comes nearer is entered again.
+    /// Returns the memory in bytes that one worker needs for a row: its distances, and two entries of eight bytes per
+    /// vertex in the buckets, because a vertex that comes closer is entered again.
     pub const fn memory_need(vertices: usize) -> u64 {
         (4 + 16) * vertices as u64
     }
 
-    /// A search whose buckets fit the links of `graph`.
+    /// Creates a search whose buckets fit the links of `graph`.
     pub fn new(graph: &impl Links) -> Self {
         let [shortest, longest] = graph.extremes();
         let width = shortest.max(longest / MOST_BUCKETS).max(f32::MIN_POSITIVE);
@@ -49,11 +49,11 @@ impl Search {
         Self { per_mm: width.recip(), buckets: vec![Vec::new(); ring], current: Vec::new(), lowered }
     }
 
-    /// Lowers `distance` to the distances from `seeds`: `distance[v]` becomes the least of what it was and of
+    /// Lowers `distance` to the distances from `seeds`: `distance[v]` becomes the minimum of its previous value and of
     /// `distance[seed]` plus the shortest path from a seed to v.
     ///
-    /// With `distance` infinite but for one seed at 0 this is a distance row. What it was before is a limit, too: with a
-    /// radius in place of infinity only a disk is searched, with the distances to a set of sources only what comes nearer
+    /// If `distance` is infinite except for one seed at 0, this gives a distance row. Previous values are also limits:
+    /// with a radius instead of infinity, only a disk is searched; with distances to other sources, only what is closer
     /// to a new one.
     pub fn lower(&mut self, graph: &impl Links, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
         let Self { per_mm, buckets, current, lowered } = self;
@@ -92,8 +92,8 @@ impl Search {
     }
 }
 
-/// Lowers the distances of the neighbours of some vertices, where each has few; the neighbours that come nearer are the first
-/// so many in `lowered`.
+/// Lowers the distances of the neighbours of some vertices with few neighbours each; those that came closer are the
+/// first entries of `lowered`, and their number is returned.
 #[inline]
 fn pass_few(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], lowered: &mut [(u32, f32)]) -> usize {
     let first = |&(vertex, _): &(u32, f32)| graph.arcs(vertex).next().map_or(0, |arc| arc.to);
@@ -101,10 +101,10 @@ fn pass_few(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], lower
     let mut count = 0;
     for &(vertex, reached) in some {
         if reached != distance[vertex as usize] {
-            continue; // it has come nearer since it was put here
+            continue; // it came closer since it was put here
         }
-        // Whether a neighbour comes nearer cannot be predicted, so it is not branched on: each is written behind those that
-        // do, and counts if it does.
+        // Whether a neighbour comes closer is unpredictable, so there is no branch: each is written after those that
+        // did, and counts if it does.
         for arc in graph.arcs(vertex) {
             let through = reached + arc.length;
             let known = &mut distance[arc.to as usize];
@@ -117,8 +117,8 @@ fn pass_few(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], lower
     count
 }
 
-/// The same where each has many, and `put` takes those that come nearer: one in thirty, which is predicted well. It is the links
-/// that are waited for, so all of them are called.
+/// Does the same for vertices with many neighbours; `put` receives those that come closer: about one in thirty, which
+/// is predicted well. The links are the bottleneck, so all of them are prefetched.
 #[inline]
 fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut put: impl FnMut(u32, f32)) {
     let mut called = 0_u32;
@@ -143,16 +143,16 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
     }
 }
 
-/// The vertices of a shortest path from the source of `row` to `target`, both included; of equal paths the one through the
-/// lowest vertices. (Grossmann et al., figure 3: the black path.)
-/// Errors: [`Error::Unreachable`] if the row is infinite at `target`, or is none from `source`; [`Error::Cancelled`].
+/// Returns the vertices of a shortest path from the source of `row` to `target`, including both; of equal paths, the
+/// one through the lowest vertices. (The black path in figure 3 of Grossmann et al.) Errors: [`Error::Unreachable`] if
+/// the row is infinite at `target`, or does not start at `source`; [`Error::Cancelled`].
 pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32, control: &Control) -> Result<Vec<u32>> {
     let unreachable = || Error::Unreachable { source_vertex: source as usize, vertex: target as usize };
     if row[target as usize].is_infinite() {
         return Err(unreachable());
     }
-    // A link shorter than half a unit in the last place leads to a vertex that is no nearer, and on from there perhaps back.
-    // So none is entered twice, and where it goes no farther the way goes back: it ends within twice as many steps as vertices.
+    // A link shorter than half a unit in the last place leads to a vertex that is not closer, and possibly back. So no
+    // vertex is entered twice, and the search backtracks at dead ends: it ends within twice as many steps as vertices.
     let mut is_entered = vec![false; graph.vertices()];
     is_entered[target as usize] = true;
     let mut path = vec![target];
@@ -277,7 +277,7 @@ mod tests {
     }
 
     proptest! {
-        /// Lengths that vanish beside others, or are none at all: paths end, pass no vertex twice, and are as long as they are said.
+        /// Lengths that are negligible or zero: paths end, pass no vertex twice, and have the reported length.
         #[test]
         fn paths_end_whatever_the_lengths(
             links in prop::collection::vec((0u32..12, 0u32..12, prop::sample::select(vec![0.0f32, 1e-30, 1e-7, 1.0, 1e6])), 1..60),

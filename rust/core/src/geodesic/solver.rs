@@ -1,33 +1,32 @@
-//! The one trait of all solvers. Whatever has [`Links`] is one: by searches, bundle by bundle where there are many sources.
+//! The common trait of all solvers. Every graph with [`Links`] is one: by searches, or by bundles for many sources.
 
 use super::bundle::{self, BundleScratch};
 use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::Result;
 
-/// A geodesic solver fills one row: the distances from a source to every vertex.
+/// A geodesic solver computes rows: the distances from a source to every vertex.
 pub trait Solver: Sync {
-    /// What a worker keeps from one row to the next.
+    /// Buffers of a worker that are reused for all rows.
     type Scratch: Send;
 
-    /// Scratch for one worker.
+    /// Creates the buffers of a worker.
     fn scratch(&self) -> Self::Scratch;
 
-    /// Number of vertices, the length of a row.
+    /// Returns the number of vertices, the length of a row.
     fn columns(&self) -> usize;
 
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 
-    /// Which sources are best asked for at once, by their numbers; no more than leave work for so many threads. Rows are the
-    /// same in any company, bit by bit.
+    /// Groups sources that are best computed together, by number, in enough groups for all threads; rows do not depend
+    /// on it.
     fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
         let _ = (threads, control);
         Ok((0..sources.len() as u32).map(|number| vec![number]).collect())
     }
 
-    /// Writes the distances in mm from each source of a bundle to every vertex, or to the targets; infinity where one cannot be
-    /// reached.
+    /// Writes the distances in mm from the sources of a bundle to every vertex or the targets; infinity if unreachable.
     fn rows(
         &self,
         bundle: &[u32],
@@ -49,11 +48,11 @@ pub trait Solver: Sync {
         Ok(())
     }
 
-    /// A hash of what distances depend on, the same on every machine.
+    /// Returns a hash of everything that distances depend on, the same on every machine.
     fn fingerprint(&self, control: &Control) -> Result<u64>;
 }
 
-/// A hash of words: the same on every machine, other for another order.
+/// A hash of words: the same on every machine, and different for another order.
 #[derive(Debug, Default)]
 pub(crate) struct Fingerprint(u64);
 

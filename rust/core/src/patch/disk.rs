@@ -7,14 +7,14 @@ use crate::geodesic::shortest::Search;
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
 
-/// The largest piece of the rest, as a share of the disk's area, that a geodesic disk takes in when it encloses it: a bump
-/// higher than the radius reaches. What is larger is a gyrus that nobody asked for.
+/// The maximum size of an enclosed piece that a geodesic disk includes, as a share of the disk's area: a bump that is
+/// higher than the radius. Larger pieces are gyri that do not belong to the disk.
 const MOST_FILLED: f64 = 0.1;
 
-/// The geodesic disk of a surface: its faces within `radius` mm of a vertex, and small pieces that these enclose. Returns
-/// the number of faces that were taken in, too.
-/// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] where not even one face lies within the radius,
-/// [`Error::DiskEncloses`] where a large piece is enclosed, [`Error::Cancelled`].
+/// Returns the geodesic disk of a surface, and the number of faces that were filled in. The disk contains the faces
+/// within `radius` mm of a vertex, and the small pieces that they enclose.
+/// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] if no face lies within the
+/// radius, [`Error::DiskEncloses`] if a large piece is enclosed, [`Error::Cancelled`].
 pub fn disk(
     surface: &Surface,
     graph: &impl Links,

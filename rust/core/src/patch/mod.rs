@@ -11,7 +11,7 @@ pub use voxels::{Disk, Selection, cut_out, geodesic_disk, keep, largest_componen
 use crate::surface::Surface;
 use crate::surface::topology::Topology;
 
-/// The component with the largest area, the first of [`Topology::components`]; the whole surface if it has but one.
+/// Returns the component with the largest area, the first of [`Topology::components`].
 pub fn largest_piece(surface: &Surface) -> Surface {
     let largest = Topology::of(surface).components.first().map_or(0, |component| component.label);
     let is_in_largest = surface.components().labels.iter().map(|&label| label == largest).collect::<Vec<_>>();

@@ -5,10 +5,10 @@ use crate::error::{Error, Result};
 use crate::surface::Surface;
 use crate::surface::mesh::paths::{along_path, shortest_path};
 
-/// The smaller side, by area, of the closed shortest path along edges through `corners` in their order; and that path, whose
-/// last vertex is its first. Where the path touches itself and cuts off several pieces, all but the largest are taken.
-/// Errors: [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`], [`Error::NotEnclosing`] where the path does not cut
-/// the surface in two, [`Error::Cancelled`].
+/// Returns the part with the smaller area of a surface that the closed shortest path through `corners` divides, and the
+/// path, whose last vertex is its first. If the path touches itself and cuts off several pieces, the part contains all
+/// but the largest. Errors: [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`],
+/// [`Error::NotEnclosing`] if the path does not divide the surface, [`Error::Cancelled`].
 pub fn polygon(surface: &Surface, corners: &[u32], control: &Control) -> Result<(Surface, Vec<u32>)> {
     if corners.len() < 3 {
         return Err(Error::FewCorners { corners: corners.len() });
@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn paths_that_enclose_nothing_are_refused() {
         let torus = shapes::surface(shapes::torus(24, 12));
-        let around: Vec<u32> = (0..3).map(|third| third * 8 * 12).collect(); // the long way round, along the outside
+        let around: Vec<u32> = (0..3).map(|third| third * 8 * 12).collect(); // the long way around, along the outside
         let refused = polygon(&torus, &around, &Control::default());
         assert!(matches!(refused, Err(Error::NotEnclosing { corners: 3 })));
         let few = polygon(&torus, &[0, 1], &Control::default());

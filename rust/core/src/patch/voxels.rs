@@ -1,4 +1,4 @@
-//! The part of a voxel surface, on the paper's 26-neighbour graph.
+//! Parts of a voxel surface, on the 26-neighbour graph of Grossmann et al. (2002).
 
 use crate::adjacency::Links;
 use crate::control::Control;
@@ -9,10 +9,10 @@ use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 use crate::volume::Mask;
 
-/// Which part of a surface to take.
+/// The part of a surface to select.
 #[derive(Debug, Clone, Default)]
 pub struct Selection<'a> {
-    /// Keep the surface voxels that are foreground here; of the volume's shape.
+    /// Keep the surface voxels that are foreground in this mask, which has the volume's shape.
     pub keep: Option<&'a Mask>,
     /// Keep the geodesic disk around a point.
     pub disk: Option<Disk>,
@@ -21,13 +21,13 @@ pub struct Selection<'a> {
 /// A geodesic disk: all points within `radius` mm, along the surface, of the surface voxel nearest to `seed_point`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disk {
-    /// Voxel indices.
+    /// The voxel indices of the centre.
     pub seed_point: [i64; 3],
-    /// In mm.
+    /// The radius in mm.
     pub radius: f64,
 }
 
-/// The mask's part of a surface.
+/// Returns the surface voxels within a mask.
 pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
     if mask.shape() != surface.shape() {
         let [given, needed] = [mask.shape(), surface.shape()].map(|shape| shape.iter().product());
@@ -40,7 +40,7 @@ pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
     Ok(surface.subset(&kept))
 }
 
-/// A geodesic disk of a surface with its graph. The seed point is the nearest surface voxel to the one that is asked for.
+/// Returns a geodesic disk of a surface with its graph. The seed point is moved to the nearest surface voxel.
 pub fn geodesic_disk(
     surface: &VoxelSurface,
     graph: &VoxelGraph,
@@ -63,7 +63,7 @@ pub fn geodesic_disk(
     Ok(surface.subset(&inside))
 }
 
-/// The largest connected component.
+/// Returns the largest connected component.
 pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface {
     let components = graph.components();
     let largest = components.largest();
@@ -71,15 +71,15 @@ pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSur
     surface.subset(&inside)
 }
 
-/// What is to be flattened of a surface, with its graph: the patch, or the largest component where none is given.
-/// Errors: Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
+/// Returns the part of a surface to flatten, with its graph: the selected patch, or else the largest component.
+/// Errors: Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a selected patch is not connected.
 pub fn cut_out(
     surface: &VoxelSurface,
     selection: &Selection<'_>,
     lengths: LinkLengths,
     control: &Control,
 ) -> Result<(VoxelSurface, VoxelGraph)> {
-    control.begin("cutting out the patch", 1);
+    control.begin("extracting the patch", 1);
     let mut part = match selection.keep {
         Some(mask) => keep(surface, mask)?,
         None => surface.clone(),

@@ -1,32 +1,32 @@
 //! Bilinear placement on a range image (Zigelman, Kimmel, Kiryati 2002, sections IV and VI).
 //!
-//! The sources are the pixels on a lattice of rows and columns. A pixel lies in the map where it lies between the four sources
-//! of its cell in the image. Where a cell lacks one of its four, beside holes and along the outline, the nearest complete
-//! cell goes on beyond its sources; the paper's images are full rectangles and have none of that.
+//! The sources are the pixels on a lattice of rows and columns. The position of a pixel in the map is interpolated
+//! between the four sources of its cell in the image. A cell beside a hole or the outline can lack a source. There, the
+//! nearest complete cell is extrapolated. The paper's images are full rectangles, in which this does not occur.
 
 use std::collections::VecDeque;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// Pixels between two looks at the control.
+/// The number of pixels between two checks for cancellation.
 const BATCH: usize = 1 << 14;
 
-/// A lattice of rows and columns of an image, and the vertices that are pixels on it.
+/// A lattice of rows and columns of an image, and the vertices of its pixels.
 #[derive(Debug, Clone)]
 pub struct Lattice<'a> {
     pixels: &'a [[u32; 2]],
     rows: Vec<u32>,
     columns: Vec<u32>,
     sources: Vec<u32>,
-    /// For each node its place among the sources.
+    /// For each node, its index among the sources.
     nodes: Vec<Option<u32>>,
 }
 
 impl<'a> Lattice<'a> {
-    /// A lattice of about `count` nodes over the pixels (row, column) that the vertices are, in cells as square as can be;
-    /// `spacing` is the distance of rows and of columns.
-    /// Errors: [`Error::NoCell`] if no cell has a vertex at all of its four nodes.
+    /// Creates a lattice of about `count` nodes over the pixels (row, column) of the vertices, with cells that are as
+    /// square as possible; `spacing` is the distance between rows and between columns.
+    /// Errors: [`Error::NoCell`] if no cell has a vertex at all four nodes.
     pub fn new(pixels: &'a [[u32; 2]], spacing: [f64; 2], count: usize) -> Result<Self> {
         let [rows, columns] = [0, 1].map(|axis| extent(pixels, axis));
         let sides = [(rows, spacing[0]), (columns, spacing[1])].map(|((low, high), step)| f64::from(high - low) * step);
@@ -46,13 +46,13 @@ impl<'a> Lattice<'a> {
         if complete == 0 { Err(Error::NoCell { sources: found.sources.len() }) } else { Ok(found) }
     }
 
-    /// The vertices on the lattice.
+    /// Returns the vertices on the lattice.
     pub fn sources(&self) -> &[u32] {
         &self.sources
     }
 
-    /// The places of all vertices from those of the sources.
-    /// Panics if there is not one place a source.
+    /// Returns the positions of all vertices, given those of the sources.
+    /// Panics if the number of positions differs from the number of sources.
     pub fn place(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
         assert_eq!(places.len(), self.sources.len(), "one place a source");
         let nearest = self.nearest_complete();
@@ -81,13 +81,13 @@ impl<'a> Lattice<'a> {
         self.number([within(&self.rows, row), within(&self.columns, column)])
     }
 
-    /// The four sources of a cell: at its first row, then at its second.
+    /// Returns the four sources of a cell: those in its first row, then those in its second row.
     fn corners(&self, [r, c]: [usize; 2]) -> Option<[u32; 4]> {
         let node = |r: usize, c: usize| self.nodes[r * self.columns.len() + c];
         Some([node(r, c)?, node(r, c + 1)?, node(r + 1, c)?, node(r + 1, c + 1)?])
     }
 
-    /// For each cell the nearest one that is complete, counted in steps over sides.
+    /// Returns, for each cell, the nearest complete cell, counted in steps across sides.
     fn nearest_complete(&self) -> Vec<[usize; 2]> {
         let mut nearest = vec![None; (self.rows.len() - 1) * (self.columns.len() - 1)];
         let mut front: VecDeque<[usize; 2]> = self.cells().filter(|&cell| self.corners(cell).is_some()).collect();
@@ -124,7 +124,7 @@ fn extent(pixels: &[[u32; 2]], axis: usize) -> (u32, u32) {
     (low, pixels.iter().map(|pixel| pixel[axis]).max().unwrap_or(0).max(low + 1))
 }
 
-/// `count` whole numbers from the least to the greatest, evenly.
+/// Returns `count` evenly spaced integers from the lowest to the highest.
 fn lines((low, high): (u32, u32), count: usize) -> Vec<u32> {
     let steps = count.clamp(2, (high - low) as usize + 1) - 1;
     let at = |n: usize| low + (f64::from(high - low) * n as f64 / steps as f64).round() as u32;

@@ -1,4 +1,4 @@
-//! From the places of the sources to the places of all points.
+//! Placement of all points, given the positions of the sources.
 
 pub mod bilinear;
 pub mod radial;

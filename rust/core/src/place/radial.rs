@@ -1,7 +1,7 @@
 //! Interpolation by radial functions.
 //!
-//! Grossmann et al. (2002), section 4, equations 7 to 9: each flat coordinate is
-//! f(x) = Σᵢ bᵢ |x − xᵢ| + a₀ + a·x with Σ bᵢ = 0, Σ bᵢ xᵢ = 0 and f(xᵢ) = ξᵢ. Of all such functions it is the smoothest.
+//! Grossmann et al. (2002), section 4, equations 7 to 9: each flat coordinate is f(x) = Σᵢ bᵢ |x − xᵢ| + a₀ + a·x with
+//! Σ bᵢ = 0, Σ bᵢ xᵢ = 0 and f(xᵢ) = ξᵢ. It is the smoothest of all such functions.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -10,10 +10,10 @@ use nalgebra::{Matrix3, Vector3};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// Points of one task; small enough to cancel and to keep both threads busy.
+/// The number of points per task: few enough to cancel soon, and to keep both threads busy.
 const BATCH: usize = 1024;
 
-/// Two coordinates interpolated over space.
+/// Two coordinates interpolated in space.
 #[derive(Debug, Clone)]
 pub struct RadialFunctions {
     centre: Vector3<f64>,
@@ -26,10 +26,10 @@ pub struct RadialFunctions {
 }
 
 impl RadialFunctions {
-    /// The functions with value `values[i]` at `points[i]` (mm).
+    /// Fits functions with the values `values[i]` at `points[i]` (mm).
     ///
-    /// The linear part spans only the directions in which the points extend: for points in one plane or line, equations 8
-    /// and 9 alone do not determine the rest, and it is left out.
+    /// The linear part covers only the directions in which the points extend. For points in a plane or on a line,
+    /// equations 8 and 9 do not determine the other directions, which are excluded.
     pub fn fit(points: &[Vector3<f64>], values: &[[f64; 2]]) -> Result<Self> {
         let m = points.len();
         let centre = points.iter().sum::<Vector3<f64>>() / m.max(1) as f64;
@@ -65,7 +65,7 @@ impl RadialFunctions {
         })
     }
 
-    /// The functions' two values at a point (mm).
+    /// Returns the two values at a point (mm).
     pub fn at(&self, point: &Vector3<f64>) -> [f64; 2] {
         let p = point - self.centre;
         let mut sum = [self.linear[0][0], self.linear[1][0]];
@@ -77,7 +77,7 @@ impl RadialFunctions {
         [sum[0] + radial[0], sum[1] + radial[1]]
     }
 
-    /// Σᵢ bᵢ |p − xᵢ|, in lanes that the compiler can vectorise.
+    /// Returns Σᵢ bᵢ |p − xᵢ|, in lanes that the compiler can vectorise.
     fn radial(&self, p: &Vector3<f64>) -> [f64; 2] {
         const LANES: usize = 8;
         let mut sums = [[0.0; LANES]; 2];
@@ -102,9 +102,9 @@ impl RadialFunctions {
         total
     }
 
-    /// The functions' values at many points, in parallel.
+    /// Returns the values at many points, computed in parallel.
     pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
-        control.each("placing the rest", points, BATCH, |point| self.at(point))
+        control.each("placing the remaining points", points, BATCH, |point| self.at(point))
     }
 }
 
@@ -114,7 +114,7 @@ fn distance(p: &Vector3<f64>, x: f64, y: f64, z: f64) -> f64 {
     (dx * dx + dy * dy + dz * dz).sqrt()
 }
 
-/// The principal directions in which points extend by more than rounding.
+/// Returns the principal directions in which points extend by more than rounding.
 fn extended_axes(points: &[Vector3<f64>], centre: Vector3<f64>) -> Vec<Vector3<f64>> {
     let covariance: Matrix3<f64> = points.iter().map(|p| (p - centre) * (p - centre).transpose()).sum();
     let eigen = covariance.symmetric_eigen();

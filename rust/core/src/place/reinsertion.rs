@@ -1,9 +1,9 @@
-//! Re-insertion: the vertices that [decimation](crate::surface::decimate) took away come back in reverse order, each where
-//! its neighbours' places and its weights say.
+//! Re-insertion of the vertices that [decimation](crate::surface::decimate) removed, in reverse order. Each position
+//! follows from the positions of the neighbours and from weights.
 //!
-//! Where the neighbours' places are not convex, a vertex placed by weights may turn a triangle over. It is then moved into the
-//! kernel of its ring, from where all of the ring is seen. That kernel is never empty if no triangle of the coarse map was
-//! turned over: the vertex that the removed one moved onto saw all of the ring. So a map without flips stays one.
+//! Where the neighbours' positions are not convex, a vertex placed by weights may flip a triangle. It is then moved
+//! into the kernel of its ring, from which the complete ring is visible. The kernel is not empty if no triangle of the
+//! coarse map was flipped, because the ring is visible from the vertex onto which the removed one moved.
 
 use nalgebra::Vector2;
 
@@ -11,7 +11,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::decimate::Removals;
 
-/// Steps between two looks at the control.
+/// The number of steps between two checks for cancellation.
 const BATCH: usize = 1 << 12;
 
 /// How far a vertex moves from the edge of its kernel towards the middle.
@@ -22,14 +22,14 @@ const MARGIN: f64 = 0.25;
 
 type Place = Vector2<f64>;
 
-/// How vertices are placed.
+/// Options of the placement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placing {
-    /// The map's triangles run clockwise.
+    /// Whether the triangles of the map are clockwise.
     pub is_mirrored: bool,
-    /// How far a vertex of the boundary may lie outside the map as it was without it, as a part of the distance of its
-    /// neighbours on the boundary. Only one that has no other neighbours needs to lie outside at all: with little overhang no
-    /// two parts of a map run into each other that did not before.
+    /// How far a vertex of the boundary may lie outside the map without it, as a share of the distance between its
+    /// neighbours on the boundary. Only a vertex without other neighbours must lie outside at all. With a small
+    /// overhang, no two parts of a map overlap that did not overlap before.
     pub overhang: f64,
 }
 
@@ -39,12 +39,12 @@ impl Default for Placing {
     }
 }
 
-/// Gives every removed vertex its place (mm) in `uv`, where all survivors have theirs. Returns how many vertices had no place
-/// from which their triangles keep their orientation.
-/// Panics if `uv` is shorter than the surface has vertices.
+/// Writes the position (mm) of every removed vertex to `uv`, which holds the positions of the remaining vertices.
+/// Returns the number of vertices for which no position preserves the orientation of their triangles.
+/// Panics if `uv` is shorter than the number of vertices.
 pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, control: &Control) -> Result<usize> {
-    control.begin("placing the rest", removals.len() as u64);
-    let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights are those of a map that is not mirrored
+    control.begin("placing the remaining points", removals.len() as u64);
+    let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights refer to an unmirrored map
     let mut ring: Vec<Place> = Vec::new();
     let mut turned = 0;
     for (step, removal) in removals.iter().rev().enumerate() {
@@ -53,7 +53,7 @@ pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, contro
         }
         ring.clear();
         ring.extend(removal.neighbours.iter().map(|&v| Place::new(uv[v as usize][0], hand * uv[v as usize][1])));
-        let origin = ring[0]; // far from 0 differences would lose digits
+        let origin = ring[0]; // far from 0, differences would lose digits
         ring.iter_mut().for_each(|place| *place -= origin);
         let mut at = weighted(&ring, removal.weights);
         let is_within = removal.is_closed || (placing.overhang.is_finite() && ring.len() > 2);
@@ -75,13 +75,13 @@ pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, contro
     Ok(turned)
 }
 
-/// Σ weight · place, as complex numbers.
+/// Returns Σ weight · position, as complex numbers.
 fn weighted(ring: &[Place], weights: &[[f64; 2]]) -> Place {
     let terms = ring.iter().zip(weights);
     terms.map(|(p, [re, im])| Place::new(re * p.x - im * p.y, re * p.y + im * p.x)).sum()
 }
 
-/// The sides of a ring opposite to its vertex, counterclockwise around it.
+/// Iterates over the sides of a ring opposite its vertex, counterclockwise.
 fn sides(ring: &[Place], is_closed: bool) -> impl Iterator<Item = [Place; 2]> + '_ {
     let count = if is_closed { ring.len() } else { ring.len() - 1 };
     (0..count).map(|k| [ring[k], ring[(k + 1) % ring.len()]])
@@ -95,12 +95,12 @@ fn sees(ring: &[Place], is_closed: bool, at: Place) -> bool {
     sides(ring, is_closed).all(|side| area(at, side) > 0.0)
 }
 
-/// The polygon of all places that see the ring, within a box around it; none if it has no inside.
+/// Returns the polygon of positions from which the ring is visible, within a box around it; none if it is empty.
 fn kernel(ring: &[Place], is_closed: bool) -> Option<Vec<Place>> {
     kernel_of(&sides(ring, is_closed).collect::<Vec<_>>(), is_closed)
 }
 
-/// The same of the sides of a ring in any order.
+/// Returns the same polygon for the sides of a ring in any order.
 fn kernel_of(sides: &[[Place; 2]], is_closed: bool) -> Option<Vec<Place>> {
     let corners = || sides.iter().flatten();
     let start = *corners().next()?;
@@ -119,13 +119,13 @@ fn kernel_of(sides: &[[Place; 2]], is_closed: bool) -> Option<Vec<Place>> {
     sides.iter().all(|&side| area(middle, side) > 0.0).then_some(polygon)
 }
 
-/// The place nearest to a vertex' own, about, from which all sides opposite to it are seen; none if there is none. The sides of a ring
-/// that is closed go all around the vertex.
+/// Returns a position near that of a vertex from which all opposite sides are visible, if any. A closed ring surrounds
+/// the vertex.
 pub(crate) fn seeing(sides: &[[Place; 2]], is_closed: bool, at: Place) -> Option<Place> {
     kernel_of(sides, is_closed).map(|kernel| inside(&kernel, at))
 }
 
-/// The part of a convex polygon from which a side is seen.
+/// Returns the part of a convex polygon from which a side is visible.
 fn clip(polygon: &[Place], side: [Place; 2]) -> Vec<Place> {
     let mut part = Vec::with_capacity(polygon.len() + 1);
     for (k, &from) in polygon.iter().enumerate() {
@@ -141,7 +141,7 @@ fn clip(polygon: &[Place], side: [Place; 2]) -> Vec<Place> {
     part
 }
 
-/// A place that is no farther from a segment's line than some times its length.
+/// Returns a position whose distance from a segment's line is at most a multiple of its length.
 fn nearer([a, b]: [Place; 2], at: Place, most: f64) -> Place {
     let along = (at - a).dot(&(b - a)) / (b - a).norm_squared();
     let foot = a + (b - a) * along;
@@ -153,7 +153,7 @@ fn middle(polygon: &[Place]) -> Place {
     polygon.iter().sum::<Place>() / polygon.len() as f64
 }
 
-/// A place within a convex polygon on the way from its middle to a place outside.
+/// Returns a position in a convex polygon on the way from its middle to a position outside.
 fn inside(polygon: &[Place], outside: Place) -> Place {
     let middle = middle(polygon);
     let mut share = 1.0f64;

@@ -1,16 +1,16 @@
-//! Places on the sphere in a triangulation of it.
+//! Location of positions on the sphere in a triangulation of it.
 
 use nalgebra::Vector3;
 
 use super::map::determinant;
 
-/// Cells along the side of a cube's face, at most.
+/// The maximum number of cells along the side of a cube's face.
 const MOST_CELLS: usize = 256;
 
-/// A triangulation of the sphere, ready to be asked which triangle holds a place.
+/// A triangulation of the sphere, prepared for finding the triangle at a position.
 ///
-/// A place begins at a triangle near it, by a cell of the cube around the sphere, and walks across the sides that it lies
-/// beyond. Takes O(1) for a place where triangles are even.
+/// A search starts at a nearby triangle, given by a cell of the cube around the sphere, and walks across the sides that
+/// the position lies beyond. Takes O(1) time per position if triangles are even.
 #[derive(Debug, Clone)]
 pub struct Locator<'a> {
     points: &'a [Vector3<f64>],
@@ -20,7 +20,7 @@ pub struct Locator<'a> {
     side: usize,
 }
 
-/// Where a place lies: a triangle, and the weights of its corners, which sum to one.
+/// A position: a triangle, and the weights of its corners, whose sum is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Located {
     /// The triangle.
@@ -30,13 +30,13 @@ pub struct Located {
 }
 
 impl Located {
-    /// What is known at the vertices, in between.
+    /// Returns values at the vertices, interpolated at the position.
     pub fn value(&self, faces: &[[u32; 3]], values: &[f64]) -> f64 {
         let face = faces[self.face as usize];
         (0..3).map(|k| self.weights[k] * values[face[k] as usize]).sum()
     }
 
-    /// Vectors that are known at the vertices, in between.
+    /// Returns vectors at the vertices, interpolated at the position.
     pub fn vector(&self, faces: &[[u32; 3]], vectors: &[Vector3<f64>]) -> Vector3<f64> {
         let face = faces[self.face as usize];
         (0..3).map(|k| vectors[face[k] as usize] * self.weights[k]).sum()
@@ -44,8 +44,8 @@ impl Located {
 }
 
 impl<'a> Locator<'a> {
-    /// The triangulation by its points, triangles that run counterclockwise as seen from outside and cover the sphere once, and
-    /// the half-edge beyond each half-edge.
+    /// Creates a locator from the points of a triangulation, triangles that run counterclockwise as seen from outside
+    /// and cover the sphere once, and the twin of each half-edge.
     pub fn new(points: &'a [Vector3<f64>], faces: &'a [[u32; 3]], twins: &'a [u32]) -> Self {
         let side = ((faces.len() as f64 / 12.0).sqrt().ceil() as usize).clamp(1, MOST_CELLS);
         let mut found = Self { points, faces, twins, cells: Vec::new(), side };
@@ -53,7 +53,7 @@ impl<'a> Locator<'a> {
         let mut cells = Vec::with_capacity(6 * side * side);
         for n in 0..6 * side * side {
             let (face, row, column) = (n / (side * side), n / side % side, n % side);
-            let column = if row % 2 == 0 { column } else { side - 1 - column }; // there and back, so that ways are short
+            let column = if row % 2 == 0 { column } else { side - 1 - column }; // short walks
             from = found.walk(&centre_of_cell(face, row, column, side), from).face;
             cells.push((face * side * side + row * side + column, from));
         }
@@ -62,18 +62,18 @@ impl<'a> Locator<'a> {
         found
     }
 
-    /// The triangle that holds a place.
+    /// Returns the triangle that contains a position.
     pub fn locate(&self, place: &Vector3<f64>) -> Located {
         self.walk(place, self.cells[cell_of(place, self.side)])
     }
 
-    /// The same, where a triangle near it is known.
+    /// Does the same, starting from a known triangle near the position.
     pub fn walk(&self, place: &Vector3<f64>, from: u32) -> Located {
         let mut face = from;
         for step in 0..4 * self.faces.len() {
             let [a, b, c] = self.faces[face as usize].map(|v| self.points[v as usize]);
             let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| determinant([*place, p, q]));
-            // the side that it lies farthest beyond; in turn, so that a walk cannot run in a circle for ever
+            // the side that it lies farthest beyond; sides alternate, so that a walk cannot cycle forever
             let beyond = (0..3)
                 .map(|k| (k + step) % 3)
                 .filter(|&k| sides[k] < 0.0)
@@ -86,7 +86,7 @@ impl<'a> Locator<'a> {
         self.nearest(place)
     }
 
-    /// The triangle that a place lies least outside of, of all: where rounding lets walks not end.
+    /// Returns the triangle that a position is closest to, among all: for walks that rounding prevents from ending.
     fn nearest(&self, place: &Vector3<f64>) -> Located {
         let sides_of = |face: usize| {
             let [a, b, c] = self.faces[face].map(|v| self.points[v as usize]);
@@ -99,13 +99,13 @@ impl<'a> Locator<'a> {
     }
 }
 
-/// Weights of the corners from the determinants across the sides that begin at them.
+/// Returns the weights of the corners, given the determinants across the sides that begin at them.
 fn weights(sides: [f64; 3]) -> [f64; 3] {
     let total: f64 = sides.iter().sum();
     if total > 0.0 { [1, 2, 0].map(|k| sides[k] / total) } else { [1.0 / 3.0; 3] }
 }
 
-/// Of a cube's face its axis, and the sign along it.
+/// Returns the cell of a cube's face, by its axis and the sign along it.
 fn cell_of(place: &Vector3<f64>, side: usize) -> usize {
     let axis = place.iamax();
     let (major, u, v) = (place[axis].abs().max(f64::MIN_POSITIVE), place[(axis + 1) % 3], place[(axis + 2) % 3]);

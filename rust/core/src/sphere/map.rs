@@ -1,14 +1,14 @@
-//! A closed surface without handles onto the unit sphere, one to one.
+//! One-to-one maps of closed surfaces without handles onto the unit sphere.
 //!
-//! From coarse to fine (Praun, Hoppe 2003): decimation leads to a tetrahedron, which is laid out regularly; then its vertices
-//! come back in reverse order, each into the kernel of the spherical polygon of its neighbours, from where it sees all of it. On
-//! every level vertices move, one after the other, to where the triangles around them are distorted least. No step on the
-//! way turns a triangle over, so that the map stays one to one: with all triangles counterclockwise as seen from outside,
-//! their areas sum to 4π.
+//! From coarse to fine (Praun, Hoppe 2003): the surface is decimated to a tetrahedron, which is mapped to a regular
+//! one. Its vertices are then re-inserted in reverse order, each into the kernel of the spherical polygon of its
+//! neighbours, from which all of it is visible. On every level, vertices move one after the other to where the
+//! distortion of the triangles around them is smallest. No step flips a triangle, so that the map remains one to one:
+//! with all triangles counterclockwise as seen from outside, their areas sum to 4π.
 //!
-//! Distortion is the symmetric Dirichlet energy (Smith, Schaefer 2015), ½ Σ cot |e|² · (1 + 1/d²) over triangles, with d the
-//! determinant of the corners over twice the surface's area; for small triangles that is the ratio of areas, and it is zero where
-//! a triangle is about to turn over, where the energy is infinite.
+//! Distortion is the symmetric Dirichlet energy (Smith, Schaefer 2015), ½ Σ cot |e|² · (1 + 1/d²) over triangles, where
+//! d is the determinant of the corners divided by twice the surface's area. For small triangles, this is the ratio of
+//! areas. It becomes zero, and the energy infinite, where a triangle is about to flip.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
@@ -24,45 +24,45 @@ use crate::surface::decimate::{self, Decimation, decimate};
 use crate::surface::mesh::{BORDER, next};
 use crate::surface::topology::Topology;
 
-/// How many times as many vertices a level has as the next coarser one; and below so many vertices, where places get narrow.
+/// The ratio of the numbers of vertices of successive levels; and the number of vertices below which space gets narrow.
 const FALL: f64 = 2.0;
 const SMALL_FALL: f64 = 1.25;
 const SMALL: usize = 1000;
 
-/// Below so many vertices, only topology is kept while decimating.
+/// The number of vertices below which decimation only preserves topology.
 const COARSE: usize = 200;
 
-/// Vertices of the tetrahedron.
+/// The number of vertices of the tetrahedron.
 const LEAST: usize = 4;
 
-/// Most sweeps over the vertices of a level, and of the finest.
+/// The maximum number of sweeps over the vertices of a level, and of the finest level.
 const SWEEPS: usize = 60;
 const LAST_SWEEPS: usize = 20;
 
-/// A sweep that gains less than this part of the energy is the last of its level.
+/// A sweep with a smaller relative decrease in energy is the last one of its level.
 const GAIN: f64 = 1e-4;
 
-/// The least area of a triangle, in that of an equilateral one on its longest edge: thinner ones count as if they had it.
+/// The minimum area of a triangle relative to an equilateral one on its longest edge, which thinner ones get.
 const THINNEST: f64 = 0.05;
 
-/// No determinant falls below this part of itself in one step.
+/// No determinant falls below this share of itself in one step.
 const LEAST_LEFT: f64 = 0.1;
 
-/// The vertices' places on the unit sphere: triangles run counterclockwise as seen from outside, and their areas sum to 4π.
+/// Returns the vertices' positions on the unit sphere: triangles run counterclockwise from outside, and cover it once.
 ///
-/// Rotated anyhow; the same for the same surface, bit by bit.
-/// Errors: [`Error::NotASphere`] where the surface is not closed, not in one piece, or has handles; [`Error::Folded`] where triangles are
-/// too thin for their areas to be told from nothing; [`Error::Cancelled`].
+/// The rotation is arbitrary; the result for a surface is deterministic, bit by bit.
+/// Errors: [`Error::NotASphere`] if the surface is not closed, not connected, or has handles; [`Error::Folded`] if
+/// triangles are too thin for their areas to differ from zero; [`Error::Cancelled`].
 pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3<f64>>> {
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
-    let mut places = laid_out(&closed, &levels, 0, control)?;
+    let mut places = map_of_level(&closed, &levels, 0, control)?;
     places.truncate(surface.len());
     Ok(places)
 }
 
-/// The map of a level, by way of all coarser ones: of the surface itself, which is level 0, or of the n-th decimation.
-pub(crate) fn laid_out(
+/// Returns the map of a level by way of all coarser ones: of the surface (level 0), or of the n-th decimation.
+pub(crate) fn map_of_level(
     surface: &Surface,
     levels: &[Decimation],
     depth: usize,
@@ -74,14 +74,14 @@ pub(crate) fn laid_out(
         let finer = if n == 0 { surface } else { &levels[n - 1].surface };
         places = refined(&levels[n], finer, &places, false, control)?;
         let sweeps = if n == 0 { LAST_SWEEPS } else { SWEEPS };
-        control.begin("laying the surface out on a sphere", sweeps as u64);
+        control.begin("mapping the surface to a sphere", sweeps as u64);
         Metric::new(finer).relax(finer, &mut places, sweeps, |_| true, control)?;
     }
     Ok(places)
 }
 
-/// The triangles that are turned over, or have no area, on the sphere: none where the map is one to one.
-pub fn turned_over(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
+/// Returns the number of triangles that are flipped or have no area on the sphere, which is 0 if the map is one to one.
+pub fn flipped(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
     faces.iter().filter(|face| determinant(face.map(|v| places[v as usize])) <= 0.0).count()
 }
 
@@ -89,10 +89,10 @@ pub(crate) fn determinant([a, b, c]: [Vector3<f64>; 3]) -> f64 {
     (b - a).cross(&(c - a)).dot(&a) // the same as a · (b × c), with smaller terms
 }
 
-/// The surface with its holes closed; its own vertices come first.
+/// Returns the surface with its holes closed; its own vertices come first.
 ///
-/// By triangles of the least area; holes of too many edges for that, such as cuts that were opened, ear by ear, the narrowest
-/// first, which sews lips together, and what cannot be closed so by a fan around its centre.
+/// Holes are filled by triangles of minimal area. Holes with too many edges for this, such as opened cuts, are closed
+/// ear by ear, the narrowest first, which joins the two sides of cuts, or else by a fan around their centre.
 pub(crate) fn closed(surface: &Surface, control: &Control) -> Result<Surface> {
     let loops = Topology::of(surface).loops;
     if loops.is_empty() {
@@ -127,7 +127,7 @@ pub(crate) fn closed(surface: &Surface, control: &Control) -> Result<Surface> {
     Ok(closed)
 }
 
-/// A surface with further points and faces, which may be without area, joined where they meet its boundary and each other.
+/// Returns a surface with additional points and faces, which may have no area, joined to it and to each other.
 fn joined(surface: &Surface, points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Surface {
     let mut twins = surface.twins().to_vec();
     twins.resize(3 * faces.len(), BORDER);
@@ -141,7 +141,7 @@ fn joined(surface: &Surface, points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Sur
     Surface::assemble(points, &(0..points.len() as u32).collect::<Vec<_>>(), faces, twins)
 }
 
-/// Clips ears off a boundary loop, the narrowest first; what is left of the loop.
+/// Clips ears off a boundary loop, the narrowest first, and returns the rest of the loop.
 fn ears(around: &[u32], surface: &Surface, edges: &mut HashSet<(u32, u32)>, faces: &mut Vec<[u32; 3]>) -> Vec<u32> {
     let count = around.len();
     let mut following: Vec<usize> = (0..count).map(|n| (n + 1) % count).collect();
@@ -177,7 +177,7 @@ fn check_closed(surface: &Surface) -> Result<()> {
     if is_sphere { Ok(()) } else { Err(Error::NotASphere { components, loops, handles }) }
 }
 
-/// Coarser and coarser surfaces, the last a tetrahedron.
+/// Returns coarser and coarser surfaces, the last one a tetrahedron.
 pub(crate) fn levels(surface: &Surface, control: &Control) -> Result<Vec<Decimation>> {
     let mut levels: Vec<Decimation> = Vec::new();
     loop {
@@ -199,18 +199,18 @@ pub(crate) fn levels(surface: &Surface, control: &Control) -> Result<Vec<Decimat
     }
 }
 
-/// The corners of a regular tetrahedron, so that the faces run counterclockwise.
+/// Returns the corners of a regular tetrahedron such that the faces run counterclockwise.
 fn tetrahedron(surface: &Surface) -> Vec<Vector3<f64>> {
     let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
     let mut places: Vec<Vector3<f64>> = corners.iter().map(|&c| Vector3::from(c).normalize()).collect();
-    if turned_over(surface.faces(), &places) > 0 {
+    if flipped(surface.faces(), &places) > 0 {
         places.swap(0, 1);
     }
     places
 }
 
-/// The places of a finer surface's vertices from those of a coarser one's: in the middle of where they may be, or, if they are to
-/// `follow`, as near as they may be to where the surface has them between their neighbours.
+/// Returns the positions of a finer surface's vertices, given those of a coarser one: in the middle of their permitted
+/// region, or, with `follow`, as close as possible to where they lie between their neighbours on the surface.
 pub(crate) fn refined(
     level: &Decimation,
     finer: &Surface,
@@ -235,15 +235,16 @@ pub(crate) fn refined(
             centre
         };
     }
-    let triangles = turned_over(finer.faces(), &found);
+    let triangles = flipped(finer.faces(), &found);
     if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(found) }
 }
 
-/// A place in the middle of those from which all of a spherical polygon, counterclockwise, is seen; none if there is no such.
+/// Returns a position in the middle of those from which all of a counterclockwise spherical polygon is visible, if any.
 ///
-/// Seen from the sphere's centre, great circles are lines on a plane that touches the sphere: the kernel is a convex polygon there,
-/// found by cutting a large square along the sides. The plane touches in the middle of the polygon; of one that is too large
-/// for that, in a corner that sees all of it: there is one, from which the coarser surface's triangles fan out.
+/// In a projection from the sphere's centre onto a tangent plane, great circles are lines, and the kernel is a convex
+/// polygon. It is found by clipping a large square along the sides. The plane touches at the middle of the polygon, or,
+/// if the polygon is too large for that, at a corner from which all of it is visible: one exists, from which the
+/// coarser surface's triangles fan out.
 pub(crate) fn kernel_centre(ring: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let sides: Vec<Vector3<f64>> =
         (0..ring.len()).map(|k| ring[k].cross(&(ring[(k + 1) % ring.len()] - ring[k]))).collect();
@@ -293,7 +294,7 @@ pub(crate) fn kernel_centre(ring: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     is_inside.then_some(place)
 }
 
-/// The place nearest to a wish, on the way there from the kernel's centre, from where the polygon is seen well.
+/// Returns the position closest to a wish, on a line from the kernel's centre, that sees the polygon well.
 fn sees_all(ring: &[Vector3<f64>], centre: Vector3<f64>, wish: Vector3<f64>) -> Vector3<f64> {
     let sides = |p: Vector3<f64>| (0..ring.len()).map(move |k| determinant([p, ring[k], ring[(k + 1) % ring.len()]]));
     let towards = |share: f64| (centre + (wish - centre) * share).normalize();
@@ -301,15 +302,15 @@ fn sees_all(ring: &[Vector3<f64>], centre: Vector3<f64>, wish: Vector3<f64>) -> 
     [1.0, 0.7, 0.5, 0.3, 0.1].into_iter().find(is_good).map_or(centre, towards)
 }
 
-/// Two unit vectors at right angles to a third, and to each other; counterclockwise around it.
+/// Returns two unit vectors perpendicular to a third and to each other, counterclockwise around it.
 pub(crate) fn tangents(up: Vector3<f64>) -> [Vector3<f64>; 2] {
     let axis = if up.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let east = axis.cross(&up).normalize();
     [east, up.cross(&east)]
 }
 
-/// What distortion is measured against: for each triangle the cotangents of its angles and twice its area, the surface's scaled to
-/// 4π; and the corners around each vertex.
+/// The reference for distortion: for each triangle, the cotangents of its angles and twice its area, with the total
+/// area scaled to 4π; and the corners around each vertex.
 #[derive(Debug, Clone)]
 pub(crate) struct Metric {
     cotangents: Vec<[f64; 3]>,
@@ -321,7 +322,7 @@ impl Metric {
     pub(crate) fn new(surface: &Surface) -> Self {
         let total: f64 = surface.areas().iter().sum();
         let scale = 4.0 * std::f64::consts::PI / total;
-        let least = 1e-9 * total / surface.faces().len() as f64; // of what has no size at all
+        let least = 1e-9 * total / surface.faces().len() as f64; // the minimum for triangles without area
         let (mut cotangents, mut doubles) = (Vec::new(), Vec::new());
         for face in surface.faces() {
             let [a, b, c] = face.map(|v| surface.points()[v as usize]);
@@ -340,7 +341,7 @@ impl Metric {
         self.around.of(vertex as u32)
     }
 
-    /// Moves a vertex towards a place, as far as no triangle around it is nearly turned over.
+    /// Moves a vertex towards a position, as far as no triangle around it is nearly flipped.
     pub(crate) fn shift(&self, surface: &Surface, vertex: usize, to: Vector3<f64>, places: &mut [Vector3<f64>]) {
         let from = places[vertex];
         let normal = |corner: u32| {
@@ -360,7 +361,7 @@ impl Metric {
         }
     }
 
-    /// Sweeps over all vertices until little is gained.
+    /// Sweeps over all vertices until the energy hardly decreases.
     pub(crate) fn relax(
         &self,
         surface: &Surface,
@@ -390,7 +391,7 @@ impl Metric {
         Ok(())
     }
 
-    /// Moves a vertex by a Newton step to where the triangles around it are distorted less; their energy before.
+    /// Moves a vertex by a Newton step that reduces the energy of its triangles; returns their previous energy.
     pub(crate) fn ease(
         &self,
         surface: &Surface,
@@ -434,7 +435,7 @@ impl Metric {
     }
 }
 
-/// A triangle's energy by the place x of one corner: (k − x·g) (1 + s / (x·m)²).
+/// The energy of a triangle as a function of the position x of one corner: (k − x·g) (1 + s / (x·m)²).
 pub(crate) struct Term {
     k: f64,
     g: Vector3<f64>,
@@ -466,7 +467,7 @@ impl Term {
     }
 }
 
-/// The Newton step, with the Hessian made positive.
+/// Returns the Newton step with a Hessian that is made positive.
 fn downhill(hessian: &Matrix2<f64>, gradient: &Vector2<f64>) -> Vector2<f64> {
     let eigen = hessian.symmetric_eigen();
     let largest = eigen.eigenvalues.abs().max();

@@ -1,11 +1,11 @@
-//! The unit sphere: closed surfaces laid out on it, and registered to a template's.
+//! The unit sphere: maps of closed surfaces, and their registration to a template.
 //!
-//! | module | concept |
+//! | module | contents |
 //! |---|---|
-//! | [`map`] | a closed surface without handles onto the unit sphere, one to one |
-//! | [`locate`] | which triangle on the sphere holds a place |
-//! | [`pattern`] | folds at several scales, for any mesh alike |
-//! | [`register`] | a sphere rotated and warped until its pattern is the template's |
+//! | [`map`] | one-to-one maps of closed surfaces without handles onto the unit sphere |
+//! | [`locate`] | the triangle on the sphere at a position |
+//! | [`pattern`] | the pattern of folds at several scales, comparable between meshes |
+//! | [`register`] | rotation and warp of a sphere to match a template's pattern |
 
 pub mod locate;
 pub mod map;

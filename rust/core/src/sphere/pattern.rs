@@ -1,10 +1,10 @@
-//! The pattern of folds, at several scales, the same for meshes of any density.
+//! The pattern of folds at several scales, comparable between meshes of any density.
 //!
-//! The surface is smoothed by as many averages over triangles as a scale needs. How far a point lies inwards of where it comes
-//! to lie, along the smoothed surface's normal, is its depth at that scale: positive in sulci (as FreeSurfer's `sulc`, which is the
-//! same by inflation), and then it is smoothed itself, by half the scale. Lengths count in units in which the root mean square
-//! distance of the surface from its centre is [`RADIUS`], about mm for an adult's hemisphere; depths have mean 0 and standard
-//! deviation 1 over the surface, and outliers are drawn in.
+//! The surface is smoothed by repeated averaging over triangles, more often for larger scales. The depth of a point at
+//! a scale is how far it lies inwards of its smoothed position, along the smoothed surface's normal. It is positive in
+//! sulci, like FreeSurfer's `sulc`, which is computed by inflation. The depth is then smoothed itself, by half the
+//! scale. Lengths are in units in which the root mean square distance of the surface from its centre is [`RADIUS`],
+//! which is about mm for an adult's hemisphere. Depths have mean 0 and standard deviation 1; outliers are limited.
 
 use nalgebra::Vector3;
 
@@ -19,21 +19,21 @@ pub const RADIUS: f64 = 50.0;
 /// The standard deviations of the smoothing for the depths.
 pub const SCALES: [f64; 3] = [24.0, 12.0, 6.0];
 
-/// That of the smoothing of places.
+/// The standard deviation of the smoothing of positions.
 const PLACES: f64 = 8.0;
 
-/// What is known of each vertex.
+/// The pattern at each vertex.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pattern {
-    /// Depths, scale by scale.
+    /// Depths for each scale.
     pub depths: Vec<Vec<f64>>,
-    /// Where it lies on the smoothed surface, from the centre, in units of [`RADIUS`] · root mean square distance.
+    /// The position on the smoothed surface relative to the centre, in units of [`RADIUS`] · root mean square distance.
     pub places: Vec<Vector3<f64>>,
-    /// The area around it: a third of its triangles', the surface's in all 1.
+    /// The area around it, a third of that of its triangles; the total is 1.
     pub areas: Vec<f64>,
 }
 
-/// The pattern of a closed surface.
+/// Computes the pattern of a closed surface.
 pub fn pattern(surface: &Surface, control: &Control) -> Result<Pattern> {
     let smoothing = Smoothing::new(surface.points(), surface.faces());
     let areas = smoothing.areas.clone();
@@ -54,7 +54,7 @@ pub fn pattern(surface: &Surface, control: &Control) -> Result<Pattern> {
     Ok(Pattern { depths, places: smoothing.smoothed(&points, PLACES, step, control)?, areas })
 }
 
-/// With mean 0 and standard deviation 1; what lies farther out than two is drawn in.
+/// Standardises values to mean 0 and standard deviation 1, and limits those beyond two.
 pub(crate) fn standard(values: &[f64], areas: &[f64]) -> Vec<f64> {
     let total: f64 = areas.iter().sum();
     let mut values = values.to_vec();
@@ -122,7 +122,7 @@ impl Smoothing {
         }));
     }
 
-    /// So many averages as a scale needs, where each adds a variance of `step`.
+    /// Averages as often as a scale requires, where each average adds a variance of `step`.
     pub(crate) fn smoothed(
         &self,
         values: &[Vector3<f64>],

@@ -1,42 +1,42 @@
-//! A surface's sphere, rotated and warped until the pattern of its folds is a template's.
+//! Registration: rotates and warps a surface's sphere until the pattern of its folds matches a template's.
 //!
-//! All is done on a surface of some 10,000 vertices. All rotations are tried, coarsely, by the correlation of depths and by how well
-//! one rigid motion carries the smoothed surface's places to the template's (Kabsch 1976); the best are refined. Then vertices
-//! move, step by step: each by the Gauss-Newton step of the differences (as in spherical demons, Yeo et al. 2010), which is smoothed
-//! over the sphere, and back by the energy of the [map](super::map) where triangles are distorted. No step turns a triangle over.
-//! Last, the vertices that decimation took away come back, in the kernels of their neighbours' polygons.
+//! All computations use a surface of about 10,000 vertices. First, a grid of rotations is compared by the correlation
+//! of depths and by the fit of one rigid motion from the smoothed surface's positions to the template's (Kabsch 1976).
+//! The best ones are refined. Then vertices move step by step: each by the Gauss-Newton step of the differences (as in
+//! spherical demons, Yeo et al. 2010), smoothed over the sphere, and back by the energy of the [map](super::map) where
+//! triangles are distorted. No step flips a triangle. Finally, decimated vertices are re-inserted into kernels.
 
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Rotation3, Unit, UnitQuaternion, Vector3, Vector4};
 use rayon::prelude::*;
 
 use super::locate::{Located, Locator};
-use super::map::{Metric, closed, laid_out, levels, refined};
+use super::map::{Metric, closed, levels, map_of_level, refined};
 use super::pattern::{Pattern, SCALES, Smoothing, pattern};
 use crate::adjacency::marked;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::Surface;
 
-/// Most vertices of the surface on which registration is done.
+/// The maximum number of vertices of the surface on which the registration is computed.
 const MOST_VERTICES: usize = 12_000;
 
-/// Rotations that are tried: some 11° apart.
+/// The number of rotations that are tried, about 11° apart.
 const ROTATIONS: usize = 6000;
 
-/// How many of them are judged again, at all vertices that judge, and how many of these are refined.
+/// The number of rotations that are evaluated again at more vertices, and the number of these that are refined.
 const AGAIN: usize = 300;
 const REFINED: usize = 24;
 
-/// Vertices at which rotations are judged, of which every third judges first.
-const JUDGED: usize = 450;
+/// The number of vertices at which rotations are evaluated; the first evaluation uses every third of them.
+const EVALUATED: usize = 450;
 
-/// Sweeps over the vertices that come back on a level.
+/// The number of sweeps over the re-inserted vertices of a level.
 const NEW_SWEEPS: usize = 3;
 
-/// What the scales' correlations and the rigid fit count for a rotation.
+/// The weights of the scales' correlations and of the rigid fit in the score of a rotation.
 const ROTATION_WEIGHTS: [f64; 4] = [1.0, 1.0, 0.5, 1.0];
 
-/// A template: a sphere whose pattern is known at each of its vertices.
+/// A template: a sphere with the pattern at each of its vertices.
 #[derive(Debug, Clone)]
 pub struct Template {
     sphere: Surface,
@@ -47,36 +47,36 @@ pub struct Template {
     place_slopes: [Vec<Vector3<f64>>; 3],
 }
 
-/// How well a surface's pattern agrees with a template's after the best rotation.
+/// The agreement of a surface's pattern with a template's after the best rotation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
-    /// The correlations of depths, scale by scale.
+    /// The correlations of depths for each scale.
     pub correlations: Vec<f64>,
-    /// How well a rigid motion carries the places to the template's: 1 for the same shape.
+    /// The fit of a rigid motion of the positions to the template's: 1 for the same shape.
     pub rigid: f64,
-    /// What rotations are compared by, and templates: the sum of both, weighted.
+    /// The score of rotations and of templates: the weighted sum of both.
     pub score: f64,
 }
 
 /// A surface on a template's sphere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registration {
-    /// The vertices' places on the unit sphere.
+    /// The positions of the vertices on the unit sphere.
     pub points: Vec<Vector3<f64>>,
-    /// Which template.
+    /// The index of the template.
     pub template: usize,
-    /// Of each template.
+    /// The alignment with each template.
     pub alignments: Vec<Alignment>,
-    /// The correlations of depths after the warp, scale by scale.
+    /// The correlations of depths after the warp for each scale.
     pub correlations: Vec<f64>,
-    /// The share of the variance of the template's places that an affine map of the surface's explains.
+    /// The share of the variance of the template's positions that an affine map of the surface's explains.
     pub affine: f64,
 }
 
 impl Template {
-    /// A template from a sphere, counterclockwise as seen from outside, and the [pattern](super::pattern) at its vertices: depths
-    /// scale by scale, places, and what each vertex counts.
-    /// Panics if there is not one value a vertex, or not every scale.
+    /// Creates a template from a sphere, counterclockwise as seen from outside, and the [pattern](super::pattern) at
+    /// its vertices: depths for each scale, positions, and the weight of each vertex.
+    /// Panics if values are missing for a vertex or a scale.
     pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
         assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
         assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value a vertex");
@@ -91,7 +91,7 @@ impl Template {
     }
 }
 
-/// The gradient at each vertex of a sphere of a function that is linear between vertices.
+/// Returns the gradient at each vertex of a sphere, for a function that is linear between vertices.
 fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); sphere.len()];
     let mut areas = vec![0.0; sphere.len()];
@@ -115,8 +115,8 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// A surface on the sphere of the template whose pattern agrees better after a rotation, or of the one that is named.
-/// Panics if there is no template, or not the one that is named.
+/// Registers a surface to the template whose pattern agrees better after a rotation, or to the `named` one.
+/// Panics if there is no template, or if the named one does not exist.
 pub fn register(
     surface: &Surface,
     templates: &[Template],
@@ -127,7 +127,7 @@ pub fn register(
     let levels = levels(&closed, control)?;
     let level = |n: usize| if n == 0 { &closed } else { &levels[n - 1].surface };
     let depth = (0..=levels.len()).find(|&n| level(n).len() <= MOST_VERTICES).unwrap_or(levels.len());
-    let subject = Subject::new(level(depth), laid_out(&closed, &levels, depth, control)?, control)?;
+    let subject = Subject::new(level(depth), map_of_level(&closed, &levels, depth, control)?, control)?;
     control.begin("trying rotations", ((ROTATIONS + AGAIN) * templates.len()) as u64);
     let align = |template: &Template| {
         let locator = template.locator();
@@ -165,27 +165,27 @@ impl Alignment {
     }
 }
 
-/// The surface that is registered, on its own sphere.
+/// The surface to be registered, on its own sphere.
 struct Subject<'a> {
     surface: &'a Surface,
     places: Vec<Vector3<f64>>,
     pattern: Pattern,
-    judged: Vec<u32>,
+    evaluated: Vec<u32>,
 }
 
-/// What one stage of the warp does.
+/// The parameters of one stage of the warp.
 struct Stage {
     steps: usize,
-    /// What differences of depths count, scale by scale, and of places.
+    /// The weights of differences of depths for each scale, and of positions.
     depths: [f64; 3],
     places: f64,
-    /// The standard deviation of the smoothing of steps, radians.
+    /// The standard deviation of the smoothing of steps in radians.
     smoothing: f64,
-    /// The sweeps that undo distortion, after each step.
+    /// The number of sweeps that reduce distortion after each step.
     sweeps: usize,
 }
 
-/// First the shape of the whole, then its folds, ever finer.
+/// First the overall shape, then finer and finer folds.
 const STAGES: [Stage; 4] = [
     Stage { steps: 20, depths: [0.0, 0.0, 0.0], places: 4.0, smoothing: 0.30, sweeps: 1 },
     Stage { steps: 30, depths: [0.5, 0.5, 0.0], places: 3.0, smoothing: 0.15, sweeps: 1 },
@@ -193,34 +193,34 @@ const STAGES: [Stage; 4] = [
     Stage { steps: 30, depths: [0.0, 1.0, 1.0], places: 2.0, smoothing: 0.08, sweeps: 1 },
 ];
 
-/// Differences of places count in this unit (of [`super::pattern::RADIUS`]).
+/// The unit of differences of positions (relative to [`super::pattern::RADIUS`]).
 const PLACE_UNIT: f64 = 20.0;
 
-/// The share of the Gauss-Newton step's matrix, beside its own, that shortens steps: differences of 1 and slopes of 1 a radian.
+/// The damping that is added to the diagonal of the Gauss-Newton matrix and shortens steps, for slopes in 1/radian.
 const DAMPING: f64 = 2.0;
 
-/// The longest step, radians.
+/// The longest step in radians.
 const LONGEST: f64 = 0.05;
 
 impl<'a> Subject<'a> {
     fn new(surface: &'a Surface, places: Vec<Vector3<f64>>, control: &Control) -> Result<Self> {
         let pattern = pattern(surface, control)?;
         // evenly by area, in the order of the vertices
-        let (mut judged, mut sum) = (Vec::with_capacity(JUDGED), 0.0);
+        let (mut evaluated, mut sum) = (Vec::with_capacity(EVALUATED), 0.0);
         for (v, area) in pattern.areas.iter().enumerate() {
-            sum += area * JUDGED as f64;
-            if sum > judged.len() as f64 + 0.5 {
-                judged.push(v as u32);
+            sum += area * EVALUATED as f64;
+            if sum > evaluated.len() as f64 + 0.5 {
+                evaluated.push(v as u32);
             }
         }
-        Ok(Self { surface, places, pattern, judged })
+        Ok(Self { surface, places, pattern, evaluated })
     }
 
     fn all(&self) -> Vec<u32> {
         (0..self.places.len() as u32).collect()
     }
 
-    /// The correlations of depths with a template's.
+    /// Returns the correlations of depths with a template's.
     fn agreement(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> Vec<f64> {
         let all = self.all();
         self.correlations(template, &all, &located(locator, &all, places))
@@ -248,7 +248,7 @@ impl<'a> Subject<'a> {
         (0..SCALES.len()).map(of_scale).collect()
     }
 
-    /// How well one rigid motion carries the places to the template's, which lie at `at`: 1 for the same shape.
+    /// Returns the fit of a rigid motion of the positions to the template's at `at`: 1 for the same shape.
     fn rigid_fit(&self, template: &Template, of: &[u32], at: &[Located]) -> f64 {
         let faces = template.sphere.faces();
         let pairs: Vec<[Vector3<f64>; 2]> = of
@@ -275,7 +275,7 @@ impl<'a> Subject<'a> {
         (values[0] + values[1] + values[2] * cross.determinant().signum()) / (squares[0] * squares[1]).sqrt()
     }
 
-    /// The rotation after which the patterns agree best.
+    /// Returns the rotation after which the patterns agree best.
     fn rotation(&self, template: &Template, locator: &Locator<'_>, control: &Control) -> Result<Rotation3<f64>> {
         let score = |rotation: &Rotation3<f64>, of: &[u32]| {
             let at: Vec<Located> = of.iter().map(|&v| locator.locate(&(rotation * self.places[v as usize]))).collect();
@@ -283,19 +283,19 @@ impl<'a> Subject<'a> {
             Alignment::new(correlations, self.rigid_fit(template, of, &at)).score
         };
         let best = |of: &[u32], among: Vec<usize>, count: usize| {
-            let judge = |n: usize| {
+            let evaluate = |n: usize| {
                 control.check()?;
                 control.advance();
                 Ok((score(&rotation(n, ROTATIONS), of), n))
             };
-            let mut found: Vec<(f64, usize)> = among.into_par_iter().map(judge).collect::<Result<_>>()?;
+            let mut found: Vec<(f64, usize)> = among.into_par_iter().map(evaluate).collect::<Result<_>>()?;
             found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             found.truncate(count);
             Ok(found)
         };
-        let few: Vec<u32> = self.judged.iter().copied().step_by(3).collect();
+        let few: Vec<u32> = self.evaluated.iter().copied().step_by(3).collect();
         let promising = best(&few, (0..ROTATIONS).collect(), AGAIN)?.into_iter().map(|(_, n)| n).collect();
-        let tried = best(&self.judged, promising, REFINED)?;
+        let tried = best(&self.evaluated, promising, REFINED)?;
         let refine = |&(value, n): &(f64, usize)| {
             let (mut best, mut value) = (rotation(n, ROTATIONS), value);
             for angle in [0.1f64, 0.05, 0.025, 0.0125] {
@@ -305,7 +305,7 @@ impl<'a> Subject<'a> {
                     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
                         for turn in [angle, -angle] {
                             let other = Rotation3::from_axis_angle(&Unit::new_unchecked(axis), turn) * best;
-                            let of_other = score(&other, &self.judged);
+                            let of_other = score(&other, &self.evaluated);
                             if of_other > value {
                                 (best, value) = (other, of_other);
                             }
@@ -323,8 +323,7 @@ impl<'a> Subject<'a> {
         Ok(best.map_or_else(Rotation3::identity, |best| best.2))
     }
 
-    /// The affine map, by least squares, that carries the places to the template's, and the share of their variance that it leaves
-    /// explained.
+    /// Returns the least-squares affine map of the positions to the template's, and the explained variance share.
     fn affine(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> (Matrix3x4<f64>, f64) {
         let faces = template.sphere.faces();
         let (mut normal, mut right) = (Matrix4::zeros(), Matrix3x4::zeros());
@@ -353,7 +352,7 @@ impl<'a> Subject<'a> {
         let faces = template.sphere.faces();
         let metric = Metric::new(&self.surface.moved(places.to_vec())?);
         let smoothing = Smoothing::new(places, self.surface.faces());
-        control.begin("warping", STAGES.iter().map(|stage| stage.steps as u64).sum());
+        control.begin("warping the sphere", STAGES.iter().map(|stage| stage.steps as u64).sum());
         let mut ring = Vec::new();
         for stage in &STAGES {
             let mut affine = Matrix3x4::zeros();
@@ -407,7 +406,7 @@ fn located(locator: &Locator<'_>, of: &[u32], places: &[Vector3<f64>]) -> Vec<Lo
     of.iter().map(|&v| locator.locate(&places[v as usize])).collect()
 }
 
-/// The weighted correlation of pairs.
+/// Returns the weighted correlation of pairs.
 fn correlation(pairs: impl Iterator<Item = [f64; 2]>, weights: &[f64]) -> f64 {
     let mut sums = [0.0; 6];
     for ([x, y], w) in pairs.zip(weights) {
@@ -420,7 +419,7 @@ fn correlation(pairs: impl Iterator<Item = [f64; 2]>, weights: &[f64]) -> f64 {
     if spread > 0.0 { (n * xy - x * y) / spread.sqrt() } else { 0.0 }
 }
 
-/// The n-th of evenly spread rotations (super-Fibonacci spirals, Alexa 2022).
+/// Returns the n-th of evenly spread rotations (super-Fibonacci spirals, Alexa 2022).
 fn rotation(n: usize, count: usize) -> Rotation3<f64> {
     const PHI: f64 = std::f64::consts::SQRT_2;
     const PSI: f64 = 1.533_751_168_755_204_3;

@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 use proptest::prelude::*;
 
 use super::locate::Locator;
-use super::map::{spherical_map, turned_over};
+use super::map::{flipped, spherical_map};
 use super::pattern::pattern;
 use super::register::{Template, register};
 use crate::control::Control;
@@ -12,13 +12,13 @@ use crate::error::Error;
 use crate::surface::Surface;
 use crate::surface::mesh::shapes;
 
-/// A sphere, each point moved by a function.
+/// A sphere whose points are moved by a function.
 fn bent(times: usize, by: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Surface {
     let (points, faces) = shapes::sphere(times);
     shapes::surface((points.into_iter().map(|p| by(p.into()).into()).collect(), faces))
 }
 
-/// One that looks different from all sides.
+/// A shape without symmetries.
 fn folded(p: Vector3<f64>) -> Vector3<f64> {
     let ripples = 0.12 * (7.0 * p.x + 2.0 * p.z).sin() + 0.1 * (8.0 * p.y - 3.0 * p.x * p.x).sin();
     Vector3::new(1.0 * p.x + 0.3 * p.y * p.y, 1.6 * p.y, 0.8 * p.z + 0.2 * p.x) * (1.0 + ripples)
@@ -30,7 +30,7 @@ fn excess([a, b, c]: [Vector3<f64>; 3]) -> f64 {
 }
 
 fn assert_covers_once(faces: &[[u32; 3]], places: &[Vector3<f64>]) {
-    assert_eq!(turned_over(faces, places), 0);
+    assert_eq!(flipped(faces, places), 0);
     let area: f64 = faces.iter().map(|face| excess(face.map(|v| places[v as usize]))).sum();
     assert!((area - 4.0 * PI).abs() < 1e-9, "{area}");
     assert!(places.iter().all(|place| (place.norm() - 1.0).abs() < 1e-12));
@@ -83,11 +83,11 @@ fn holes_are_closed_and_handles_are_refused() {
     let sphere = shapes::surface(shapes::sphere(4));
     let holed = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z < 0.8 && p.x < 0.98).collect::<Vec<_>>());
     let places = spherical_map(&holed, &Control::default()).unwrap();
-    assert_eq!((places.len(), turned_over(holed.faces(), &places)), (holed.len(), 0));
-    // a boundary of more edges than are filled at once
+    assert_eq!((places.len(), flipped(holed.faces(), &places)), (holed.len(), 0));
+    // a boundary with more edges than are filled at once
     let disk = shapes::surface(shapes::sheet(200, 3));
     let places = spherical_map(&disk, &Control::default()).unwrap();
-    assert_eq!((places.len(), turned_over(disk.faces(), &places)), (disk.len(), 0));
+    assert_eq!((places.len(), flipped(disk.faces(), &places)), (disk.len(), 0));
     let torus = shapes::surface(shapes::torus(12, 7));
     let refused = Error::NotASphere { components: 1, loops: 0, handles: 1 };
     assert_eq!(spherical_map(&torus, &Control::default()), Err(refused));

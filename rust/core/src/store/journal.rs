@@ -1,4 +1,4 @@
-//! The journal of a store: which rows are finished, with their checksums. One JSON object a line.
+//! The journal of a store: the finished rows with their checksums, one JSON object per line.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write};
@@ -7,28 +7,28 @@ use std::sync::Mutex;
 
 use crate::error::{Error, Result};
 
-/// The first line of every journal begins with this.
+/// The beginning of the first line of every journal.
 const FORMAT: &str = "{\"format\": \"voxflat rows 2\", ";
 
-/// Says that all rows are finished and on the disk.
+/// The line which records that all rows are finished and on the disk.
 const COMPLETE: &str = "{\"complete\": true}";
 
 #[derive(Debug, PartialEq)]
 pub struct Entries {
-    /// The checksum of each row that was finished.
+    /// The checksum of each finished row.
     pub checksums: Vec<Option<u32>>,
-    /// Does it say that all of them are?
+    /// Whether the journal records that all rows are finished.
     pub complete: bool,
 }
 
-/// The first line of a journal of these rows.
+/// Returns the first line of a journal of these rows.
 pub fn header(identity: &str, rows: usize, columns: usize) -> String {
     format!("{FORMAT}\"identity\": \"{identity}\", \"rows\": {rows}, \"columns\": {columns}}}")
 }
 
-/// What the journal at `path` says of so many rows; nothing if there is none. Lines that cannot be read, such as a last
-/// one that was torn, say nothing: their rows are not finished.
-/// Errors: [`Error::StoreForeign`] if it begins otherwise than with `header`, [`Error::StoreFailed`].
+/// Reads the journal at `path` for `rows` rows; returns nothing if there is no journal. Unreadable lines, such as a
+/// truncated last line, are ignored: their rows are not finished.
+/// Errors: [`Error::StoreForeign`] if it does not begin with `header`, [`Error::StoreFailed`].
 pub fn read(path: &Path, header: &str, rows: usize) -> Result<Option<Entries>> {
     let bytes = match fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
@@ -67,7 +67,7 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Begins a journal with the rows that are known; it takes the place of an older one when it is complete so far.
+    /// Begins a journal with the known rows. It replaces an older journal once these are written.
     pub fn begin(path: PathBuf, header: &str, checksums: &[Option<u32>]) -> Result<Self> {
         let known = checksums.iter().enumerate().filter_map(|(row, known)| known.map(|sum| line(row, sum)));
         let text: String = std::iter::once(format!("{header}\n")).chain(known).collect();
@@ -82,12 +82,12 @@ impl Journal {
         Ok(Self { path, file })
     }
 
-    /// Enters a row whose data are written.
+    /// Enters a row whose values are written.
     pub fn add(&self, row: usize, checksum: u32) -> Result<()> {
         self.append(&line(row, checksum))
     }
 
-    /// Enters that all rows are finished, once their data are on the disk.
+    /// Enters that all rows are finished, once their values are on the disk.
     pub fn complete(&self) -> Result<()> {
         self.append(&format!("{COMPLETE}\n"))?;
         let file = self.file.lock().unwrap_or_else(|poisoned| poisoned.into_inner());

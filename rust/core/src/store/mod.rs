@@ -1,13 +1,13 @@
-//! Distance rows on disk: out of core, resumable, checked.
+//! Distance rows on disk: computed out of core, resumable, and checked.
 //!
-//! A store is a directory with a table of all rows, `rows.npy`, and a journal, `journal.jsonl`. Rows are computed bundle by
-//! bundle, each in the memory of one thread. A row is written to its place in the table; then its checksum is entered in the
-//! journal. Whoever opens the store again reads every row that the journal knows, and computes anew what does not agree with its
-//! checksum. So no order of writes needs to be forced on the disk: whatever a crash leaves, of table and journal, only a row that
-//! is there as it was computed counts. Once all are, the table is synchronised with the disk, and then the journal says that
-//! the store is complete.
+//! A store is a directory with a table of all rows, `rows.npy`, and a journal, `journal.jsonl`. Rows are computed in
+//! bundles, each in the memory of one thread. A row is first written to its place in the table; then its checksum is
+//! added to the journal. When a store is opened again, every row in the journal is read, and rows that do not match
+//! their checksum are computed again. Therefore the order of writes to the disk does not matter: after a crash, only
+//! rows that are stored as they were computed count. When all rows are finished, the table is synchronised with the
+//! disk, and then the journal records that the store is complete.
 //!
-//! Numbers depend on the solver and the sources alone. Neither threads nor interruptions change a bit.
+//! The values depend only on the solver and the sources. Threads and interruptions do not change a bit.
 
 mod journal;
 mod npy;
@@ -24,36 +24,35 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::bundle::{BundleScratch, MOST_SOURCES};
+use crate::parallel::in_turn;
 use crate::rows::{Rows, fill};
-use crate::turns::in_turn;
 use journal::Journal;
 use npy::{CHUNK, NpyFile, VALUE};
 
-/// The names of what a store consists of.
+/// The names of the files in a store.
 const TABLE: &str = "rows.npy";
 const JOURNAL: &str = "journal.jsonl";
 
-/// How long a lock is waited for: work that was cancelled lets it go within this time.
+/// How long to wait for a lock. Cancelled work releases it within this time.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// The memory in bytes that computing a store needs at most: for each thread a bundle of rows, what is written at once, and what
-/// it computes them in.
+/// Returns the maximum memory in bytes for computing a store: a bundle of rows, a buffer and a solver per thread.
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     let height = MOST_SOURCES.min(rows.div_ceil(threads.max(1)));
     let at_once = threads.min(rows) as u64;
     at_once * (CHUNK as u64 + (height * columns * VALUE) as u64 + BundleScratch::memory_need(columns))
 }
 
-/// What was in a store when it was opened.
+/// The contents of a store when it was opened.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Found {
-    /// Rows that were finished and sound.
+    /// The number of finished rows that match their checksum.
     pub rows: usize,
-    /// Rows that did not agree with their checksum.
+    /// The number of rows that do not match their checksum.
     pub damaged: usize,
 }
 
-/// All rows from some sources, on disk. No other process can compute them while this lives.
+/// All rows from some sources, on disk. No other process can compute them during the lifetime of this value.
 #[derive(Debug)]
 pub struct Store {
     table: NpyFile,
@@ -65,12 +64,12 @@ pub struct Store {
 }
 
 impl Store {
-    /// Computes the rows from `sources` that are not in the store yet.
+    /// Computes the rows from `sources` that the store does not contain yet.
     ///
-    /// The directory must exist; of an empty one a store is made. `identity` says what is measured (a hash in letters and
-    /// digits): a store of another identity is refused.
-    /// Errors: [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a vertex lies in
-    /// another component; [`Error::Cancelled`]. Whatever happens, finished rows are kept.
+    /// The directory must exist; if it is empty, a store is created. `identity` identifies the surface and the
+    /// distances (a hash of letters and digits); a store with another identity is refused.
+    /// Errors: [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a
+    /// vertex lies in another component; [`Error::Cancelled`]. Finished rows are kept in every case.
     pub fn compute<S: Solver>(
         directory: &Path,
         identity: &str,
@@ -94,14 +93,15 @@ impl Store {
         Ok(Self { table, sources: sources.to_vec(), columns, checksums, found, _lock: lock })
     }
 
-    /// Makes a store whose rows others compute, or finds what is in it.
-    pub fn lay_out(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
+    /// Creates a store whose rows other processes compute, or opens an existing one.
+    pub fn create(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
         Ok(open(directory, identity, rows, columns, control)?.found)
     }
 
-    /// Computes some of the rows, by their numbers, of a store that another process has [laid out](Self::lay_out). They are entered in a
-    /// journal of their own in the directory `part`, which must exist; what that knows is not computed again.
-    /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if there is no table.
+    /// Computes some rows, given by their numbers, of a store that another process created with
+    /// [`create`](Self::create). They are entered in a separate journal in the directory `part`, which must exist.
+    /// Rows in that journal are not computed again.
+    /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if the table does not exist.
     pub fn compute_part<S: Solver>(
         directory: &Path,
         part: &Path,
@@ -122,13 +122,13 @@ impl Store {
         table.sync()
     }
 
-    /// What was there already.
+    /// Returns the contents of the store when it was opened.
     pub fn found(&self) -> Found {
         self.found
     }
 }
 
-/// Reads rows of a store's table, whoever wrote them: the numbers of those that do not agree with their checksum, where one is known.
+/// Reads rows of a store's table, and returns the numbers of those that do not match a known checksum.
 pub fn damaged_rows(directory: &Path, columns: usize, known: &[Option<u32>], control: &Control) -> Result<Vec<usize>> {
     let sound = verify(&NpyFile::new(directory.join(TABLE), known.len(), columns), known, control)?;
     Ok((0..known.len()).filter(|&row| sound[row] != known[row]).collect())
@@ -143,7 +143,7 @@ impl Rows for Store {
         self.columns
     }
 
-    /// Reads some rows at a time, and compares checksums.
+    /// Reads a few rows at a time, and compares checksums.
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         let mut rows = vec![0.0; MOST_SOURCES.min(self.sources.len()) * self.columns];
         for (n, checksums) in self.checksums.chunks(MOST_SOURCES).enumerate() {
@@ -160,25 +160,25 @@ impl Rows for Store {
     }
 }
 
-/// A store, and what is in it.
+/// A store and its contents.
 struct Opened {
     lock: File,
     table: NpyFile,
-    /// Where rows are to be entered, unless all of them are there.
+    /// The journal for new rows; none if all rows are finished.
     journal: Option<Journal>,
     found: Found,
-    /// The checksum of each row that agrees with it.
+    /// The checksum of each row that matches it.
     sound: Vec<Option<u32>>,
 }
 
-/// Opens a store, or makes one; reads all that is there.
+/// Opens or creates a store, and reads all of its contents.
 fn open(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Opened> {
     let lock = lock(directory, control)?;
     let header = journal::header(identity, rows, columns);
     let path = directory.join(JOURNAL);
     let entries = journal::read(&path, &header, rows)?;
     let table = NpyFile::new(directory.join(TABLE), rows, columns);
-    table.lay_out()?;
+    table.allocate()?;
     let (known, is_complete) = entries.map_or((vec![None; rows], false), |e| (e.checksums, e.complete));
     let sound = verify(&table, &known, control)?;
     let is_there = sound.iter().flatten().count();
@@ -187,7 +187,7 @@ fn open(directory: &Path, identity: &str, rows: usize, columns: usize, control: 
     Ok(Opened { lock, table, journal, found, sound })
 }
 
-/// The known checksums of rows that agree with them.
+/// Returns the known checksums of the rows that match them.
 fn verify(table: &NpyFile, known: &[Option<u32>], control: &Control) -> Result<Vec<Option<u32>>> {
     control.begin("checking the store", known.iter().flatten().count() as u64);
     let agrees = |(row, checksum): (usize, &Option<u32>)| {
@@ -199,7 +199,7 @@ fn verify(table: &NpyFile, known: &[Option<u32>], control: &Control) -> Result<V
     known.par_iter().enumerate().map(agrees).collect()
 }
 
-/// Computes and writes those of the rows that have no checksum; all checksums that are known then.
+/// Computes and writes the rows without a checksum, and returns all checksums.
 fn compute_missing<S: Solver>(
     table: &NpyFile,
     journal: &Journal,
@@ -231,8 +231,8 @@ fn compute_missing<S: Solver>(
     Ok(checksums)
 }
 
-/// The lock of a store, which the system takes back when its holder ends, however that comes about. It holds the number of
-/// its holder's process, for messages.
+/// Locks a store. The operating system releases the lock when the holding process ends for any reason. The lock file
+/// holds the process number of its holder, for messages.
 fn lock(directory: &Path, control: &Control) -> Result<File> {
     let path = directory.join("lock");
     let failed = || Error::of_store("write", &path);

@@ -1,4 +1,4 @@
-//! A table of f32 on disk, as `numpy.save` writes it: little-endian, row by row, behind a header of version 1.0.
+//! A table of f32 on disk, in the format of `numpy.save`: little-endian, row by row, after a header of version 1.0.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
@@ -9,10 +9,10 @@ use crate::error::{Error, Result};
 
 pub const VALUE: usize = size_of::<f32>();
 
-/// Bytes that are moved at a time, between two looks at the control.
+/// The number of bytes that are transferred between two checks for cancellation.
 pub const CHUNK: usize = 1 << 20;
 
-/// A file of `rows` × `columns` values. Each call opens it anew, so that threads need not share a position.
+/// A file of `rows` × `columns` values. Each call opens it again, so that threads do not share a file position.
 #[derive(Debug)]
 pub struct NpyFile {
     path: PathBuf,
@@ -22,7 +22,7 @@ pub struct NpyFile {
 }
 
 impl NpyFile {
-    /// The table of this shape at `path`, which need not exist.
+    /// Describes the table of this shape at `path`, which need not exist.
     pub fn new(path: PathBuf, rows: usize, columns: usize) -> Self {
         Self { path, header: header(rows, columns), rows, columns }
     }
@@ -31,8 +31,8 @@ impl NpyFile {
         &self.path
     }
 
-    /// Gives the file its header and its length, where it has not got them; what values it holds stay.
-    pub fn lay_out(&self) -> Result<()> {
+    /// Writes the header and sets the length of the file where they are missing; existing values remain.
+    pub fn allocate(&self) -> Result<()> {
         let write = || {
             let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&self.path)?;
             let mut found = vec![0; self.header.len()];
@@ -81,7 +81,7 @@ impl NpyFile {
         self.pass(row, control, |_| ())
     }
 
-    /// Waits until everything that was written is on the disk.
+    /// Waits until all written data are on the disk.
     pub fn sync(&self) -> Result<()> {
         let sync = || OpenOptions::new().write(true).open(&self.path)?.sync_all();
         sync().map_err(Error::of_store("write", &self.path))
@@ -111,7 +111,7 @@ impl NpyFile {
     }
 }
 
-/// The header of NumPy's format 1.0; values begin at a multiple of 64 bytes.
+/// Returns the header of NumPy's format 1.0. Values begin at a multiple of 64 bytes.
 fn header(rows: usize, columns: usize) -> Vec<u8> {
     let mut text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
     let prefix = 10; // magic, version, length
@@ -134,7 +134,7 @@ mod tests {
         let folder = Folder::new("table");
         let columns = CHUNK / VALUE + 7; // rows that are no whole number of chunks
         let table = NpyFile::new(folder.path().join("rows.npy"), 3, columns);
-        table.lay_out().unwrap();
+        table.allocate().unwrap();
         let rows: Vec<Vec<f32>> = [3.0, 7.0].map(|by| (0..columns).map(|n| n as f32 / by).collect()).into();
         let control = Control::default();
         for (number, values) in (1..).zip(&rows) {
@@ -155,10 +155,10 @@ mod tests {
         let path = folder.path().join("rows.npy");
         let table = NpyFile::new(path.clone(), 2, 5);
         let control = Control::default();
-        table.lay_out().unwrap();
+        table.allocate().unwrap();
         assert_eq!(table.write(0, &[1.0; 5], &control), table.write(1, &[1.0; 5], &control));
         OpenOptions::new().write(true).open(&path).unwrap().set_len(128 + 20 + 8).unwrap();
-        table.lay_out().unwrap();
+        table.allocate().unwrap();
         let mut values = [9.0; 5];
         table.read(1, &mut values, &control).unwrap();
         assert_eq!(values, [1.0, 1.0, 0.0, 0.0, 0.0]);

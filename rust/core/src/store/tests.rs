@@ -1,4 +1,4 @@
-//! A store is interrupted, damaged, shared; its rows are those of an uninterrupted run nevertheless.
+//! Stores that are interrupted, damaged or shared have the same rows as after an uninterrupted run.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use crate::tests::{Altered, chained, with_threads};
 use crate::volume::Mask;
 use proptest::prelude::*;
 
-/// A new directory that goes when it is dropped.
+/// A new directory that is removed when it is dropped.
 pub struct Folder(PathBuf);
 
 impl Folder {
@@ -50,7 +50,7 @@ fn sources() -> Vec<u32> {
     (0..ROWS as u32).map(|n| (n * 7 + 3) % 72).collect()
 }
 
-/// A solver that fails after so many rows, and counts them.
+/// A solver that counts rows, and fails after a number of them.
 fn until<'a>(graph: &'a VoxelGraph, rows: &'a AtomicUsize, last: usize) -> impl Solver + 'a {
     rows.store(0, Ordering::Relaxed);
     let count = move |_: &mut [f32]| match rows.fetch_add(1, Ordering::Relaxed) < last {
@@ -121,7 +121,7 @@ proptest! {
             }
             let lines = String::from_utf8(folder.bytes("journal.jsonl")).unwrap();
             let now = lines.matches("crc32").count();
-            // no more than a row a thread is lost
+            // at most one row per thread is lost
             prop_assert!(now >= finished && now + threads >= finished + stop.min(ROWS - finished));
             finished = now;
         }
@@ -179,8 +179,8 @@ fn parts_by_several_make_the_store_that_one_would() {
     parts.iter().for_each(|part| fs::create_dir(part).unwrap());
     let (first, second): (Vec<u32>, Vec<u32>) = (0..ROWS as u32).partition(|row| row % 3 == 1);
     let told = of(&parts[0], &first, ROWS).unwrap_err();
-    assert!(matches!(told, Error::StoreFailed { .. })); // nobody has laid the table out
-    let nothing = Store::lay_out(folder.path(), "a1", ROWS, graph.columns(), &control).unwrap();
+    assert!(matches!(told, Error::StoreFailed { .. })); // the table was not created
+    let nothing = Store::create(folder.path(), "a1", ROWS, graph.columns(), &control).unwrap();
     assert_eq!(nothing, Found::default());
     assert_eq!(of(&parts[0], &first, 5), Err(Error::Cancelled));
     of(&parts[0], &first, ROWS).unwrap();

@@ -1,13 +1,13 @@
-//! Surfaces: the triangles that everything works on, and how a label volume becomes such.
+//! Surfaces: the triangles that all stages use, and their extraction from a label volume.
 //!
-//! | module | concept |
+//! | module | contents |
 //! |---|---|
-//! | [`mesh`] | the [`Surface`] itself, loose triangles joined to one, paths along its edges, curvature |
-//! | [`topology`] | components, handles and the loops around them, boundary loops; thin places |
-//! | [`cuts`] | along paths, or until a disk is left; small holes closed |
-//! | [`decimate`] | fewer vertices, each of them one of the surface's own |
-//! | [`sulcal_depth`](mod@sulcal_depth) | how deep a place lies in a fold |
-//! | [`voxels`] | surface voxels and their graph; repair; surfels, nodes and their places: a volume's surface |
+//! | [`mesh`] | the [`Surface`] itself, its assembly from triangles, paths along its edges, curvature |
+//! | [`topology`] | components, handles and the loops around them, boundary loops; thin parts |
+//! | [`cuts`] | cuts along paths, or until a disk is left; filling of small holes |
+//! | [`decimate`] | decimation to a subset of the vertices |
+//! | [`sulcal_depth`](mod@sulcal_depth) | the depth of each vertex within a fold |
+//! | [`voxels`] | surfaces of volumes: surface voxels and their graph; repair; surfels, nodes and their positions |
 
 pub mod cuts;
 pub mod decimate;

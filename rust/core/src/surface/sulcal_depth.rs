@@ -1,4 +1,4 @@
-//! How deep a place lies in a fold: what the surface moves outwards there while it unfolds.
+//! Sulcal depth: how far the surface moves outwards while it unfolds.
 
 use nalgebra::Vector3;
 
@@ -8,30 +8,32 @@ use crate::surface::decimate::{Options, decimate};
 use crate::surface::mesh::diffusion::{Stiffness, masses};
 use crate::surface::mesh::{Surface, vertex_normals};
 
-/// Vertices of the largest surface that flows as it is: with triangles of 1 mm and less the solver's steps grow faster than vertices.
+/// The most vertices without decimation: with triangles below 1 mm, the solver's steps grow faster than vertices.
 pub const FINEST: usize = 200_000;
 
-/// Steps of the flow; with more, depths change by half a mm on average on a hemisphere.
+/// The number of steps of the flow; with more, depths change by half a mm on average on a hemisphere.
 const STEPS: usize = 8;
-/// The least area that a vertex is taken to have, as a part of that which it had: what shrinks to a point (a stub, the temporal
-/// pole) would go on moving for nothing. With a third, depths agree best with FreeSurfer's (docs/decisions/0024-anatomy.md).
+/// The smallest area of a vertex, as a share of its initial area. Parts that shrink to a point (a stub, the temporal
+/// pole) would otherwise continue to move. With a third, depths agree best with FreeSurfer's
+/// (docs/decisions/0024-anatomy.md).
 const LEAST_AREA: f64 = 1.0 / 3.0;
 
-/// The sulcal depth of each vertex, mm: positive in sulci, negative on gyri, 0 on average over each component's area.
+/// Returns the sulcal depth of each vertex in mm: positive in sulci, negative on gyri, with area mean 0 per component.
 ///
-/// As FreeSurfer's `sulc` (Fischl, Sereno, Dale 1999), it is the way that a vertex moves along the outer normal while the surface
-/// unfolds, Σ n · (y − x). Here it unfolds by mean curvature flow with the metric's conformal class held (Kazhdan, Solomon,
-/// Ben-Chen 2012), M(x) ẋ = −L x, in steps of backward Euler, for `flow` mm²: folds of wavelength λ shrink by exp(−(2π/λ)² flow).
-/// L is made once, of the surface as it is, so nothing pinches off; M are the vertices' areas as they become, but at least a third of
-/// what they were. The flow knows lengths, not triangles. A boundary is free.
+/// As FreeSurfer's `sulc` (Fischl, Sereno, Dale 1999), it is the displacement of a vertex along the outer normal while
+/// the surface unfolds, Σ n · (y − x). Here, the surface unfolds by mean curvature flow within the metric's conformal
+/// class (Kazhdan, Solomon, Ben-Chen 2012), M(x) ẋ = −L x, in backward Euler steps, for `flow` mm²: folds of wavelength
+/// λ shrink by exp(−(2π/λ)² flow). L is computed once, from the initial surface, so that nothing pinches off. M are the
+/// current areas of the vertices, but at least a third of the initial ones. The flow depends on lengths, not on
+/// triangles. A boundary is free.
 ///
-/// A surface of more than [`FINEST`] vertices is decimated to a third of them; what went gets the depth of its neighbours, by their
-/// weights.
+/// A surface with more than [`FINEST`] vertices is decimated to a third; others get the weighted depth of their
+/// neighbours.
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     if surface.len() > FINEST { by_fewer(surface, FINEST / 3, flow, control) } else { by_all(surface, flow, control) }
 }
 
-/// By the depths of so many vertices.
+/// Computes the depths on a decimated surface.
 fn by_fewer(surface: &Surface, vertices: usize, flow: f64, control: &Control) -> Result<Vec<f64>> {
     let coarse = decimate(surface, &[], &Options { vertices, ..Options::default() }, control)?;
     let mut depth = vec![0.0; surface.len()];
@@ -46,7 +48,7 @@ fn by_fewer(surface: &Surface, vertices: usize, flow: f64, control: &Control) ->
 }
 
 fn by_all(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
-    control.begin("sulcal depth", STEPS as u64);
+    control.begin("computing sulcal depth", STEPS as u64);
     let stiffness = Stiffness::new(surface);
     let components = surface.components(); // of the faces
     let mut of = vec![0; surface.len()];
@@ -55,7 +57,7 @@ fn by_all(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     }
     let first_mass = masses(surface.points(), surface.faces());
     let centres = means(surface.points(), &first_mass, &of, components.count());
-    // from each component's own centre: shrinking is towards it, and numbers stay small
+    // relative to the centre of each component, towards which it shrinks; this keeps numbers small
     let mut x: Vec<Vector3<f64>> = surface.points().iter().zip(&of).map(|(p, &c)| p - centres[c as usize]).collect();
     let mut depth = vec![0.0; x.len()];
     for _ in 0..STEPS {
@@ -76,7 +78,7 @@ fn by_all(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     Ok(depth.iter().zip(&of).map(|(d, &c)| d - level[c as usize].x).collect())
 }
 
-/// The mean over each component, vertices weighted by their areas.
+/// Returns the mean over each component, with vertices weighted by their areas.
 fn means(values: &[Vector3<f64>], mass: &[f64], of: &[u32], count: usize) -> Vec<Vector3<f64>> {
     let mut sums = vec![(Vector3::zeros(), 0.0); count];
     for ((value, mass), &c) in values.iter().zip(mass).zip(of) {

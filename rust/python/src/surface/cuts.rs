@@ -1,4 +1,4 @@
-//! What a surface is made of, and cutting it open.
+//! The topology of a surface, and its cuts.
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
@@ -16,7 +16,7 @@ use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
-    /// Components (largest area first), boundary loops and what else counts the surface.
+    /// Return the components (largest area first), the boundary loops and the counts of the surface.
     fn topology<'py>(&self, py: Python<'py>) -> PyResult<Dict<'py>> {
         let (topology, boundary) = self.run(py, Some(1), &None, move |inner, _| {
             let topology = Topology::of(&inner.surface);
@@ -51,14 +51,14 @@ impl Surface {
         ))
     }
 
-    /// A short loop around each handle: its vertices, length (mm) and centre (mm).
+    /// Return a short loop around each handle: its vertices, length (mm) and centre (mm).
     #[pyo3(signature = (threads=None, progress=None))]
     fn handles<'py>(&self, py: Python<'py>, threads: Threads, progress: Progress<'py>) -> PyResult<List<'py>> {
         let found = self.run(py, threads, &progress, move |inner, control| handles(&inner.surface, control))?;
         handle_list(py, &found)
     }
 
-    /// The surface cut open along a short loop around each handle, and these.
+    /// Cut the surface open along a short loop around each handle; return it and the loops.
     #[pyo3(signature = (threads=None, progress=None))]
     fn cut_handles<'py>(
         &self,
@@ -71,13 +71,13 @@ impl Surface {
         Ok((cut.into(), handle_list(py, &found)?))
     }
 
-    /// The surface cut open along paths of neighbouring vertices.
+    /// Cut the surface open along paths of neighbouring vertices.
     fn cut(&self, py: Python<'_>, paths: Vec<Vec<u32>>) -> PyResult<Self> {
         convert::check_vertices(paths.iter().flatten().copied(), self.0.surface.len())?;
         self.run(py, Some(1), &None, move |inner, _| Ok(cuts::cut(&inner.surface, &paths)?.into()))
     }
 
-    /// The surface cut open to a disk, and the cuts: vertices, length (mm) and reason.
+    /// Cut the surface open to a disk; return it and the cuts: vertices, length (mm) and reason.
     #[pyo3(signature = (threads=None, progress=None))]
     fn open_to_disk<'py>(
         &self,
@@ -91,9 +91,9 @@ impl Surface {
         Ok((opened.surface.into(), list))
     }
 
-    /// A disk with relaxation cuts of a length in all, or as many as pay, if the error of distances is more than what is bearable,
-    /// and they take a share off it, within a distance (mm) of the cuts that it has; the cuts, and that error of a coarse map without
-    /// and with them.
+    /// Add relaxation cuts to a disk, of the given total length or as long as they pay. None are made if the distance
+    /// error is at most `bearable`, or if they reduce it by less than `least_relief`. They stay within a distance (mm)
+    /// of existing cuts. Also returns the cuts, and the error of a coarse map without and with them.
     #[pyo3(signature = (length=None, least_relief=0.0, bearable=0.0, within=None, threads=None, progress=None))]
     #[expect(clippy::too_many_arguments)]
     fn relax<'py>(
@@ -116,8 +116,8 @@ impl Surface {
         Ok((relaxed.surface.into(), cut_list(py, relaxed.cuts)?, relaxed.errors))
     }
 
-    /// The surface with its boundary loops up to a length (mm) filled, all but the longest; with the numbers of loops that
-    /// were filled and that could not be.
+    /// Fill the boundary loops up to a length (mm), except the longest one; return the surface and the numbers of loops
+    /// that were filled and that could not be filled.
     #[pyo3(signature = (longest, progress=None))]
     fn fill_holes(&self, py: Python<'_>, longest: f64, progress: Progress<'_>) -> PyResult<(Self, usize, usize)> {
         let (filled, holes) = self.run(py, Some(1), &progress, move |inner, control| {
@@ -127,7 +127,8 @@ impl Surface {
         Ok((filled.surface.into(), holes - filled.left.len(), filled.left.len()))
     }
 
-    /// Places where the solid is thinner than `thickness` mm: number of vertices, and of the worst its vertex and thickness.
+    /// Find parts thinner than `thickness` mm; return their number of vertices, and the thinnest vertex and its
+    /// thickness.
     #[pyo3(signature = (thickness, threads=None, progress=None))]
     fn thin_places(
         &self,

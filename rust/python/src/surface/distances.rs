@@ -1,4 +1,4 @@
-//! Distances on a surface, and paths.
+//! Distances and paths on a surface.
 
 use std::path::PathBuf;
 
@@ -22,12 +22,12 @@ use super::solvers::{Geodesic, with_solver};
 use crate::convert::{self, Given, Table, Values};
 use crate::work::{Progress, Threads, run};
 
-/// The points (k, 3) of a path in mm, the vertices they lie at, or -1 for those on edges, and its length in mm.
+/// The points (k, 3) of a path in mm, their vertices, or -1 for points on edges, and its length in mm.
 type LinePath<'py> = (Table<'py, f64>, Values<'py, i64>, f64);
 
 #[pymethods]
 impl Surface {
-    /// A hash of what distances depend on.
+    /// Return a hash of everything that distances depend on.
     #[pyo3(signature = (geodesic, progress=None))]
     fn fingerprint(&self, py: Python<'_>, geodesic: &str, progress: Progress<'_>) -> PyResult<u64> {
         let geodesic = Geodesic::named(geodesic)?;
@@ -36,9 +36,10 @@ impl Surface {
         })
     }
 
-    /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
+    /// Compute the missing rows of a store from sources (vertices); return the numbers of rows it had, and of damaged
+    /// rows.
     #[pyo3(signature = (directory, identity, sources, geodesic="graph", threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // Python's, by name
+    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn store_rows(
         &self,
         py: Python<'_>,
@@ -59,7 +60,7 @@ impl Surface {
         Ok((found.rows, found.damaged))
     }
 
-    /// Makes a store of so many rows that others compute: how many it had, and how many were damaged.
+    /// Create a store whose rows other processes compute; return how many rows it had, and how many were damaged.
     #[pyo3(signature = (directory, identity, rows, progress=None))]
     fn lay_out_store(
         &self,
@@ -71,13 +72,13 @@ impl Surface {
     ) -> PyResult<(usize, usize)> {
         let columns = self.0.surface.len();
         let found =
-            run(py, None, &progress, move |control| Store::lay_out(&directory, &identity, rows, columns, control))?;
+            run(py, None, &progress, move |control| Store::create(&directory, &identity, rows, columns, control))?;
         Ok((found.rows, found.damaged))
     }
 
-    /// Computes those of some rows, by their numbers, that a part of a store lacks: a directory with a journal of its own.
+    /// Compute missing rows, by their numbers, of a part of a store: a directory with its own journal.
     #[pyo3(signature = (directory, part, identity, sources, rows, geodesic="graph", threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // Python's, by name
+    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn store_part(
         &self,
         py: Python<'_>,
@@ -101,13 +102,13 @@ impl Surface {
         })
     }
 
-    /// Number of links of the graph, each counted from both ends.
+    /// Return the number of links of the graph, counted from both ends.
     #[pyo3(signature = (progress=None))]
     fn links(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<usize> {
         self.run(py, None, &progress, move |inner, control| Ok(inner.graph(control)?.links()))
     }
 
-    /// Chooses sources: "farthest", "curvature" or "random".
+    /// Choose sources: "farthest", "curvature" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(
         &self,
@@ -129,7 +130,7 @@ impl Surface {
         Ok(chosen.into_pyarray(py))
     }
 
-    /// Distance rows (m, N) in mm from sources (vertices).
+    /// Return distance rows (m, N) in mm from sources (vertices).
     #[pyo3(signature = (sources, geodesic="graph", threads=None, progress=None))]
     fn rows<'py>(
         &self,
@@ -147,7 +148,7 @@ impl Surface {
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
-    /// By which part of themselves a solver's distances from random vertices are off from exact ones, on average.
+    /// Return the mean relative error of a solver's distances from random vertices, compared with exact ones.
     #[pyo3(signature = (seed, geodesic="graph", threads=None, progress=None))]
     fn error_of_distances(
         &self,
@@ -163,7 +164,7 @@ impl Surface {
         })
     }
 
-    /// The vertices of a shortest path, both ends included, and its length in mm.
+    /// Return the vertices of a shortest path, including both ends, and its length in mm.
     fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f32)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
@@ -172,8 +173,7 @@ impl Surface {
         Ok((path.into_pyarray(py), length))
     }
 
-    /// The exact shortest path: its points (k, 3) in mm, the vertices they lie at, or -1 for those on edges, and its length
-    /// in mm.
+    /// Return the exact shortest path: points (k, 3) in mm, their vertices, or -1 on edges, and its length in mm.
     fn exact_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<LinePath<'py>> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
@@ -187,7 +187,7 @@ impl Surface {
         line_path(py, &path, length)
     }
 
-    /// A path traced back on the distances of fast marching, and the length of that line: the same values as an exact path.
+    /// Return a path traced back on the distances of fast marching: the same values as for an exact path.
     fn marching_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<LinePath<'py>> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let path = self.run(py, Some(1), &None, move |inner, control| {
@@ -199,7 +199,7 @@ impl Surface {
         line_path(py, &path, length(&path))
     }
 
-    /// The vertices of a shortest path along edges, both ends included, and its length in mm.
+    /// Return the vertices of a shortest path along edges, including both ends, and its length in mm.
     fn edge_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f64)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
@@ -212,8 +212,8 @@ impl Surface {
         Ok((path.into_pyarray(py), length))
     }
 
-    /// The cheapest path along edges from a vertex to any of those `to` (N), through those that `may_pass` (N); an edge costs its
-    /// length times the mean of its ends' `factors` (N).
+    /// Return the cheapest path along edges from a vertex to any vertex of `to` (N), through those that `may_pass` (N).
+    /// The cost of an edge is its length times the mean of the `factors` (N) of its ends.
     #[pyo3(signature = (source, to, may_pass, factors, progress=None))]
     fn edge_path_to_any<'py>(
         &self,
@@ -244,7 +244,7 @@ fn line_path<'py>(py: Python<'py>, path: &[PathPoint], length: f64) -> PyResult<
     Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
 }
 
-/// The vertices of a shortest path along links, and its length in mm.
+/// Returns the vertices of a shortest path along links, and its length in mm.
 pub fn shortest<G: Links + Solver>(
     graph: &G,
     source: u32,

@@ -23,7 +23,7 @@ use crate::work::{InputError, Progress, Threads};
 
 #[pymethods]
 impl Surface {
-    /// The memory in bytes that flattening needs at most; what becomes of the rows is "dropped", "kept" or "stored".
+    /// Return the maximum memory in bytes for flattening; `rows` are "dropped", "kept" or "stored" afterwards.
     #[pyo3(signature = (sources, threads, rows="dropped"))]
     fn memory_need(&self, sources: usize, threads: usize, rows: &str) -> PyResult<u64> {
         let all = [("dropped", AfterPlacing::Dropped), ("kept", AfterPlacing::Kept), ("stored", AfterPlacing::Stored)];
@@ -31,12 +31,12 @@ impl Surface {
         Ok(flatten::voxflat::memory_need(self.0.surface.len(), sources, threads, rows))
     }
 
-    /// Flattens from sources (vertices), by rows of a solver in memory, which may be kept, or in a store: its directory and
-    /// identity. `scale` is what the map's mm are right for: "distances" or "areas". Descent may go on from a place for each vertex
-    /// (`start`), for `patience` times as many steps as usual. `max_area` is by which factor no triangle may change its area, if that can
-    /// be had.
+    /// Flatten from sources (vertices), by rows of a solver in memory, which may be kept, or in a store (directory and
+    /// identity). `scale` preserves "distances" or "areas". The optimisation can start from a position of each vertex
+    /// (`start`), for `patience` times as many steps as usual. `max_area` is the maximum factor of area changes, if
+    /// possible.
     #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
-    #[allow(clippy::too_many_arguments)] // Python's, by name
+    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn voxflat<'py>(
         &self,
         py: Python<'py>,
@@ -87,9 +87,9 @@ impl Surface {
         Ok(dict)
     }
 
-    /// Flattens after Zigelman et al. from what decimation to `count` vertices leaves, from given vertices, or from about `count`
-    /// pixels of a grid: the pixel (N, 2) that each vertex is and the distance of rows and columns, mm. `wave` is "circle" or
-    /// "plane".
+    /// Flatten by the method of Zigelman et al. The sources remain after decimation to `count` vertices, are given
+    /// vertices, or about `count` pixels of a grid: the pixel (N, 2) of each vertex and the distance of rows and
+    /// columns in mm. `wave` is "circle" or "plane".
     #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", keep_rows=false, threads=None, progress=None))]
     #[allow(clippy::too_many_arguments)]
     fn zigelman2002<'py>(
@@ -123,13 +123,13 @@ impl Surface {
         convert::map_dict(py, map)
     }
 
-    /// The memory in bytes that flattening after Zigelman et al. needs at most.
+    /// Return the maximum memory in bytes for flattening by the method of Zigelman et al.
     fn zigelman2002_memory_need(&self, sources: usize, threads: usize) -> u64 {
         flatten::zigelman2002::memory_need(self.0.surface.len(), sources, threads)
     }
 
-    /// Flattens after Schwartz et al., by exact distances within so many rings (None: of all pairs) and from sources (vertices),
-    /// from so many random starts.
+    /// Flatten by the method of Schwartz et al., with exact distances within `rings` (None: of all pairs) and from
+    /// sources (vertices), from several random starts.
     #[pyo3(signature = (rings, sources, starts, seed, keep_rows=false, threads=None, progress=None))]
     #[allow(clippy::too_many_arguments)]
     fn schwartz1989<'py>(
@@ -157,13 +157,13 @@ impl Surface {
         Ok(dict)
     }
 
-    /// The rings of a neighbourhood that flattening after Schwartz et al. needs, as the paper found.
+    /// Return the rings of a neighbourhood for flattening by the method of Schwartz et al., as in the paper.
     #[pyo3(signature = (progress=None))]
     fn schwartz1989_rings(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<u32> {
         self.run(py, None, &progress, move |inner, control| flatten::schwartz1989::usual_rings(&inner.surface, control))
     }
 
-    /// The memory in bytes that flattening after Schwartz et al. needs at most.
+    /// Return the maximum memory in bytes for flattening by the method of Schwartz et al.
     #[pyo3(signature = (rings, sources, threads, progress=None))]
     fn schwartz1989_memory_need(
         &self,
@@ -178,8 +178,8 @@ impl Surface {
         })
     }
 
-    /// Flattens after Appleboim, Saucan and Zeevi: patches that are glued to one piece within a bound on C. With the surface as it is
-    /// cut open, whose map it is, and what became of the seams.
+    /// Flatten by the method of Appleboim, Saucan and Zeevi: patches are glued into one piece within a bound on C. Also
+    /// returns the surface as it is cut open, to which the map belongs, and the outcome of gluing.
     #[pyo3(signature = (bound, seed, threads=None, progress=None))]
     fn saucan2006<'py>(
         &self,
@@ -203,14 +203,14 @@ impl Surface {
         Ok(dict)
     }
 
-    /// The memory in bytes that flattening after Appleboim, Saucan and Zeevi needs at most.
+    /// Return the maximum memory in bytes for flattening by the method of Appleboim, Saucan and Zeevi.
     fn saucan2006_memory_need(&self, threads: usize) -> u64 {
         saucan2006::memory_need(self.0.surface.len(), threads)
     }
 }
 
-/// The places `uv` (N, 2) turned and moved rigidly such that `places` (k, 2) among them come nearest to `onto` (k, 2), and the turn in
-/// radians.
+/// Rotate and translate positions `uv` (N, 2) rigidly such that `places` (k, 2) among them come closest to `onto` (k,
+/// 2); also return the angle in radians.
 #[pyfunction]
 pub fn turn_onto<'py>(
     py: Python<'py>,
@@ -221,7 +221,7 @@ pub fn turn_onto<'py>(
     let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);
     if places.len() != onto.len() {
-        let message = format!("there are {} places, and {} to turn them onto", places.len(), onto.len());
+        let message = format!("places has {} rows, but onto has {}. Give as many of both", places.len(), onto.len());
         return Err(InputError::new_err(message));
     }
     let turn = orient::turn_onto(&places, &onto, &mut uv);

@@ -1,9 +1,9 @@
-//! What a map does to a surface.
+//! Measures of a surface, and the distortion of its maps.
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::distortion::evaluate;
 use voxflat::distortion::faces::measure_faces;
-use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
 use voxflat::surface::sulcal_depth::sulcal_depth;
@@ -15,7 +15,7 @@ use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
-    /// The mean curvature (N), 1/mm, averaged over `smoothing` mm.
+    /// Return the mean curvature (N) in 1/mm, averaged over `smoothing` mm.
     #[pyo3(signature = (smoothing, threads=None, progress=None))]
     fn mean_curvature<'py>(
         &self,
@@ -28,7 +28,7 @@ impl Surface {
         Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
     }
 
-    /// The sulcal depth (N), mm, by a flow of so many mm².
+    /// Return the sulcal depth (N) in mm, by a flow of this number of mm².
     #[pyo3(signature = (flow, threads=None, progress=None))]
     fn sulcal_depth<'py>(
         &self,
@@ -41,7 +41,7 @@ impl Surface {
         Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
     }
 
-    /// What a map (N, 2) does to the triangles.
+    /// Return the distortion of the triangles in a map (N, 2).
     #[pyo3(signature = (uv, progress=None))]
     fn measure<'py>(&self, py: Python<'py>, uv: GivenTable<'py, f64>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
@@ -53,9 +53,9 @@ impl Surface {
         convert::triangles_dict(py, of_faces, &overlap)
     }
 
-    /// What maps (N, 2) do to the distances from sources (vertices). Rows that take more than `kept` bytes are computed twice.
+    /// Return the distance errors of maps (N, 2) from sources (vertices). Rows above `kept` bytes are computed twice.
     #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // Python's, by name
+    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn judge<'py>(
         &self,
         py: Python<'py>,
@@ -71,18 +71,18 @@ impl Surface {
         let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;
         maps.iter().try_for_each(|uv| self.check_length(uv.len(), "uv"))?;
         let sources = self.vertices(&sources)?;
-        let judged = self.run(py, threads, &progress, move |inner, control| {
+        let evaluated = self.run(py, threads, &progress, move |inner, control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             with_solver!(geodesic, inner, control, |solver| {
-                judge::judge_all(solver, &maps, &sources, kept, seed, control)
+                evaluate::evaluate_all(solver, &maps, &sources, kept, seed, control)
             })
         })?;
-        judged.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
+        evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
     }
 }
 
-/// The reference sources among so many points, as flattening chooses them.
+/// Return the reference sources among `points` points, as used for flattening.
 #[pyfunction]
 pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Values<'_, u32> {
-    py.detach(|| judge::reference_sources(points, count, seed)).into_pyarray(py)
+    py.detach(|| evaluate::reference_sources(points, count, seed)).into_pyarray(py)
 }

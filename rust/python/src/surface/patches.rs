@@ -11,7 +11,7 @@ use crate::work::{InputError, Progress, Threads};
 
 #[pymethods]
 impl Surface {
-    /// Certified flat patches, limited by an angle ("angle", degrees), a bound of C ("bound") or their number ("count").
+    /// Return certified flat patches, limited by "angle" (degrees), "bound" (on C) or "count" (their number).
     #[pyo3(signature = (limit, value, seeds, seed, threads=None, progress=None))]
     #[allow(clippy::too_many_arguments)]
     fn patches<'py>(
@@ -35,7 +35,7 @@ impl Surface {
         atlas_dict(py, found)
     }
 
-    /// Patches that are glued within a bound on C: `labels` of the faces, and in each row of `flat` u, v of a face's corners.
+    /// Glue patches within a bound on C: `labels` of the faces; each row of `flat` holds u, v of a face's corners.
     #[pyo3(signature = (labels, flat, bound, threads=None, progress=None))]
     fn glue<'py>(
         &self,
@@ -52,7 +52,7 @@ impl Surface {
         let faces = self.0.surface.faces().len();
         if labels.len() != faces || flat.len() != faces {
             let message =
-                format!("{} labels and {} rows of flat are given for {faces} faces", labels.len(), flat.len());
+                format!("labels has {} values and flat {} rows. Give {faces} of both", labels.len(), flat.len());
             return Err(InputError::new_err(message));
         }
         let found = self.run(py, threads, &progress, move |inner, control| {
@@ -88,7 +88,7 @@ fn patch_dict(py: Python<'_>, patch: Patch) -> PyResult<Dict<'_>> {
     ))
 }
 
-/// The pieces of an atlas side by side: as arrays of all of them.
+/// The pieces of an atlas, concatenated into arrays.
 struct Flattened {
     starts: Vec<u32>,
     vertices: Vec<u32>,
@@ -134,7 +134,7 @@ fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Dict<'_>> {
     ))
 }
 
-/// What became of seams by their names.
+/// Returns the outcome of gluing by name.
 pub(super) fn seams_dict<'py>(py: Python<'py>, seams: &Seams) -> PyResult<Dict<'py>> {
     Ok(dict!(
         py,

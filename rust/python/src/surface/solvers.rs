@@ -1,11 +1,11 @@
-//! The solvers, by name.
+//! The solvers by name.
 
 use pyo3::prelude::*;
 use voxflat::geodesic::marching::Wave;
 
 use crate::work::InputError;
 
-/// The solvers that measure distances on a surface.
+/// The solvers of distances on a surface.
 #[derive(Clone, Copy)]
 pub(super) enum Geodesic {
     Graph,
@@ -14,7 +14,7 @@ pub(super) enum Geodesic {
 }
 
 impl Geodesic {
-    /// The solver of a name.
+    /// Returns the solver with a name.
     pub(super) fn named(name: &str) -> PyResult<Self> {
         match name {
             "graph" => Ok(Self::Graph),
@@ -26,7 +26,7 @@ impl Geodesic {
     }
 }
 
-/// Evaluates an expression with the solver that a [`Geodesic`] names.
+/// Evaluates an expression with the solver of a [`Geodesic`].
 macro_rules! with_solver {
     ($geodesic:expr, $inner:expr, $control:expr, |$solver:ident| $body:expr) => {
         match $geodesic {

@@ -1,10 +1,10 @@
-//! Surfaces on the sphere.
+//! Spherical maps of surfaces.
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use voxflat::sphere::locate::Locator;
-use voxflat::sphere::map::turned_over;
+use voxflat::sphere::map::flipped;
 use voxflat::sphere::pattern::{SCALES, pattern};
 use voxflat::sphere::register::{Template, register};
 use voxflat::surface::Surface as CoreSurface;
@@ -13,14 +13,14 @@ use super::Surface;
 use crate::convert::{self, Dict, Given, GivenTable, Table, Values, dict};
 use crate::work::{InputError, Progress, Threads, to_python};
 
-/// A template's depths (K, N), places (N, 3) and weights (N,).
+/// The depths (K, N), positions (N, 3) and weights (N,) of a template.
 type TemplateValues<'py> = (GivenTable<'py, f64>, GivenTable<'py, f64>, Given<'py, f64>);
 type Pattern<'py> = (Table<'py, f64>, Table<'py, f64>, Values<'py, f64>);
 type Located<'py> = (Values<'py, u32>, Table<'py, f64>);
 
 #[pymethods]
 impl Surface {
-    /// The pattern of folds: depths (K, N) scale by scale, places (N, 3) on the smoothed surface, and areas (N,).
+    /// Return the pattern of folds: depths (K, N) per scale, positions (N, 3) on the smoothed surface, areas (N,).
     #[pyo3(signature = (progress=None))]
     fn pattern<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Pattern<'py>> {
         let of = self.run(py, Some(1), &progress, |inner, control| pattern(&inner.surface, control))?;
@@ -28,7 +28,7 @@ impl Surface {
         Ok((depths, convert::array(py, &convert::plain(&of.places))?, of.areas.into_pyarray(py)))
     }
 
-    /// The vertices on the sphere of one of several templates, which share a sphere of points (N, 3) and faces (F, 3).
+    /// Register the vertices to one of several templates, which share a sphere of points (N, 3) and faces (F, 3).
     #[pyo3(signature = (points, faces, templates, named=None, threads=None, progress=None))]
     #[expect(clippy::too_many_arguments)]
     fn register<'py>(
@@ -50,12 +50,14 @@ impl Surface {
             let count = sphere.len();
             let is_whole = depths.iter().all(|depth| depth.len() == count) && places.len() == count;
             if depths.len() != SCALES.len() || !is_whole || weights.len() != count {
-                return Err(InputError::new_err(format!("a template needs {} values of each kind", count)));
+                return Err(InputError::new_err(format!("a template has missing values. Give {count} of each kind")));
             }
             made.push(Template::new(sphere.clone(), depths, places.into_iter().map(Into::into).collect(), weights));
         }
         if made.is_empty() || named.is_some_and(|n| n >= made.len()) {
-            return Err(InputError::new_err("there is no such template"));
+            return Err(InputError::new_err(
+                "the named template does not exist. Give the number of one of the templates",
+            ));
         }
         let found =
             self.run(py, threads, &progress, move |inner, control| register(&inner.surface, &made, named, control))?;
@@ -70,7 +72,7 @@ impl Surface {
         }
         Ok(dict!(
             py,
-            "turned_over" = turned_over(self.0.surface.faces(), &found.points),
+            "turned_over" = flipped(self.0.surface.faces(), &found.points),
             "points" = convert::array(py, &convert::plain(&found.points))?,
             "template" = found.template,
             "alignments" = alignments,
@@ -80,8 +82,8 @@ impl Surface {
     }
 }
 
-/// Of places (M, 3) the triangle of a sphere of points (N, 3) and faces (F, 3) that holds each (M,), and its corners' weights
-/// (M, 3).
+/// Return the triangle (M,) at each position (M, 3) on a sphere of points (N, 3) and faces (F, 3), and its weights (M,
+/// 3).
 #[pyfunction]
 pub fn locate_on_sphere<'py>(
     py: Python<'py>,
@@ -99,16 +101,16 @@ pub fn locate_on_sphere<'py>(
     Ok((found.iter().map(|one| one.face).collect::<Vec<_>>().into_pyarray(py), convert::array(py, &weights)?))
 }
 
-/// A triangulation of the sphere.
+/// Returns a triangulation of the sphere.
 fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult<CoreSurface> {
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
-    let (sphere, mended) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
-    let triangles = turned_over(sphere.faces(), sphere.points());
-    let is_whole = mended.turned == 0 && mended.unused == 0 && sphere.boundary().is_empty();
+    let (sphere, repaired) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
+    let triangles = flipped(sphere.faces(), sphere.points());
+    let is_whole = repaired.turned == 0 && repaired.unused == 0 && sphere.boundary().is_empty();
     if !is_whole || triangles > 0 {
         return Err(InputError::new_err(format!(
-            "the sphere has holes or {triangles} triangles that are turned over: give a sphere that is covered once"
+            "the sphere has holes or {triangles} flipped triangles. Give triangles that cover the sphere once"
         )));
     }
     Ok(sphere)

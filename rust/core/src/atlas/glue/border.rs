@@ -1,11 +1,12 @@
-//! Is a piece one to one? It is if its triangles are upright, lie around each of its places once, and its boundary does not meet
-//! itself. (With b boundary curves that do not meet, as many turn counterclockwise as the surface's Euler characteristic and the
-//! clockwise ones say together: 2 k = 2 − 2 g. So there is one of them, and every point is covered at most once.)
+//! Tests whether a piece is one to one: its triangles must be upright and surround each position once, and its boundary
+//! must not meet itself. (For b boundary curves that do not meet, the number of counterclockwise ones equals the
+//! surface's Euler characteristic plus the number of clockwise ones: 2 k = 2 − 2 g. So there is one, which covers
+//! points once at most.)
 
 use nalgebra::Vector2;
 use robust::{Coord, orient2d};
 
-use super::sheet::Sheet;
+use super::layout::Layout;
 use super::strain::Place;
 use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
@@ -17,23 +18,23 @@ struct Side {
     moved: bool,
 }
 
-/// Does the boundary of pieces that are to be one meet itself, where `moved` is true of one of the two places?
+/// Returns whether the boundary of pieces to be united meets itself, where `moved` holds for one of the two positions.
 pub(super) fn meets_itself(
-    sheet: &Sheet<'_>,
+    layout: &Layout<'_>,
     pieces: &[u32],
     moved: &dyn Fn(u32) -> bool,
     control: &Control,
 ) -> Result<bool> {
-    let facets = pieces.iter().flat_map(|&piece| &sheet.members[piece as usize]);
-    let open = facets.flat_map(|&facet| 3 * facet..3 * facet + 3).filter(|&side| sheet.is_open(side));
+    let facets = pieces.iter().flat_map(|&piece| &layout.members[piece as usize]);
+    let open = facets.flat_map(|&facet| 3 * facet..3 * facet + 3).filter(|&side| layout.is_open(side));
     let side = |side: u32| {
-        let places = sheet.ends(side);
-        let ends = places.map(|place| sheet.uv[place as usize]);
+        let places = layout.ends(side);
+        let ends = places.map(|place| layout.uv[place as usize]);
         Side { places, ends, moved: places.iter().any(|&place| moved(place)) }
     };
     let mut sides: Vec<Side> = open.map(side).collect();
     control.check()?;
-    // only what is near to moved sides
+    // only sides close to moved ones
     let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
     for end in sides.iter().filter(|side| side.moved).flat_map(|side| side.ends) {
         (low, high) = (low.inf(&end), high.sup(&end));
@@ -53,11 +54,11 @@ pub(super) fn meets_itself(
     Ok(false)
 }
 
-/// Do two sides meet that have no end in common?
+/// Returns whether two sides without a common end meet.
 fn meet(one: &Side, other: &Side) -> bool {
     let is_common = one.places.iter().any(|place| other.places.contains(place));
     if is_common || one.ends.iter().any(|end| other.ends.contains(end)) {
-        return false; // their angle is checked with that of the facets around
+        return false; // their angle is checked with those of the facets around
     }
     let [a, b, c, d] = [one.ends[0], one.ends[1], other.ends[0], other.ends[1]].map(|p| Coord { x: p.x, y: p.y });
     let parts = |a, b, c, d| {
@@ -67,7 +68,7 @@ fn meet(one: &Side, other: &Side) -> bool {
     if parts(a, b, c, d) || parts(c, d, a, b) {
         return false;
     }
-    // of sides on one line their boxes say it
+    // for collinear sides, the boxes decide
     (0..2).all(|k| {
         let [p, q, r, s] = [one.ends[0][k], one.ends[1][k], other.ends[0][k], other.ends[1][k]];
         p.min(q) <= r.max(s) && r.min(s) <= p.max(q)

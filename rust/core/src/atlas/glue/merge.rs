@@ -1,26 +1,26 @@
-//! Pieces are united along what they share of their boundaries: first those of which one shares the greatest part of its own
-//! with the other. (By the length alone large pieces grow on, with long boundaries that later do not fit.)
+//! Pieces are united along their common boundaries, first those that share the largest part of the boundary of one of
+//! them. (With the length alone, large pieces would grow on, with long boundaries that do not fit later.)
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use super::layout::Chain;
 use super::seams::Gluing;
-use super::sheet::Chain;
 use crate::adjacency::distinct;
 use crate::error::Result;
 use crate::surface::mesh::next;
 
-/// Sides that lie apart by less than this part of their length are closed together.
+/// Sides are closed together if their gap is smaller than this share of their length.
 const NEAR: f64 = 0.35;
 
-/// Two pieces whose common boundary may be closed, behind the bits of the longest chain between them as a part of the shorter one of
-/// their boundaries (positive numbers sort as their bits), and the chain's first side: the greatest share comes first.
+/// Two pieces with a common boundary, and the first side of the longest chain between them. The key is the length of
+/// this chain as a share of the shorter one of their boundaries, as sortable bits, largest first.
 type Candidate = (u64, Reverse<u32>, [u32; 2]);
 
 impl Gluing<'_> {
     fn between(&self, [a, b]: [u32; 2]) -> Vec<Chain> {
         let (few, other) = if self.size(a) < self.size(b) { (a, b) } else { (b, a) };
-        let mut chains = self.sheet.chains(&self.sheet.members[few as usize], other);
+        let mut chains = self.layout.chains(&self.layout.members[few as usize], other);
         self.longest_first(&mut chains);
         chains
     }
@@ -29,20 +29,20 @@ impl Gluing<'_> {
         let chains = self.between(pieces);
         let first = chains.first()?;
         let boundary = pieces.map(|piece| self.boundaries[piece as usize]);
-        let share = self.sheet.length(first) / boundary[0].min(boundary[1]);
+        let share = self.layout.length(first) / boundary[0].min(boundary[1]);
         Some((share.to_bits(), Reverse(first[0]), pieces))
     }
 
-    /// The pieces beside one, each once, in their order.
+    /// Returns the adjacent pieces of a piece, each once, in their order.
     fn neighbours(&self, piece: u32) -> Vec<u32> {
-        let sides = self.sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
-        let cuts = sides.filter(|&side| self.sheet.is_cut(side));
-        let beside = cuts.map(|side| self.sheet.piece[self.sheet.twins[side as usize] as usize / 3]);
+        let sides = self.layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
+        let cuts = sides.filter(|&side| self.layout.is_cut(side));
+        let beside = cuts.map(|side| self.layout.piece[self.layout.twins[side as usize] as usize / 3]);
         distinct(beside.filter(|&other| other != piece))
     }
 
     pub fn merge(&mut self) -> Result<()> {
-        let count = self.sheet.members.len();
+        let count = self.layout.members.len();
         self.control.begin("gluing patches", count as u64);
         let mut queue = BinaryHeap::new();
         for piece in 0..count as u32 {
@@ -64,7 +64,7 @@ impl Gluing<'_> {
             let beside = self.neighbours(smaller);
             if self.unite(larger, smaller)? {
                 self.control.advance();
-                self.boundaries[larger as usize] = self.sheet.boundary(larger);
+                self.boundaries[larger as usize] = self.layout.boundary(larger);
                 self.relax_if_grown(larger)?;
                 let others = beside.into_iter().filter(|&other| other != larger);
                 queue.extend(others.filter_map(|other| self.candidate([larger, other])));
@@ -73,7 +73,7 @@ impl Gluing<'_> {
         Ok(())
     }
 
-    /// Closes the longest chain between two pieces, and those that fit when it is closed.
+    /// Closes the longest chain between two pieces, and those that then fit.
     fn unite(&mut self, larger: u32, smaller: u32) -> Result<bool> {
         let chains: Vec<Chain> =
             self.between([larger, smaller]).into_iter().map(|chain| self.seen_from(larger, chain)).collect();
@@ -89,14 +89,14 @@ impl Gluing<'_> {
         self.close(&fitting)
     }
 
-    /// The longest chain, and what else fits when it does.
+    /// Returns the longest chain, and the chains that fit with it.
     fn fitting(&self, chains: &[Chain]) -> Vec<u32> {
-        let (turn, shift) = self.sheet.fit(&chains[0]);
+        let (turn, shift) = self.layout.fit(&chains[0]);
         let fits = |&side: &u32| {
-            let twin = self.sheet.twins[side as usize];
+            let twin = self.layout.twins[side as usize];
             let near = |at: u32, from: u32| {
-                (turn * self.sheet.at(from) + shift - self.sheet.at(at)).norm()
-                    < NEAR * self.sheet.lengths[side as usize]
+                (turn * self.layout.at(from) + shift - self.layout.at(at)).norm()
+                    < NEAR * self.layout.lengths[side as usize]
             };
             near(side, next(twin)) && near(next(side), twin)
         };

@@ -1,114 +1,114 @@
-//! Closing seams, within the bound and without overlap.
+//! Closing of seams within the bound and without overlap.
 
 use std::collections::HashSet;
 
 use super::border::meets_itself;
+use super::layout::{Chain, Layout};
 use super::settle::Around;
-use super::sheet::{Chain, Sheet};
 use crate::control::Control;
 use crate::embed::stress::descent::Until;
 use crate::error::Result;
 
-/// Rings of places around a seam that are moved to close it: first few, then more.
+/// The numbers of rings of places around a seam that are moved to close it: first few, then more.
 const RINGS: [usize; 3] = [2, 6, 15];
 
-/// Steps towards a better place after a seam is closed.
+/// The number of steps that reduce distortion after a seam is closed.
 const STEPS: usize = 6;
 
-/// Wider gaps, in lengths of a side, are not tried to be closed.
+/// Wider gaps, in lengths of a side, are not closed.
 const WIDE: f64 = 10.0;
 
-/// A piece is relaxed as a whole when it is so many times as large as it was when that was done before.
+/// A piece is relaxed as a whole when it has grown by this factor since the last time.
 const GROWN: f64 = 1.3;
 
-/// The descent of a whole piece between.
+/// The intermediate optimisation of a complete piece.
 pub(super) const BRIEFLY: Until = Until { steps: 20, gain: 1e-3, enough: 1e-16 };
 
-/// Why a cut is there.
+/// The reason for a cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Obstacle {
-    /// Triangles would change beyond the bound.
+    /// Triangles would exceed the bound.
     Bound,
-    /// The piece would lie on itself.
+    /// The piece would overlap itself.
     Overlap,
 }
 
-/// Patches while they are glued.
+/// Patches during gluing.
 pub(super) struct Gluing<'a> {
-    pub sheet: Sheet<'a>,
-    /// Why each side was not closed when that was tried last.
+    pub layout: Layout<'a>,
+    /// Why each side was not closed in the last attempt.
     pub reasons: Vec<Option<Obstacle>>,
-    /// The length of the boundary of each piece, mm.
+    /// The length of each piece's boundary in mm.
     pub(super) boundaries: Vec<f64>,
     bound: f64,
-    /// The facets of each piece when it was relaxed last.
+    /// The number of facets of each piece when it was last relaxed.
     relaxed: Vec<usize>,
     pub(super) control: &'a Control,
 }
 
 impl<'a> Gluing<'a> {
-    /// Of pieces that are within the bound.
-    pub fn new(sheet: Sheet<'a>, bound: f64, control: &'a Control) -> Self {
-        let relaxed = sheet.members.iter().map(Vec::len).collect();
-        let boundaries = (0..sheet.members.len() as u32).map(|piece| sheet.boundary(piece)).collect();
-        Self { reasons: vec![None; sheet.twins.len()], sheet, boundaries, bound, relaxed, control }
+    /// Starts gluing from pieces that are within the bound.
+    pub fn new(layout: Layout<'a>, bound: f64, control: &'a Control) -> Self {
+        let relaxed = layout.members.iter().map(Vec::len).collect();
+        let boundaries = (0..layout.members.len() as u32).map(|piece| layout.boundary(piece)).collect();
+        Self { reasons: vec![None; layout.twins.len()], layout, boundaries, bound, relaxed, control }
     }
 
     pub(super) fn size(&self, piece: u32) -> usize {
-        self.sheet.members[piece as usize].len()
+        self.layout.members[piece as usize].len()
     }
 
     pub(super) fn longest_first(&self, chains: &mut [Chain]) {
-        chains.sort_by(|p, q| self.sheet.length(q).total_cmp(&self.sheet.length(p)).then(p[0].cmp(&q[0])));
+        chains.sort_by(|p, q| self.layout.length(q).total_cmp(&self.layout.length(p)).then(p[0].cmp(&q[0])));
     }
 
-    /// The chain by its sides in a piece.
+    /// Returns the chain as sides of a piece.
     pub(super) fn seen_from(&self, piece: u32, chain: Chain) -> Chain {
-        if self.sheet.piece[chain[0] as usize / 3] == piece {
+        if self.layout.piece[chain[0] as usize / 3] == piece {
             return chain;
         }
-        chain.iter().rev().map(|&side| self.sheet.twins[side as usize]).collect()
+        chain.iter().rev().map(|&side| self.layout.twins[side as usize]).collect()
     }
 
-    /// Closes cuts, all of them, if that is possible within the bound and without overlap. The cuts of two pieces are given
-    /// from the larger one's side; the smaller is placed beside it.
+    /// Closes all of the given cuts, if this is possible within the bound and without overlap. The cuts of two pieces
+    /// are sides of the larger one; the smaller one is placed beside it.
     pub(super) fn close(&mut self, cuts: &[u32]) -> Result<bool> {
         self.control.check()?;
-        let owner = |side: u32| self.sheet.piece[side as usize / 3];
-        let pieces = [owner(cuts[0]), owner(self.sheet.twins[cuts[0] as usize])];
+        let owner = |side: u32| self.layout.piece[side as usize / 3];
+        let pieces = [owner(cuts[0]), owner(self.layout.twins[cuts[0] as usize])];
         let is_one = pieces[0] == pieces[1];
         if !is_one {
-            let (turn, shift) = self.sheet.fit(cuts);
-            self.sheet.place_rigidly(pieces[1], turn, shift);
+            let (turn, shift) = self.layout.fit(cuts);
+            self.layout.place_rigidly(pieces[1], turn, shift);
         }
-        let too_wide = cuts.iter().any(|&side| self.sheet.gap(side) > WIDE * self.sheet.lengths[side as usize]);
+        let too_wide = cuts.iter().any(|&side| self.layout.gap(side) > WIDE * self.layout.lengths[side as usize]);
         let reason = if too_wide { Some(Obstacle::Bound) } else { self.closed(cuts, pieces)? };
         for &side in cuts {
             self.reasons[side as usize] = reason;
-            self.reasons[self.sheet.twins[side as usize] as usize] = reason;
+            self.reasons[self.layout.twins[side as usize] as usize] = reason;
         }
         if reason.is_none() && !is_one {
-            self.sheet.unite(pieces[0], pieces[1]);
+            self.layout.unite(pieces[0], pieces[1]);
         }
         Ok(reason.is_none())
     }
 
-    /// Joins cuts and settles what is around; says why not, if that is so.
+    /// Joins cuts and optimises their surroundings; returns the obstacle if this fails.
     fn closed(&mut self, cuts: &[u32], pieces: [u32; 2]) -> Result<Option<Obstacle>> {
-        let joined = self.sheet.join(cuts);
+        let joined = self.layout.join(cuts);
         let mut reason = Obstacle::Bound;
         for rings in RINGS {
-            let around = Around::new(&self.sheet, &joined.at, rings, self.control)?;
-            if let Some(before) = around.settle(&mut self.sheet, self.bound, STEPS, self.control)? {
+            let around = Around::new(&self.layout, &joined.at, rings, self.control)?;
+            if let Some(before) = around.settle(&mut self.layout, self.bound, STEPS, self.control)? {
                 let free: HashSet<u32> = around.free.iter().copied().collect();
-                let sheet = &self.sheet;
-                let is_beyond = |place: u32| pieces[0] != pieces[1] && sheet.piece[place as usize / 3] == pieces[1];
+                let layout = &self.layout;
+                let is_beyond = |place: u32| pieces[0] != pieces[1] && layout.piece[place as usize / 3] == pieces[1];
                 let moved = |place: u32| free.contains(&place) || is_beyond(place);
                 let all = if pieces[0] == pieces[1] { &pieces[..1] } else { &pieces[..] };
-                if !meets_itself(sheet, all, &moved, self.control)? {
+                if !meets_itself(layout, all, &moved, self.control)? {
                     return Ok(None);
                 }
-                around.write(&mut self.sheet, &before);
+                around.write(&mut self.layout, &before);
                 reason = Obstacle::Overlap;
                 break;
             }
@@ -116,11 +116,11 @@ impl<'a> Gluing<'a> {
                 break;
             }
         }
-        self.sheet.part(joined);
+        self.layout.part(joined);
         Ok(Some(reason))
     }
 
-    /// Relaxes a piece that is much larger than when that was done before.
+    /// Relaxes a piece that is much larger than when it was last relaxed.
     pub(super) fn relax_if_grown(&mut self, piece: u32) -> Result<()> {
         if (self.size(piece) as f64) < GROWN * self.relaxed[piece as usize] as f64 {
             return Ok(());
@@ -128,20 +128,20 @@ impl<'a> Gluing<'a> {
         self.relax(piece, BRIEFLY, 1)
     }
 
-    /// Moves a whole piece to where its triangles change less, as long as it does not come to lie on itself.
+    /// Reduces the distortion of a complete piece, as long as it does not overlap itself.
     pub fn relax(&mut self, piece: u32, until: Until, times: usize) -> Result<()> {
         self.relaxed[piece as usize] = self.size(piece);
-        let corners = self.sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
-        let mut places: Vec<u32> = corners.filter(|&corner| self.sheet.place[corner as usize] == corner).collect();
+        let corners = self.layout.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
+        let mut places: Vec<u32> = corners.filter(|&corner| self.layout.place[corner as usize] == corner).collect();
         places.sort_unstable();
-        let around = Around::new(&self.sheet, &places, 0, self.control)?;
+        let around = Around::new(&self.layout, &places, 0, self.control)?;
         for _ in 0..times {
-            let before: Vec<_> = places.iter().map(|&place| self.sheet.uv[place as usize]).collect();
-            let converged = around.relax(&mut self.sheet, self.bound, until, self.control)?;
-            if !around.is_sound(&self.sheet, self.bound)
-                || meets_itself(&self.sheet, &[piece], &|_| true, self.control)?
+            let before: Vec<_> = places.iter().map(|&place| self.layout.uv[place as usize]).collect();
+            let converged = around.relax(&mut self.layout, self.bound, until, self.control)?;
+            if !around.is_sound(&self.layout, self.bound)
+                || meets_itself(&self.layout, &[piece], &|_| true, self.control)?
             {
-                around.write(&mut self.sheet, &before);
+                around.write(&mut self.layout, &before);
                 break;
             }
             if converged {
@@ -151,10 +151,10 @@ impl<'a> Gluing<'a> {
         Ok(())
     }
 
-    /// Moves every piece to where its triangles change least.
+    /// Minimises the distortion of every piece.
     pub fn finish(&mut self, until: Until, times: usize) -> Result<()> {
-        self.control.begin("relaxing pieces", self.sheet.members.len() as u64);
-        for piece in 0..self.sheet.members.len() as u32 {
+        self.control.begin("relaxing pieces", self.layout.members.len() as u64);
+        for piece in 0..self.layout.members.len() as u32 {
             if self.size(piece) > 0 {
                 self.relax(piece, until, times)?;
             }

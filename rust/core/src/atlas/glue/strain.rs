@@ -1,12 +1,12 @@
-//! How far triangles are from the shape that they have on the surface, as an energy.
+//! The deviation of triangles from their shape on the surface, as an energy.
 //!
-//! With σ1 ≥ σ2 the singular values of a triangle's Jacobian, the second negative where it is folded, the energy is the
-//! mean of p(σ1) + p(σ2) over the area. Two prices p are used:
+//! With σ1 ≥ σ2 the singular values of a triangle's Jacobian, the second one negative if it is flipped, the energy is
+//! the mean of p(σ1) + p(σ2) over the area. There are two penalties p:
 //!
-//! - what is beyond the bound C: ½ d², with d the distance of σ from the range 1/C to C. It is defined for folded triangles
-//!   too, and is nothing for a map within the bound;
-//! - any change: ½ (σ − 1/σ)², the symmetric Dirichlet energy (Smith, Schaefer 2015), and a barrier that rises without bound as
-//!   σ comes near to C or to 1/C. It leads from one map within the bound to better ones within it.
+//! - for values outside the bound C: ½ d², where d is the distance of σ from the range 1/C to C. It is also defined for
+//!   flipped triangles, and zero for a map within the bound;
+//! - for any change: ½ (σ − 1/σ)², the symmetric Dirichlet energy (Smith, Schaefer 2015), and a barrier that grows
+//!   without bound as σ approaches C or 1/C. It leads from one map within the bound to better ones within it.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -18,35 +18,35 @@ use crate::error::Result;
 
 pub(super) type Place = Vector2<f64>;
 
-/// The share of the range, by its logarithm, at which the barrier begins.
+/// The share of the range (by its logarithm) at which the barrier begins.
 const FREE: f64 = 0.6;
 
-/// What the barrier counts.
+/// The weight of the barrier.
 const BARRIER: f64 = 0.05;
 
-/// Triangles near the barrier count as so stiff at most.
+/// The maximum stiffness of triangles near the barrier.
 const STIFFEST: f64 = 1e3;
 
-/// Holds a region that floats freely, as a part of its mean stiffness.
+/// The stiffness that fixes a freely floating region, as a share of its mean stiffness.
 const AFLOAT: f64 = 1e-7;
 
-/// Halvings in the search for the largest step.
+/// The number of halvings in the search for the largest step.
 const HALVINGS: usize = 12;
 
-/// Triangles between two looks at whether to stop.
+/// The number of triangles between two checks for cancellation.
 const CHUNK: usize = 8192;
 
-/// What a singular value costs.
+/// The penalty on singular values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Price {
-    /// What is beyond a bound.
+    /// Penalises values outside a bound.
     Excess(f64),
-    /// Any change, within a bound.
+    /// Penalises any change, within a bound.
     Change(f64),
 }
 
 impl Price {
-    /// The price, its slope, and how stiff it is.
+    /// Returns the penalty, its slope, and its stiffness.
     fn of(self, sigma: f64) -> [f64; 3] {
         match self {
             Self::Excess(bound) => {
@@ -76,7 +76,7 @@ impl Price {
     }
 }
 
-/// A matrix as a turn with a scale, (e, h), and a mirrored one, (f, g): σ = |(e, h)| ± |(f, g)|.
+/// A matrix as a scaled rotation (e, h) and a scaled reflection (f, g): σ = |(e, h)| ± |(f, g)|.
 struct Parts {
     turn: Vector2<f64>,
     mirrored: Vector2<f64>,
@@ -95,7 +95,7 @@ impl Parts {
         [a + b, a - b]
     }
 
-    /// The gradient by the matrix of what has these slopes by σ1 and σ2.
+    /// Returns the gradient with respect to the matrix, given the slopes with respect to σ1 and σ2.
     fn gradient(&self, slopes: [f64; 2]) -> Matrix2<f64> {
         let along = |part: Vector2<f64>, slope: f64| part.try_normalize(0.0).unwrap_or_default() * slope;
         let turn = along(self.turn, 0.5 * (slopes[0] + slopes[1]));
@@ -104,9 +104,9 @@ impl Parts {
     }
 }
 
-/// Triangles of which some corners may move and the others are held.
+/// Triangles with some free corners; the others are fixed.
 pub(super) struct Region {
-    /// Corners from the number of free places on are held.
+    /// Corners whose number is at least the number of free places are fixed.
     pub rests: Vec<Rest>,
     pub held: Vec<Place>,
     pub springs: Springs,
@@ -120,7 +120,7 @@ impl Region {
         Ok(Self { rests, held, springs, area })
     }
 
-    /// The Jacobian of a triangle where the free places are at `uv`.
+    /// Returns the Jacobian of a triangle with the free places at `uv`.
     fn jacobian(&self, rest: &Rest, uv: &[Place]) -> Matrix2<f64> {
         let place = |n: u32| uv.get(n as usize).copied().unwrap_or_else(|| self.held[n as usize - uv.len()]);
         let [a, b, c] = rest.corners.map(place);
@@ -169,7 +169,7 @@ impl Objective for Strain<'_> {
         self.region.springs.factor(&entries, &vec![AFLOAT * total / uv.len() as f64; uv.len()])
     }
 
-    /// Not beyond where a triangle leaves the bound: nearly the largest such step, found by halving.
+    /// Returns nearly the largest step after which all triangles are within the bound, found by halving.
     fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64 {
         let mut farthest = SAFE.recip();
         if matches!(self.price, Price::Excess(_)) {
@@ -191,7 +191,7 @@ impl Objective for Strain<'_> {
 }
 
 impl Strain<'_> {
-    /// Is a triangle within the bound after a step?
+    /// Returns whether a triangle is within the bound after a step.
     fn is_within(&self, rest: &Rest, uv: &[Place], direction: &[Place], step: f64) -> bool {
         let place = |n: u32| match uv.get(n as usize) {
             Some(place) => place + direction[n as usize] * step,

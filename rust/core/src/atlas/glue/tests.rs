@@ -28,7 +28,7 @@ fn singular(points: [Vector3<f64>; 3], uv: [[f64; 2]; 3]) -> [f64; 2] {
     [values.max(), values.min()]
 }
 
-/// Everything that is promised, from what is returned alone.
+/// Checks all guarantees, using only the returned values.
 fn check(surface: &Surface, patches: &[u32], glued: &Glued, bound: f64) {
     let mut rows = vec![None; surface.faces().len()];
     for (number, piece) in glued.pieces.iter().enumerate() {
@@ -74,7 +74,7 @@ fn most_change(glued: &Glued) -> f64 {
     glued.stretch.iter().flatten().map(|sigma| (sigma - 1.0).abs()).fold(0.0, f64::max)
 }
 
-/// A sheet with a hole, bent and shaken.
+/// A grid with a hole, bent and with random displacements.
 fn with_hole(shake: &[[f64; 3]], size: f64) -> Mesh {
     let (points, faces) = shaken(9, shake, size);
     let kept = |face: &[i64; 3]| !face.iter().all(|&v| (3..=6).contains(&(v / 10)) && (3..=6).contains(&(v % 10)));
@@ -112,8 +112,8 @@ proptest! {
     }
 }
 
-/// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says where in
-/// space a place of the plane comes to lie.
+/// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says
+/// the position in space of a point of the plane.
 fn folded(m: usize, n: usize, at: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
     moved(&shapes::sheet(m, n), |&[x, y, _]| {
         let inner = y > 0.5 && y < n as f64 - 0.5;
@@ -125,7 +125,7 @@ fn folded(m: usize, n: usize, at: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
 fn two_patches_of_a_plane_are_one_piece() {
     let surface = shapes::surface(shapes::sheet(8, 6));
     let labels: Vec<u32> = surface.faces().iter().map(|face| u32::from(face[0] < 28)).collect();
-    // each turned and moved elsewhere
+    // each rotated and translated
     let flat: Vec<[[f64; 2]; 3]> = surface
         .faces()
         .iter()

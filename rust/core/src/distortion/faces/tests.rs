@@ -12,7 +12,7 @@ fn measured(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Fac
     measure_faces(points, faces, uv, &Control::default()).unwrap()
 }
 
-/// A flat surface, mapped by a matrix and turned anywhere in space.
+/// A flat surface, mapped by a matrix and rotated in space.
 fn mapped(matrix: Matrix2<f64>) -> FaceDistortion {
     let (uv, faces) = grid(6, 4);
     let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
@@ -44,7 +44,7 @@ fn an_isometry_is_perfect() {
     assert_eq!((identity.edges, identity.edge.undefined, identity.areal.summary.undefined), (6 * 5 + 7 * 4 + 24, 0, 0));
     let (sin, cos) = 0.7f64.sin_cos();
     assert!(is_perfect(&mapped(Matrix2::new(cos, -sin, sin, cos))));
-    assert!(is_perfect(&mapped(Matrix2::new(cos, sin, sin, -cos)))); // all of them mirrored: none is the minority
+    assert!(is_perfect(&mapped(Matrix2::new(cos, sin, sin, -cos)))); // all of them mirrored: there is no minority
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn a_stretch_and_a_shear_have_their_singular_values() {
 
 #[test]
 fn edges_count_once() {
-    // two triangles of a unit square, the diagonal of which is made twice as long
+    // two triangles of a unit square whose diagonal becomes twice as long
     let points = in_space(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], |_, _| 0.0);
     let uv = [[0.0, 0.0], [1.0, 0.0], [2.0, 2.0], [0.0, 1.0]];
     let distortion = measured(&points, &[[0, 1, 2], [0, 2, 3]], &uv);
@@ -134,14 +134,14 @@ fn what_is_undefined_is_nan_and_counted() {
         assert!(measure.values[0].is_nan() && measure.values[1..].iter().all(|value| value.is_finite()));
         assert!(measure.summary.undefined == 1 && measure.summary.max.is_finite());
     }
-    // the other way round, with corners on a line that rounding bends
+    // reversed, with corners on a line that rounding bends
     let line = [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.0, 0.5]];
     let whole = [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
     let torn = measured(&in_space(&line, |x, _| x), &[[0, 1, 2], [0, 2, 3]], &whole);
     assert!(torn.stretch[0].iter().all(|s| s.is_nan()) && torn.areal.values[1].is_nan());
     assert!(torn.angle.values[0].is_nan() && torn.angle.values[1].is_finite());
     assert!(torn.areal.values[0].is_finite() && torn.flipped.collapsed == 0);
-    // an edge of 0 mm, and a vertex without place
+    // an edge of 0 mm, and a vertex without a position
     let twice = [[0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [7.0, 7.0]];
     let doubled = measured(
         &in_space(&twice, |_, _| 0.0),
@@ -197,7 +197,7 @@ fn shares_beyond_factors_are_of_the_surface_whatever_the_maps_scale() {
     let cases = [
         ([0.4, 1.4, 1.2], [0.2, 0.1, 0.1]),
         ([0.55, 1.4, 1.05], [0.2, 0.1, 0.0]),
-        ([0.0, 1.45, 1.55], [0.3, 0.2, 0.1]), // one has no area left
+        ([0.0, 1.45, 1.55], [0.3, 0.2, 0.1]), // one has no area
         ([1.0, 1.0, 1.0], [0.0; 3]),
     ];
     for (widths, expected) in cases {
@@ -209,7 +209,7 @@ fn shares_beyond_factors_are_of_the_surface_whatever_the_maps_scale() {
             assert!(found.iter().zip(expected).all(|(share, known)| (share - known).abs() < 1e-12), "{found:?}");
         }
     }
-    // by exactly a factor is not beyond it
+    // a change by exactly the factor is not beyond it
     let (uv, faces) = grid(4, 1);
     let points = in_space(&uv, |_, _| 0.0);
     let x = [0.0, 2.0, 2.5, 3.0, 4.0];
@@ -231,7 +231,7 @@ fn areas_at_the_scale_that_keeps_the_whole_area() {
             .map(|&[x, y]| [s * (x + bend * (0.7 * x).sin()) - 40.0, s * (y + bend * y.cos()) + 9.0])
             .collect();
         let found = measured(&points, &faces, &map);
-        // the outline stays a rectangle: its sides are the map's area, whatever the triangles in it do
+        // the outline remains a rectangle, whose sides determine the map's area
         let width = 9.0 + bend * (0.7f64 * 9.0).sin();
         let height = 7.0 + bend * (7f64.cos() - 1.0);
         let scale = (63.0 / (s * s * width * height)).sqrt();

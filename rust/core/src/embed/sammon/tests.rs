@@ -54,7 +54,7 @@ fn the_derivatives_are_those_of_the_stress() {
                 uv[vertex][axis] += by;
                 stress(&pairs, &uv, &control).unwrap() * pairs.total()
             };
-            // a pair counts from both ends, and a pull is half a derivative
+            // a pair counts from both ends, and the gradient is half a derivative
             let step = 1e-4;
             let (left, middle, right) = (at(-step), at(0.0), at(step));
             let scale = pull.stiffness;
@@ -95,7 +95,7 @@ fn the_map_of_least_stress_on_the_way_is_kept() {
         assert_eq!(found.least, found.stresses.iter().copied().fold(f64::INFINITY, f64::min));
         assert_eq!(found.least, stress(&pairs, &found.uv, &control).unwrap());
         assert!(found.least < found.stresses[0]);
-        // from there it does not become worse
+        // from there, it does not get worse
         assert!(descend(&pairs, found.uv.clone(), &control).unwrap().least <= found.least);
     }
 }

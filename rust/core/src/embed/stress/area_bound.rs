@@ -1,4 +1,4 @@
-//! A bound on what areas change by, on request: a price on what is beyond, which grows until nothing is.
+//! An optional bound on the change of areas: a penalty on values outside the bound grows until none is left.
 
 use super::levels::{APART, Convergence, Levels, weighted};
 use super::pairs::Pairs;
@@ -8,17 +8,17 @@ use crate::embed::Place;
 use crate::error::Result;
 use crate::rows::DistanceRows;
 
-/// The price of the square of what areas change beyond a bound, at first, how much it grows, and how often; what it begins at, as a part
-/// of the bound.
+/// The initial penalty on the squared excess of an area change, its growth factor, the number of times that it grows,
+/// and the share of the bound at which it begins.
 const FIRST_PRICE: f64 = 1.0;
 const PRICE_GROWTH: f64 = 4.0;
 const DEARER: usize = 12;
 const WITHIN: f64 = 0.98;
 
-/// A map without folds (mm), led on to where no triangle's area changes by more than a factor, against the area of the whole: what is
-/// beyond has a price that grows until nothing is. If that cannot be had the map is the one whose worst triangle is the best that was
-/// found, and is told as not converged.
-/// Panics as [`flatten`](super::levels::flatten); or if there is not one place a vertex.
+/// Optimises a map without folds (mm) until no triangle's area changes by more than a factor relative to the area of
+/// the whole map. A penalty on larger changes grows until there are none. If this fails, the map with the smallest
+/// maximum change is returned, and marked as not converged.
+/// Panics like [`flatten`](super::levels::flatten), or if the number of positions differs from the number of vertices.
 pub fn bounded(
     levels: &Levels,
     rows: &DistanceRows,
@@ -27,7 +27,7 @@ pub fn bounded(
     max_area: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
     let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
     assert_eq!(uv.len(), levels.finest().len(), "one place a vertex");
@@ -44,7 +44,7 @@ pub fn bounded(
         }
         level.triangles.bound = Some(AreaBound { mean, most: most * WITHIN, weight });
         let apart = Some((&level.outline, APART)).filter(|_| is_apart);
-        let stage = "keeping areas within their bound";
+        let stage = "limiting changes of area";
         energies.extend(level.rounds(&level.pairs, &mut uv, weighted(weighting), 2, apart, stage, control)?.energies);
         [mean, worst] = level.triangles.area_change(&uv);
         if worst < best.0 {

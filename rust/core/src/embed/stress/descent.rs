@@ -1,57 +1,57 @@
-//! Descent to a map of least energy: L-BFGS over a factored matrix of springs, in steps that fold nothing.
+//! Minimisation of a map's energy: L-BFGS over a factored matrix of springs, with steps that do not create folds.
 
-use super::past::Past;
+use super::lbfgs::History;
 use super::springs::Factor;
 use crate::control::Control;
 use crate::embed::Place;
 use crate::error::Result;
 
-/// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
+/// The maximum share of the largest step without a fold that is taken (Smith, Schaefer 2015).
 pub(crate) const SAFE: f64 = 0.8;
 
-/// The part of what the slope promises that a step must keep (Armijo).
+/// The minimum share of the decrease predicted by the slope that a step must achieve (Armijo).
 const KEPT: f64 = 1e-4;
 
-/// Times that a step is made shorter at most.
+/// The maximum number of times that a step is shortened.
 const MOST_SHORTER: usize = 14;
 
-/// Steps that are shorter than this part of their direction tell that springs no longer fit the map: they are made anew after so many,
-/// or where descent would end otherwise.
+/// If steps are shorter than this share of their direction, the springs no longer fit the map. They are then computed
+/// again after so many of them, or when the optimisation would otherwise end.
 const SHORT: f64 = 0.02;
 const MOST_SHORT: usize = 4;
 
-/// Steps over which progress is judged.
-const JUDGED: usize = 5;
+/// The number of steps over which progress is measured.
+const EVALUATED: usize = 5;
 
-/// What is made less.
+/// A function to be minimised.
 pub trait Objective {
-    /// The energy of a map, infinite where it is not allowed, and its gradient.
+    /// Returns the energy of a map, which is infinite where not permitted, and its gradient.
     fn evaluate(&self, uv: &[Place], control: &Control) -> Result<(f64, Vec<Place>)>;
 
-    /// The factor of the springs that are about as stiff as the energy around a map.
+    /// Returns the factor of springs that are about as stiff as the energy around a map.
     fn factor(&self, uv: &[Place]) -> Result<Factor>;
 
-    /// The largest step along a direction that is allowed.
+    /// Returns the largest permitted step along a direction.
     fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64;
 }
 
-/// When descent ends.
+/// The conditions under which the optimisation ends.
 #[derive(Debug, Clone, Copy)]
 pub struct Until {
-    /// After so many steps.
+    /// The maximum number of steps.
     pub steps: usize,
-    /// Or when five steps together gain less than this part of the energy.
+    /// The relative decrease in energy over five steps below which it ends.
     pub gain: f64,
-    /// Or when the energy is no more than this.
+    /// The energy at or below which it ends.
     pub enough: f64,
 }
 
-/// What descent came to.
+/// The result of the optimisation.
 #[derive(Debug, Clone)]
 pub struct Descended {
-    /// The energy at first and after every step.
+    /// The initial energy and the energy after every step.
     pub energies: Vec<f64>,
-    /// It ended because little was gained any more.
+    /// Whether it ended because the energy hardly decreased.
     pub converged: bool,
 }
 
@@ -63,20 +63,20 @@ fn add(to: &mut [Place], by: &[Place], times: f64) {
     to.iter_mut().zip(by).for_each(|(to, by)| *to += times * by);
 }
 
-/// Moves a map downhill. Every step makes the energy less.
+/// Minimises the energy of a map. Every step decreases it.
 pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, control: &Control) -> Result<Descended> {
     let (mut energy, mut gradient) = objective.evaluate(uv, control)?;
     let mut factor = objective.factor(uv)?;
     let (mut since, mut short) = (0, 0);
-    let mut past = Past::default();
+    let mut history = History::default();
     let mut energies = vec![energy];
     while energies.len() <= until.steps && energy > until.enough {
         control.check()?;
-        let mut along = past.direction(&gradient, &factor);
+        let mut along = history.direction(&gradient, &factor);
         let mut slope = dot(&gradient, &along);
         if slope >= 0.0 {
-            past.clear();
-            along = past.direction(&gradient, &factor);
+            history.clear();
+            along = history.direction(&gradient, &factor);
             slope = dot(&gradient, &along);
         }
         let mut length = (SAFE * objective.farthest_step(uv, &along)).min(1.0);
@@ -94,27 +94,27 @@ pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, co
             length = if lowest.is_finite() { lowest.clamp(0.1 * length, 0.5 * length) } else { 0.5 * length };
         }
         let Some((next, reached, next_gradient)) = found else {
-            if past.is_empty() {
-                return Ok(Descended { energies, converged: true }); // nothing is downhill any more but for rounding
+            if history.is_empty() {
+                return Ok(Descended { energies, converged: true }); // only rounding is left
             }
-            past.clear();
+            history.clear();
             continue;
         };
         let moved: Vec<_> = next.iter().zip(uv.iter()).map(|(to, from)| to - from).collect();
         let bent: Vec<_> = next_gradient.iter().zip(&gradient).map(|(to, from)| to - from).collect();
         let curvature = dot(&moved, &bent);
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&bent, &bent)).sqrt() {
-            past.push(&moved, &bent);
+            history.push(&moved, &bent);
         }
         (*uv, energy, gradient) = (next, reached, next_gradient);
         energies.push(energy);
         control.advance();
         short += usize::from(length < SHORT);
         let is_little = |before: usize| energies[before] - energy < until.gain * energy.abs();
-        let ends = energies.len().checked_sub(1 + JUDGED).is_some_and(|before| before >= since && is_little(before));
+        let ends = energies.len().checked_sub(1 + EVALUATED).is_some_and(|before| before >= since && is_little(before));
         if (short >= MOST_SHORT || ends && short > 0) && !is_little(since) {
             factor = objective.factor(uv)?;
-            past.clear();
+            history.clear();
             (since, short) = (energies.len() - 1, 0);
         } else if ends {
             return Ok(Descended { energies, converged: true });

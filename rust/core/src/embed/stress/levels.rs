@@ -1,7 +1,7 @@
-//! From coarse to fine: a map of few vertices, then all others in between, and descent on every level.
+//! Multi-level optimisation: a map of few vertices is refined level by level, and optimised on every level.
 //!
-//! The coarsest map is spread by springs (`tutte`), which fold nothing. Descent keeps it so, and so does re-insertion from
-//! one level to the next: no map on the way has a fold.
+//! The coarsest map is spread by springs (`tutte`), which creates no folds. The optimisation preserves this, and so
+//! does re-insertion from one level to the next: no intermediate map has a fold.
 
 use crate::embed::Place;
 use std::iter;
@@ -22,55 +22,55 @@ use crate::rows::{DistanceRows, Rows};
 use crate::surface::Surface;
 use crate::surface::decimate::{self, Decimation, decimate};
 
-/// How many times as many vertices a level has as the next coarser one.
+/// The ratio of the numbers of vertices of successive levels.
 const FALL: f64 = 3.0;
 
-/// Vertices of the coarsest level.
+/// The number of vertices of the coarsest level.
 const COARSEST: usize = 1600;
 
-/// Vertices of a level for each landmark, at least.
+/// The minimum number of vertices of a level per landmark.
 const FOR_A_LANDMARK: usize = 3;
 
-/// Distances are kept to at most so many vertices.
-pub const MOST_JUDGED: usize = 15_000;
+/// The maximum number of vertices at which distances are compared.
+pub const MOST_EVALUATED: usize = 15_000;
 
-/// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 320; two triangles, 160; most of the
-/// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
+/// The memory per vertex of the optimisation in bytes: twenty past steps and gradient changes take 320, two triangles
+/// 160, and the factored matrix of springs most of the rest; the coarser surfaces add half of the sum.
 const VERTEX_BYTES: u64 = 1110;
 
-/// The memory in bytes that [`flatten`] needs at most, its levels and rows among it: of distances of four bytes to the
-/// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
+/// Returns the maximum memory in bytes of [`flatten`], including its levels and rows. Distances of four bytes to the
+/// vertices where they are compared exist in three copies: the rows, the pairs, and those of the current level.
 pub fn memory_need(points: usize, sources: usize) -> u64 {
     let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
-    let judged = sizes().find(|&size| size <= MOST_JUDGED).or_else(|| sizes().last()).unwrap_or(points);
-    VERTEX_BYTES * points as u64 + 3 * 4 * (judged * sources) as u64
+    let evaluated = sizes().find(|&size| size <= MOST_EVALUATED).or_else(|| sizes().last()).unwrap_or(points);
+    VERTEX_BYTES * points as u64 + 3 * 4 * (evaluated * sources) as u64
 }
 
-/// How many vertices the level has that is next coarser than one, if there is one.
+/// Returns the number of vertices of the next coarser level, if there is one.
 fn coarser(vertices: usize, landmarks: usize) -> Option<usize> {
     let size = (vertices as f64 / FALL) as usize;
     (size >= COARSEST.max(FOR_A_LANDMARK * landmarks)).then_some(size)
 }
 
-/// Steps between two looks at what the springs and the scale should be.
+/// The number of steps between two updates of the springs and the scale.
 const ROUND: usize = 40;
 
-/// Most rounds of the first descent, which has the farthest way, and of the others.
+/// The maximum number of rounds of the first optimisation, which has the longest way, and of the others.
 const FIRST_ROUNDS: usize = 40;
 pub(super) const MOST_ROUNDS: usize = 10;
 
-/// Five steps that gain less than this part of the energy are the end, and so is a round.
+/// The optimisation ends when five steps, or a round, decrease the energy by less than this share.
 const GAIN: f64 = 1e-4;
 const ROUND_GAIN: f64 = 2e-3;
 
-/// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
-/// without area hold descent back, and there it ends.
+/// An energy that no usable map has: it is below 1 after good optimisations, and below 10 where near distances count
+/// most. Triangles without area block the optimisation, and it ends there.
 pub(super) const HOPELESS: f64 = 1000.0;
 
-/// Triangles with less than this part of their area would hold descent back.
+/// Triangles with less than this share of their area would block the optimisation.
 const TINY: f64 = 0.1;
 
-/// The first descent: far distances as they are, from some of the landmarks, and triangles with a barrier.
+/// The first optimisation: far distances without outliers, from some of the landmarks, and triangles with a barrier.
 const FIRST: Dials = Dials {
     bands: Bands { weights: [1.0, 0.0, 0.0], outliers: [f64::INFINITY; 2] },
     shape: Shape { barrier: 1.0, area: 0.0, outlier: f64::INFINITY },
@@ -79,7 +79,7 @@ const FIRST: Dials = Dials {
 };
 const FIRST_LANDMARKS: usize = 96;
 
-/// What makes the map (docs/decisions/0013).
+/// The weights of the final map (docs/decisions/0013).
 pub(crate) const FINAL: Dials = Dials {
     bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.02] },
     shape: Shape { barrier: 0.02, area: 3.0, outlier: 0.2 },
@@ -87,10 +87,10 @@ pub(crate) const FINAL: Dials = Dials {
     patience: 1,
 };
 
-/// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
+/// The factor on near distances and shapes at the local end of the weighting, and its inverse at the global end.
 const WIDEST: f64 = 10.0;
 
-/// [`FINAL`] for a weighting between 0, local, and 1, global.
+/// Returns [`FINAL`] for a weighting between 0, local, and 1, global.
 pub(super) fn weighted(weighting: f64) -> Dials {
     let near = WIDEST.powf(1.0 - 2.0 * weighting);
     let [all, thirty, ten] = FINAL.bands.weights;
@@ -98,32 +98,32 @@ pub(super) fn weighted(weighting: f64) -> Dials {
     Dials { bands, stiffness: near * FINAL.stiffness, ..FINAL }
 }
 
-/// What counts how much, and how long descent goes on.
+/// The weights of the terms, and the length of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Dials {
     pub bands: Bands,
     pub shape: Shape,
-    /// β, the weight of the triangles beside the distances.
+    /// β, the weight of the triangles relative to the distances.
     pub stiffness: f64,
-    /// How many times as many steps there may be, and how many times as little five of them may gain.
+    /// The factor on the maximum number of steps, and the divisor of the smallest decrease over five steps.
     pub patience: u32,
 }
 
-/// How descent on the finest level went.
+/// The convergence of the optimisation on the finest level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Convergence {
-    /// The energy at first and after every step, of one round after the other; between rounds the scale is found anew.
+    /// The initial energy and the energy after every step of all rounds; the scale is updated between rounds.
     pub energies: Vec<f64>,
-    /// It ended because little was gained any more.
+    /// Whether it ended because the energy hardly decreased.
     pub converged: bool,
 }
 
-/// A map (mm) of a disk that keeps the distances of rows among the vertices that are judged, and the shape of triangles, and folds
-/// nowhere. Where the rows' sources lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
-/// to 1, where far distances do; 0.5 is usual. Coarser surfaces are dropped when they have served.
-/// Errors: [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::Uneven`] if edges are so uneven in
-/// length that descent comes to no map, [`Error::TooManySprings`], [`Error::Cancelled`].
-/// Panics if the rows are others than those of [`Levels::measure`] and [`Levels::take`].
+/// Returns a map (mm) of a disk without folds that preserves the distances of rows among the compared vertices, and the
+/// shapes of triangles. It starts from the positions of the rows' sources by classical scaling. A `weighting` of 0
+/// favours near distances and shapes, 1 favours far distances; 0.5 is usual. Coarser surfaces are dropped after use.
+/// Errors: [`Error::Folded`] if triangles are too thin for their areas to differ from zero, [`Error::Uneven`] if edge
+/// lengths vary so much that the optimisation yields no map, [`Error::TooManySprings`], [`Error::Cancelled`].
+/// Panics if the rows are not those of [`Levels::measure`] or [`Levels::take`].
 pub fn flatten(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -136,7 +136,7 @@ pub fn flatten(
     if is_map { Ok((uv, convergence)) } else { Err(Error::Uneven) }
 }
 
-/// The same by any dials, whatever the energy in the end.
+/// Does the same with given weights, and accepts any final energy.
 pub(crate) fn unfold(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -144,7 +144,7 @@ pub(crate) fn unfold(
     dials: Dials,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let depth = levels.coarser.len();
     let level = levels.prepare(depth, &pairs, control)?;
     control.begin("unfolding", 1);
@@ -158,24 +158,24 @@ pub(crate) fn unfold(
     levels.refined(uv, convergence, finer, &pairs, dials, control)
 }
 
-/// What the user is told, on the finest level and on coarser ones.
+/// Returns the name of the stage in progress reports, on the finest level and on coarser ones.
 pub(super) fn stage(depth: usize) -> &'static str {
-    if depth == 0 { "keeping distances and shapes" } else { "keeping distances and shapes, coarsely" }
+    if depth == 0 { "optimising distances and shapes" } else { "optimising distances and shapes on a coarse level" }
 }
 
-/// How far vertices of the boundary may come out of a coarser map, if the boundary crosses itself by the one before.
+/// The overhang of boundary vertices over a coarser map; the next one is used if the boundary crosses itself.
 const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
 
-/// What the gaps of the outline count beside the stress, where it is kept from running into itself.
+/// The weight of the outline's gaps relative to the stress, where it is kept apart.
 pub(super) const APART: f64 = 1e-3;
 
-/// Coarser and coarser surfaces, all of them with the landmarks.
+/// Coarser and coarser surfaces, all of which contain the landmarks.
 #[derive(Debug)]
 pub struct Levels<'a> {
     finest: &'a Surface,
     landmarks: Vec<u32>,
     pub(super) coarser: Vec<Decimation>,
-    /// The vertices of every level, as those of the finest.
+    /// The vertices of every level, as numbers of the finest level.
     pub(super) vertices: Vec<Vec<u32>>,
 }
 
@@ -187,7 +187,7 @@ pub(super) struct Level {
 }
 
 impl<'a> Levels<'a> {
-    /// The levels of a disk.
+    /// Creates the levels of a disk.
     pub fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
         let vertices = vec![(0..finest.len() as u32).collect()];
         let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
@@ -212,39 +212,39 @@ impl<'a> Levels<'a> {
         if depth == 0 { self.finest } else { &self.coarser[depth - 1].surface }
     }
 
-    /// The vertices that every level has.
+    /// Returns the vertices that every level has.
     pub fn landmarks(&self) -> &[u32] {
         &self.landmarks
     }
 
-    /// The surface itself.
+    /// Returns the surface itself.
     pub fn finest(&self) -> &'a Surface {
         self.finest
     }
 
-    /// The vertices to which distances are kept, in ascending order: those of the finest level that has few enough, all landmarks
-    /// among them.
-    pub fn judged(&self) -> &[u32] {
-        let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_JUDGED);
+    /// Returns the vertices at which distances are compared, in ascending order: those of the finest small level. They
+    /// include all landmarks.
+    pub fn evaluated(&self) -> &[u32] {
+        let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_EVALUATED);
         small.unwrap_or(&self.vertices[self.vertices.len() - 1])
     }
 
-    /// The distances from the landmarks to the vertices that are judged, all of them numbered as these.
+    /// Returns the distances from the landmarks to the compared vertices, in the numbering of the latter.
     pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
-        Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.judged(), control)?))
+        Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.evaluated(), control)?))
     }
 
-    /// The same of whole rows that were measured before.
-    /// Panics if the rows are from others than the landmarks, or do not reach to every vertex.
+    /// Returns the same columns of complete, known rows.
+    /// Panics if the rows are not from the landmarks, or do not reach every vertex.
     pub fn take(&self, rows: &impl Rows, control: &Control) -> Result<DistanceRows> {
         assert_eq!(rows.sources(), self.landmarks, "rows from the landmarks");
-        Ok(self.numbered(rows.to(self.judged(), control)?))
+        Ok(self.numbered(rows.to(self.evaluated(), control)?))
     }
 
     fn numbered(&self, rows: DistanceRows) -> DistanceRows {
-        let judged = self.judged();
-        let number = |vertex: &u32| judged.partition_point(|other| other < vertex) as u32;
-        DistanceRows::new(self.landmarks.iter().map(number).collect(), judged.len(), rows.into_data())
+        let evaluated = self.evaluated();
+        let number = |vertex: &u32| evaluated.partition_point(|other| other < vertex) as u32;
+        DistanceRows::new(self.landmarks.iter().map(number).collect(), evaluated.len(), rows.into_data())
     }
 
     pub(super) fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {
@@ -254,7 +254,7 @@ impl<'a> Levels<'a> {
         Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs, outline: Outline::new(surface) })
     }
 
-    /// Descent on a level, and beside it what the next finer one needs, of which much is the work of one thread.
+    /// Optimises on a level, and prepares the next finer one in parallel, which is mostly the work of one thread.
     pub(super) fn beside(
         &self,
         depth: usize,
@@ -267,8 +267,7 @@ impl<'a> Levels<'a> {
         Ok((settled?, finer?))
     }
 
-    /// The map of the finest level from that of the coarsest that is left, and how descent went there. Levels are dropped when they
-    /// have served.
+    /// Returns the finest level's map from that of the coarsest remaining one, and its convergence. Drops used levels.
     pub(super) fn refined(
         &mut self,
         mut uv: Vec<Place>,
@@ -289,8 +288,8 @@ impl<'a> Levels<'a> {
         Ok((uv.into_iter().map(Into::into).collect(), convergence))
     }
 
-    /// The map of a level from that of the next coarser one; its outline crosses itself nowhere if that one's does not, unless
-    /// parts of the map lie nearer to each other than vertices can be placed.
+    /// Returns the map of a level from that of the next coarser one. Its outline does not cross itself if that one's
+    /// does not, unless parts of the map are closer to each other than the precision of positions.
     fn refine(&self, depth: usize, uv: &[Place], outline: &Outline, control: &Control) -> Result<Vec<Place>> {
         let Decimation { survivors, removals, .. } = &self.coarser[depth];
         let mut finer = vec![[0.0; 2]; self.surface(depth).len()];
@@ -312,8 +311,8 @@ impl Level {
         if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
     }
 
-    /// Descent to the map of least energy from the first map, where all still moves far: parts may pass through each other, and only if
-    /// the outline runs into itself in the end, this descent is made again with the outline kept apart.
+    /// Optimises the first map, in which distances change much. Parts may pass through each other. If the outline
+    /// crosses itself in the end, the optimisation is repeated with the outline kept apart.
     fn settle_first(
         &self,
         uv: &mut Vec<Place>,
@@ -330,7 +329,7 @@ impl Level {
         self.descend(uv, &self.outline.inside(uv.len()), dials, Some((&self.outline, APART)), stage, control)
     }
 
-    /// The same from a coarser map, its outline kept from running into itself.
+    /// Does the same from a coarser map, while the outline is kept apart.
     fn settle(&self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control) -> Result<Convergence> {
         self.ease_tiny(uv, dials.shape, control)?;
         ease(&self.triangles, dials.shape, &self.outline.inside(uv.len()), uv, control)?;
@@ -339,8 +338,8 @@ impl Level {
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
     }
 
-    /// Eases the triangles that have hardly any area left as if none were an outlier, which would be let lie. Vertices of the boundary
-    /// stay.
+    /// Enlarges the triangles that have hardly any area. No triangle counts as an outlier, because outliers would not
+    /// move. Vertices of the boundary stay.
     pub(super) fn ease_tiny(&self, uv: &mut [Place], shape: Shape, control: &Control) -> Result<()> {
         let mut may_move = vec![false; uv.len()];
         for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
@@ -363,7 +362,7 @@ impl Level {
         MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline }
     }
 
-    /// From the first map, in which triangles may be tiny, by way of one that keeps far distances.
+    /// Optimises the first map, in which triangles can be tiny, by way of a map that preserves far distances.
     fn descend(
         &self,
         uv: &mut Vec<Place>,
@@ -401,7 +400,7 @@ impl Level {
             if let Some(before) = before
                 && self.outline.crossings(uv, control)? > 0
             {
-                *uv = before; // a vertex slipped through an edge by rounding
+                *uv = before; // a vertex crossed an edge by rounding
                 curve.push(energies[0]);
                 return Ok(Convergence { energies: curve, converged: false });
             }

@@ -1,7 +1,7 @@
-//! Local moves: vertex after vertex goes to where its own triangles are distorted least.
+//! Local moves: each vertex in turn moves to where its own triangles are distorted least.
 //!
-//! Re-insertion puts vertices where nothing folds, but some of the triangles there have hardly any area. One such triangle would
-//! hold back every step of a [descent](super::descent), which moves all vertices at once; here it holds back its corners only.
+//! Re-insertion places vertices without folds, but some triangles then have hardly any area. A single one would block
+//! every step of a [descent](super::descent), which moves all vertices at once; here, it only blocks its own corners.
 
 use crate::embed::Place;
 use nalgebra::Matrix2;
@@ -10,21 +10,20 @@ use super::triangles::{Rest, Shape, TriangleEnergy, cofactors};
 use crate::control::Control;
 use crate::error::Result;
 
-/// Times that a step is made shorter at most.
+/// The maximum number of times that a step is shortened.
 const MOST_SHORTER: usize = 12;
 
-/// Sweeps end when one gains less than this part of the energy, or after so many.
+/// Sweeps end when one decreases the energy by less than this share, or after the maximum number.
 const GAIN: f64 = 0.05;
 const MOST_SWEEPS: usize = 40;
 
-/// Where the energy bends less than this part of how it bends at most, it counts as bent so much.
+/// The smallest curvature of the energy, as a share of the largest one.
 const FLATTEST: f64 = 1e-6;
 
-/// Vertices between two looks at the control.
+/// The number of vertices between two checks for cancellation.
 const BATCH: usize = 1 << 12;
 
-/// Moves the vertices that may move, one after the other, until little is gained. The triangles' energy falls, and none is
-/// turned over.
+/// Moves the free vertices one after the other until the energy hardly decreases. No triangle is flipped.
 pub fn ease(
     triangles: &TriangleEnergy,
     shape: Shape,
@@ -47,7 +46,7 @@ pub fn ease(
     Ok(())
 }
 
-/// One step of Newton's method for a vertex, shorter where it would not go downhill.
+/// Takes a Newton step for a vertex, shortened if it would increase the energy.
 fn step(triangles: &TriangleEnergy, shape: Shape, vertex: usize, uv: &mut [Place]) {
     let from = uv[vertex];
     let mut here = Local::default();
@@ -64,7 +63,7 @@ fn step(triangles: &TriangleEnergy, shape: Shape, vertex: usize, uv: &mut [Place
     uv[vertex] = from;
 }
 
-/// What a vertex' triangles say about its place.
+/// The energy of a vertex's triangles as a function of its position.
 #[derive(Debug, Clone, Copy, Default)]
 struct Local {
     energy: f64,
@@ -73,8 +72,8 @@ struct Local {
 }
 
 impl Local {
-    /// With r the gradient of the corner's hat function on the surface's triangle, J = … + x rᵀ. So ½ ‖J‖² has the slope J r and
-    /// the bend ‖r‖² 1; the determinant, which is linear in x, has the slope C r, C its matrix of cofactors.
+    /// With r the gradient of the corner's hat function on the surface's triangle, J = … + x rᵀ. So ½ ‖J‖² has slope J
+    /// r and curvature ‖r‖² 1. The determinant, linear in x, has slope C r, with C its matrix of cofactors.
     fn add(&mut self, rest: &Rest, corner: usize, uv: &[Place], shape: Shape) {
         let jacobian = rest.jacobian(uv);
         let price = shape.price(&jacobian);
@@ -92,7 +91,7 @@ impl Local {
                 + area_area * by_area * by_area.transpose());
     }
 
-    /// The way to where the parabola is lowest; where it bends downwards, as if it bent upwards as much.
+    /// Returns the step to the minimum of the parabola; negative curvatures are replaced by their magnitudes.
     fn newton(&self) -> Place {
         let parts = self.bend.symmetric_eigen();
         let least = FLATTEST * parts.eigenvalues.amax();

@@ -1,13 +1,13 @@
-//! Stress: places in the plane whose distances are near geodesic ones, over triangles that keep their shape and never fold.
+//! Stress: positions in the plane with distances close to geodesic ones, and triangles that never fold.
 
 pub mod area_bound;
 pub(crate) mod descent;
+mod lbfgs;
 pub mod levels;
 pub(crate) mod local;
-mod mend;
 pub(crate) mod outline;
 pub(crate) mod pairs;
-mod past;
+mod repair;
 pub(crate) mod springs;
 pub mod start;
 pub(crate) mod triangles;
@@ -24,22 +24,22 @@ use pairs::{Bands, Pairs};
 use springs::{Factor, Springs};
 use triangles::{Shape, TriangleEnergy};
 
-/// The energy of a map: the stress of its distances and the price of what happens to its triangles.
+/// The energy of a map: the stress of its distances and the distortion of its triangles.
 #[derive(Debug)]
 pub(crate) struct MapEnergy<'a> {
-    /// Distances to keep.
+    /// The distances to preserve.
     pub pairs: &'a Pairs,
-    /// What they count.
+    /// Their weights.
     pub bands: Bands,
-    /// Triangles to keep.
+    /// The triangles to preserve.
     pub triangles: &'a TriangleEnergy,
-    /// What changes them.
+    /// The penalty on their changes.
     pub shape: Shape,
-    /// β, the weight of the triangles' mean energy beside the stress.
+    /// β, the weight of the triangles' mean energy relative to the stress.
     pub stiffness: f64,
     /// Springs along the triangles' edges.
     pub springs: &'a Springs,
-    /// The boundary, where it is kept from running into itself, and what that counts.
+    /// The boundary and the weight of its gaps, where it is kept apart.
     pub outline: Option<(&'a Outline, f64)>,
 }
 

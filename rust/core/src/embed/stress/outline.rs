@@ -1,12 +1,12 @@
-//! The outline of a map: what keeps its boundary from running into itself.
+//! The outline of a map, which prevents its boundary from crossing itself.
 //!
-//! A map that folds no triangle and whose boundary does not cross itself lies on itself nowhere. So it is enough to watch the
-//! boundary: its vertices are pushed away from its edges where they come near, by
+//! A map that folds no triangle and whose boundary does not cross itself does not overlap itself. Therefore, only the
+//! boundary is controlled: its vertices are pushed away from its edges where they come close, by
 //!
 //!   Σ max(0, g/d − 1)²
 //!
-//! with d the distance of a vertex from an edge and g the gap at which it begins, and no step goes farther than to where the
-//! first vertex meets an edge (Smith, Schaefer 2015).
+//! with d the distance of a vertex from an edge and g the gap at which it begins. No step goes beyond the point where
+//! the first vertex meets an edge (Smith, Schaefer 2015).
 
 use robust::Coord;
 
@@ -18,34 +18,34 @@ use crate::embed::Place;
 use crate::error::Result;
 use crate::surface::Surface;
 
-/// The gap as a part of the least height of a triangle at the boundary: a map that keeps shapes has no vertex so near to an
-/// edge of its own triangles.
+/// The gap as a share of the smallest height of a triangle at the boundary: in a map that preserves shapes, no vertex
+/// is that close to an edge of its own triangles.
 const GAP: f64 = 0.5;
 
-/// A vertex that comes so near to an edge's line beyond its end, as a part of the edge, counts as meeting it.
+/// The tolerance, as a share of an edge, within which a vertex that meets its line beyond its end counts as meeting it.
 const BESIDE: f64 = 1e-6;
 
-/// The boundary of a surface, to be kept from running into itself in the plane.
+/// The boundary of a surface, which is prevented from crossing itself in the plane.
 #[derive(Debug)]
 pub struct Outline {
-    /// With the surface on their left; every vertex of the boundary begins one.
+    /// Edges with the surface on their left; every vertex of the boundary begins one.
     edges: Vec<[u32; 2]>,
-    /// The gap of each edge and its first vertex, mm.
+    /// The gap of each edge and its first vertex in mm.
     gaps: Vec<f64>,
 }
 
 struct Contact {
     vertex: u32,
     edge: [u32; 2],
-    /// Where on the edge it is nearest, as a part of its way.
+    /// The nearest point on the edge, as a share of its length.
     along: f64,
-    /// From there to the vertex, mm.
+    /// The vector from there to the vertex in mm.
     apart: Place,
     gap: f64,
 }
 
 impl Contact {
-    /// Energy, and its first and second derivatives by the distance.
+    /// Returns the energy, and its first and second derivatives with respect to the distance.
     fn push(&self) -> [f64; 3] {
         let distance = self.apart.norm();
         let near = self.gap / distance;
@@ -55,12 +55,12 @@ impl Contact {
 }
 
 impl Outline {
-    /// Those of the boundary.
+    /// Iterates over the vertices of the boundary.
     pub fn vertices(&self) -> impl Iterator<Item = u32> + '_ {
         self.edges.iter().map(|edge| edge[0])
     }
 
-    /// Of each of so many vertices, is it none of the boundary's?
+    /// Returns, for each of `vertices` vertices, whether it is not on the boundary.
     pub fn inside(&self, vertices: usize) -> Vec<bool> {
         let mut inside = vec![true; vertices];
         self.vertices().for_each(|vertex| inside[vertex as usize] = false);
@@ -101,7 +101,7 @@ impl Outline {
         energy
     }
 
-    /// Adds to each vertex how stiff the energy times `weight` is there.
+    /// Adds the stiffness of the energy times `weight` at each vertex.
     pub fn add_curvature(&self, uv: &[Place], weight: f64, ground: &mut [f64]) {
         let weight = weight / self.edges.len() as f64;
         for contact in self.contacts(uv) {
@@ -112,7 +112,7 @@ impl Outline {
         }
     }
 
-    /// How far the boundary may move along `direction`, as a part of it, until a vertex meets an edge; `most` if none does before.
+    /// Returns how far the boundary may move along `direction`, as a share, until a vertex meets an edge, or `most`.
     pub fn farthest_step(&self, uv: &[Place], direction: &[Place], most: f64) -> f64 {
         let swept = |edge: usize| {
             let [a, b] = self.ends(edge, uv);
@@ -128,8 +128,8 @@ impl Outline {
         farthest
     }
 
-    /// For each vertex of the boundary that shares its place with another one, a way into its own triangles that is half as long as its
-    /// gap: along the bisector of its angle, so that both of its edges go inwards. Zero for all others.
+    /// Returns, for each boundary vertex that shares its position with another one, a vector into its own triangles
+    /// along the bisector of its angle, half as long as its gap, so that both of its edges move inwards; else zero.
     pub fn inwards(&self, uv: &[Place]) -> Vec<Place> {
         let mut ways = vec![Place::zeros(); uv.len()];
         let key = |vertex: u32| uv[vertex as usize].map(|x| (x + 0.0).to_bits()); // + 0.0, so that −0 is 0
@@ -153,7 +153,7 @@ impl Outline {
         ways
     }
 
-    /// Number of boundary vertices that lie on an edge of others, or on another vertex.
+    /// Returns the number of boundary vertices that lie on another edge or vertex.
     pub fn touches(&self, uv: &[Place]) -> usize {
         self.contacts(uv).iter().filter(|contact| !contact.push()[0].is_finite()).count()
     }
@@ -181,7 +181,7 @@ impl Outline {
         contacts
     }
 
-    /// Visits the pairs of edges whose boxes meet, of which the first's first vertex is not on the second.
+    /// Visits the pairs of edges whose boxes meet, if the first vertex of the first edge is not on the second.
     fn visit_near(&self, bounds: impl Fn(usize) -> Bounds, mut visit: impl FnMut(usize, usize)) {
         let tree = Tree::over((0..self.edges.len()).map(bounds).collect());
         for (position, &first) in tree.order.iter().enumerate() {
@@ -196,7 +196,7 @@ impl Outline {
     }
 }
 
-/// When a point first meets a segment, both on their way; infinite if never. `at` are the point and the segment's ends.
+/// Returns when a moving point first meets a moving segment, if ever. `at` are the point and the segment's ends.
 fn meeting(at: [Place; 3], way: [Place; 3]) -> f64 {
     let [p0, b0] = [at[0] - at[1], at[2] - at[1]];
     let [p1, b1] = [way[0] - way[1], way[2] - way[1]];

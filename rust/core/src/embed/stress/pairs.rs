@@ -1,11 +1,11 @@
-//! The stress of a map: how far its distances are from those on the surface.
+//! The stress of a map: the deviation of its distances from those on the surface.
 //!
-//! Over pairs of a landmark and a vertex with the geodesic distance δ and the flat distance d, r = (d − δ)/δ, the stress is
+//! Over pairs of a landmark and a vertex with geodesic distance δ and flat distance d, r = (d − δ)/δ, the stress is
 //!
 //!   Σ_b a_b · mean over the pairs of band b of ρ(r),   ρ(r) = 2κ² (√(1 + r²/κ²) − 1)
 //!
-//! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error from which it
-//! grows no faster than |r| (pseudo-Huber), so that a few distances that no map can keep do not rule it.
+//! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error above
+//! which it grows only like |r| (pseudo-Huber), so that a few distances that no map can preserve do not dominate it.
 
 use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2};
@@ -17,27 +17,27 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::rows::DistanceRows;
 
-/// Vertices that are visited together.
+/// The number of vertices that are visited together.
 const BATCH: usize = 256;
 
-/// Landmarks that are visited together, in the processor's registers.
+/// The number of landmarks that are visited together, in the processor's registers.
 const LANES: usize = 16;
 
-/// Nearer pairs have no say, mm, or as a part of the farthest pair: a relative error is nothing there.
+/// Nearer pairs are ignored (mm, or as a share of the farthest pair), because their relative error is meaningless.
 const NEAREST: f32 = 1e-3;
 const NEAREST_PART: f32 = 1e-5;
 
-/// What keeps flat distances from 0, as a part of the nearest that has a say.
+/// A lower limit of flat distances, as a share of the nearest pair that counts.
 const APART: f32 = 1e-6;
 
-/// The part of what pairs bend upwards, along and across together, that holds a vertex where it is. The other vertex of a pair may come
-/// along, and in the motions that are left to the end most do (docs/decisions/0033).
+/// The share of the pairs' curvature, along and across together, that springs put on a vertex. The other vertex of a
+/// pair may move with it, and in the motions that remain to the end, most do (docs/decisions/0033).
 const HELD: f64 = 1.0 / 16.0;
 
-/// How far the bands reach, mm.
+/// The upper ends of the bands in mm.
 pub const BANDS: [f32; 3] = [f32::INFINITY, 30.0, 10.0];
 
-/// The weights of the bands, and from which relative error on outliers count less.
+/// The weights of the bands, and the relative error above which outliers count less.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bands {
     /// a_b, of all pairs, of those up to 30 mm, and of those up to 10 mm.
@@ -46,22 +46,22 @@ pub struct Bands {
     pub outliers: [f64; 2],
 }
 
-/// Distances from landmarks to some vertices.
+/// Distances from landmarks to vertices.
 #[derive(Debug)]
 pub struct Pairs {
     landmarks: Vec<u32>,
     vertices: Vec<u32>,
-    /// One row a vertex, padded with zeros to whole lanes; mm.
+    /// One row per vertex in mm, padded with zeros to complete lanes.
     table: Vec<f32>,
     width: usize,
-    /// How many pairs each band has.
+    /// The number of pairs of each band.
     counts: [usize; 3],
-    /// Nearer pairs have no say, mm.
+    /// Nearer pairs are ignored, mm.
     nearest: f32,
 }
 
 impl Pairs {
-    /// Distance rows among some vertices: their sources and columns are numbers of these.
+    /// Creates pairs from distance rows; their sources and columns are indices into `vertices`.
     pub fn new(rows: &DistanceRows, vertices: &[u32], control: &Control) -> Result<Self> {
         let landmarks: Vec<u32> = rows.sources().iter().map(|&number| vertices[number as usize]).collect();
         let width = landmarks.len().next_multiple_of(LANES);
@@ -81,7 +81,7 @@ impl Pairs {
         Self { landmarks, vertices, table, width, counts, nearest }
     }
 
-    /// The pairs among some vertices, in ascending order and with all landmarks, by their numbers in this order.
+    /// Returns the pairs among some vertices, ascending and with all landmarks, by their numbers in this order.
     pub fn among(&self, vertices: &[u32]) -> Self {
         let number = |vertex: &u32| vertices.binary_search(vertex).ok().map(|number| number as u32);
         let rows = self.vertices.iter().zip(self.table.chunks_exact(self.width.max(1)));
@@ -101,9 +101,9 @@ impl Pairs {
         Self::of(landmarks, self.vertices.clone(), table, width)
     }
 
-    /// Where the vertices lie by their distances to the landmarks (de Silva, Tenenbaum 2004): with X the landmarks' places and
-    /// μ the means of their squared distances among each other, x = −½ X⁺ (δ² − μ) from the centre. Vertices that are in no pair
-    /// lie at the centre.
+    /// Returns the positions of the vertices by their distances to the landmarks (de Silva, Tenenbaum 2004): with X the
+    /// landmarks' positions and μ the means of the squared distances among them, x = −½ X⁺ (δ² − μ) from the centre.
+    /// Vertices without pairs lie at the centre.
     pub fn landmark_places(&self, places: &[[f64; 2]], vertices: usize) -> Vec<Place> {
         let count = places.len() as f64;
         let centre = places.iter().map(|&place| Vector2::from(place)).sum::<Place>() / count;
@@ -131,7 +131,7 @@ impl Pairs {
         Dials { steps, nearest: self.nearest, sharp: bands.outliers.map(|outlier| outlier.recip() as f32) }
     }
 
-    /// Where the landmarks lie, across and along, padded to whole lanes.
+    /// Returns the two coordinates of the landmarks, padded to complete lanes.
     fn places(&self, uv: &[Place]) -> [Vec<f32>; 2] {
         let mut places = [vec![0.0; self.width], vec![0.0; self.width]];
         for (n, &landmark) in self.landmarks.iter().enumerate() {
@@ -141,7 +141,7 @@ impl Pairs {
         places
     }
 
-    /// The stress, and its gradient added to `gradient`.
+    /// Returns the stress, and adds its gradient to `gradient`.
     pub fn add(&self, uv: &[Place], bands: &Bands, gradient: &mut [Place], control: &Control) -> Result<f64> {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
@@ -163,8 +163,8 @@ impl Pairs {
         Ok(energy)
     }
 
-    /// How firmly springs hold each vertex where it is, for what the stress around a map bends upwards by its own place; added to
-    /// `diagonal`. A pair bends ρ''/δ² along, and ρ'/(δ d) across.
+    /// Adds to `diagonal` the stiffness of springs that hold each vertex, from the positive curvature of the stress
+    /// with respect to its own position. The curvature of a pair is ρ''/δ² along, and ρ'/(δ d) across.
     pub fn add_curvature(&self, uv: &[Place], bands: &Bands, diagonal: &mut [f64]) {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
@@ -193,7 +193,7 @@ struct Batch<'a, Sums> {
     vertices: &'a [u32],
     table: &'a [f32],
     width: usize,
-    /// Of the landmarks.
+    /// Sums over the landmarks.
     sums: Sums,
 }
 
@@ -206,7 +206,7 @@ struct Dials {
     sharp: [f32; 2],
 }
 
-/// The stress of a batch of vertices, its gradient by their places, and minus that by the landmarks'.
+/// The stress of a batch of vertices, its gradient by their positions, and its negative gradient by the landmarks'.
 struct Found {
     energy: f64,
     of_vertices: Vec<Place>,
@@ -227,7 +227,7 @@ impl WithSimd for Stress<'_> {
         let mut found =
             Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
         let [sums_x, sums_y] = &mut sums;
-        // values of their own, or each of the lanes would load its own from memory
+        // local copies, or each of the lanes would load its own from memory
         let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
         let apart = (APART * nearest) * (APART * nearest);
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
@@ -253,7 +253,7 @@ impl WithSimd for Stress<'_> {
                     sum_y[n] += pull * dy;
                 }
             }
-            let mut sums = [0.0; 3]; // side by side, for each waits for the number before
+            let mut sums = [0.0; 3]; // interleaved, because each sum waits for its previous term
             for n in 0..LANES {
                 (0..3).for_each(|part| sums[part] += f64::from(total[part][n]));
             }

@@ -1,7 +1,7 @@
-//! Springs along the edges of a surface: a sparse matrix that is as stiff as a map's energy, and its factor.
+//! Springs along the edges of a surface: a sparse matrix about as stiff as a map's energy, and its factor.
 //!
-//! What a step of descent lacks in knowledge of the whole map, solving with these springs brings: a pull at one place moves
-//! everything around as far as stiffness carries it.
+//! Solving with these springs adds global information to a step of the optimisation: a force at one point moves
+//! everything around it, as far as the stiffness carries it.
 
 use crate::embed::Place;
 use faer::Side;
@@ -17,27 +17,26 @@ use crate::adjacency::starts_of;
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// Which entries the matrix has, and how they are factored; the same for every map of a surface.
+/// The sparsity pattern of the matrix and its symbolic factor, which are the same for every map of a surface.
 #[derive(Debug)]
 pub struct Springs {
     pattern: SymbolicSparseColMat<u32>,
     order: SymbolicLlt<u32>,
     triangles: Vec<[u32; 3]>,
-    /// Where each triangle's three edges stand among the entries.
+    /// The positions of each triangle's three edges among the entries.
     edges: Vec<[u32; 3]>,
-    /// Where each vertex' own entry stands.
+    /// The position of each vertex's diagonal entry.
     diagonal: Vec<u32>,
 }
 
-/// No entry: one of an edge's ends is held.
+/// No entry: one end of the edge is fixed.
 const HELD: u32 = u32::MAX;
 
 #[derive(Debug)]
 pub struct Factor(Llt<u32, f64>);
 
 impl Springs {
-    /// Springs along the edges of triangles, given by their corners. Those that are no vertex below `vertices` are held where
-    /// they are.
+    /// Creates springs along the edges of triangles, given by their corners. Corners from `vertices` on are fixed.
     pub fn new(triangles: Vec<[u32; 3]>, vertices: usize, control: &Control) -> Result<Self> {
         let ends = |[a, b, c]: [u32; 3]| [(a, b), (a, c), (b, c)].map(|(a, b)| (a.min(b), a.max(b)));
         let is_free = |&(_, larger): &(u32, u32)| (larger as usize) < vertices;
@@ -67,8 +66,8 @@ impl Springs {
         Ok(Self { pattern, order, triangles, edges, diagonal })
     }
 
-    /// The factor for the entries off the diagonal that each triangle adds (minus the stiffness of its edges), and springs from
-    /// each vertex to the ground: some of these must be stiff, or the whole could float away.
+    /// Factors the matrix, given the off-diagonal entries of each triangle (minus the stiffness of its edges) and
+    /// springs from each vertex to the ground. Some of these must be stiff, or the map could float away.
     pub fn factor(&self, stiffness: &[[f64; 3]], ground: &[f64]) -> Result<Factor> {
         let mut values = vec![0.0; self.pattern.compute_nnz()];
         for ((edges, stiffness), corners) in self.edges.iter().zip(stiffness).zip(&self.triangles) {
@@ -94,7 +93,7 @@ impl Springs {
 }
 
 impl Factor {
-    /// The displacements under which the springs balance the forces.
+    /// Returns the displacements for which the springs balance the forces.
     pub fn solve(&self, forces: &[Place]) -> Vec<Place> {
         let mut both = Mat::from_fn(forces.len(), 2, |row, column| forces[row][column]);
         self.0.solve_in_place_with_conj(Conj::No, both.as_mut());

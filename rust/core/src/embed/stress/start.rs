@@ -1,34 +1,34 @@
-//! A map that is known already: descent goes on from it, on the finest level on which it can be mended (`mend`).
+//! A known map as the start: the optimisation continues on the finest level on which it can be repaired (`repair`).
 
 use crate::embed::Place;
 use nalgebra::Vector2;
 
 use super::descent::Objective;
 use super::levels::{APART, Convergence, Dials, HOPELESS, Level, Levels, MOST_ROUNDS, stage, weighted};
-use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::Pairs;
+use super::repair::{Fault, repair};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
 
-/// How many times as large or as small as by its area a start may have to be, and how often the range in which its scale lies is
-/// narrowed.
+/// The maximum factor between the scale of a start and that given by its area, in both directions, and the number of
+/// times that the range of its scale is narrowed.
 const WIDEST_SCALE: f64 = 2.0;
 const NARROWINGS: usize = 26;
 
-/// A map that is known already.
+/// A known map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start<'a> {
-    /// The place of each vertex of the finest level, in any unit, at any place, mirrored or not.
+    /// The position of each vertex of the finest level, in any unit and location, possibly mirrored.
     pub places: &'a [[f64; 2]],
-    /// How many times as many steps as usual there may be, and how many times as little five of them may gain; 1 is usual.
+    /// The factor on the maximum number of steps, and the divisor of the smallest decrease over five steps; 1 is usual.
     pub patience: u32,
 }
 
 impl Start<'_> {
-    /// The places, counterclockwise and around the origin, none farther from there than 3.
+    /// Returns the positions, counterclockwise and centred at the origin, at a distance of at most 3 from it.
     pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Place>> {
         if self.places.len() != surface.len() {
             return Err(Error::StartMismatch { places: self.places.len(), points: surface.len() });
@@ -37,7 +37,7 @@ impl Start<'_> {
             return Err(Error::StartNotFinite { vertex });
         }
         let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
-        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny places are no numbers
+        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny positions would overflow
         let places: Vec<Place> = self.places.iter().map(|place| place.map(small).into()).collect();
         let centre = places.iter().sum::<Place>() / places.len() as f64;
         let double = |face: &[u32; 3]| {
@@ -49,12 +49,13 @@ impl Start<'_> {
     }
 }
 
-/// The map (mm) of least energy near one that is known: descent goes on from there, with the promises of [`flatten`](super::levels::flatten). It begins at the
-/// scale of least energy. Vertices whose triangles are turned over are put where they are not, and lips of a cut that lie on each other
-/// are drawn apart a little; where that is not enough, descent begins on the finest of the coarser levels where it is.
-/// Errors: [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the
-/// start cannot be mended on any level, or descent does not get away from it; and those of [`flatten`](super::levels::flatten).
-/// Panics as [`flatten`](super::levels::flatten).
+/// Returns the map (mm) with the smallest energy near a known one, with the guarantees of
+/// [`flatten`](super::levels::flatten). The optimisation starts at the scale with the smallest energy. Vertices with
+/// flipped triangles are moved to remove the flips, and coincident sides of a cut are drawn apart slightly. Where this
+/// is not sufficient, it starts on the finest coarser level where it is. Errors: [`Error::StartMismatch`],
+/// [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the start
+/// cannot be repaired on any level, or makes no progress; and those of [`flatten`](super::levels::flatten). Panics like
+/// [`flatten`](super::levels::flatten).
 pub fn flatten_from(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -64,13 +65,13 @@ pub fn flatten_from(
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let places = start.counterclockwise(levels.finest())?;
     let dials = Dials { patience: start.patience, ..weighted(weighting) };
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut first = None;
     for depth in 0..=levels.coarser.len() {
         let level = levels.prepare(depth, &pairs, control)?;
         let mut uv: Vec<_> = levels.vertices[depth].iter().map(|&vertex| places[vertex as usize]).collect();
         level.triangles.fit_area(&mut uv);
-        match mend(&level.triangles, &level.outline, &mut uv, control)? {
+        match repair(&level.triangles, &level.outline, &mut uv, control)? {
             Some(fault) => {
                 first.get_or_insert(fault);
             }
@@ -95,7 +96,7 @@ pub fn flatten_from(
 }
 
 impl Level {
-    /// Descent to the map of least energy from a map that is known and lies nowhere on itself.
+    /// Optimises a known map that does not overlap itself.
     fn settle_again(
         &self,
         uv: &mut Vec<Place>,
@@ -109,7 +110,7 @@ impl Level {
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
     }
 
-    /// Brings a map to the scale at which its energy is least, by golden sections.
+    /// Scales a map to the smallest energy, by golden-section search.
     fn scale(&self, uv: &mut [Place], dials: Dials, outline: Option<(&Outline, f64)>, control: &Control) -> Result<()> {
         let energy = self.energy(&self.pairs, dials, outline);
         let at = |log: f64| {

@@ -14,7 +14,7 @@ fn sheet() -> (Surface, DistanceRows) {
     (surface, rows)
 }
 
-/// So many times the distances in the plane of the first two axes.
+/// The distances in the plane of the first two axes, multiplied by a factor.
 fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -> DistanceRows {
     let (sources, places): (Vec<u32>, _) = (sources.collect(), plan(surface));
     let row = |&a: &u32| places.iter().map(move |b| (a, b)).collect::<Vec<_>>();
@@ -22,7 +22,7 @@ fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -
     DistanceRows::new(sources, surface.len(), data)
 }
 
-/// The slope of an energy by one coordinate.
+/// The slope of an energy with respect to one coordinate.
 fn slope(
     uv: &[Vector2<f64>],
     (vertex, axis): (usize, usize),
@@ -119,7 +119,7 @@ fn the_eigenvalues_are_those_of_the_hessian() {
     }
 }
 
-/// The stress by its definition, in double precision.
+/// The stress by definition, in double precision.
 fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 {
     let mut sums = [(0.0, 0usize); 3];
     for (n, &source) in rows.sources().iter().enumerate() {
@@ -255,7 +255,7 @@ fn plan(surface: &Surface) -> Vec<Vector2<f64>> {
 
 #[test]
 fn the_outline_is_pushed_as_its_energy_says() {
-    let surface = ramp(359.5); // the two ends are less than the gap apart
+    let surface = ramp(359.5); // the distance between the two ends is less than the gap
     let outline = outline::Outline::new(&surface);
     let uv = plan(&surface);
     let mut gradient = vec![Vector2::zeros(); uv.len()];
@@ -304,7 +304,7 @@ fn parts_of_a_map_that_distances_draw_onto_each_other_stay_apart() {
     let rows = straight(&surface, sources.iter().copied(), 1.0);
     let places: Vec<[f64; 2]> = sources.iter().map(|&v| plan(&surface)[v as usize].into()).collect();
     let control = Control::default();
-    // as it is drawn it lies on itself for 60 degrees
+    // the given map overlaps itself over 60 degrees
     let drawn: Vec<[f64; 2]> = plan(&surface).into_iter().map(Into::into).collect();
     assert!(overlaps(surface.faces(), &drawn, &control).unwrap().covering > 0);
     let mut levels = Levels::new(&surface, &sources, &control).unwrap();
@@ -362,7 +362,7 @@ fn vertices_are_held_as_their_pairs_bend_upwards() {
     pairs.add_curvature(&uv, &bands, &mut held);
     let mut sum = 0.0;
     for vertex in (0..others).filter(|&vertex| vertex != source) {
-        // of one source, a vertex is in one pair, whose bend along and across are the eigenvalues of the Hessian
+        // with one source, a vertex is in one pair, whose curvatures are the eigenvalues of the Hessian
         let stress = |by: Vector2<f64>| {
             let mut moved = uv.clone();
             moved[vertex] += by;

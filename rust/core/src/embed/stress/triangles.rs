@@ -1,17 +1,15 @@
-//! What a map does to the triangles of a surface, as an energy: none where they keep shape and size, without bound where
-//! they are about to fold.
+//! The distortion of triangles as an energy: zero where they keep their shape and size, infinite where they fold.
 //!
-//! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is the mean
-//! over the surface of
+//! With J the map's Jacobian on a triangle and D its determinant, the energy is the mean over the surface of
 //!
 //!   ψ(J) = 2κ² (√(1 + φ(J)/κ²) − 1),
 //!   φ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
 //!
-//! infinite for triangles that are folded. σ are J's singular values: the first part is as rigid as possible (Liu et al. 2008),
-//! the second the symmetric Dirichlet energy (Smith, Schaefer 2015), as stiff around a map that changes nothing, but a barrier; γ
-//! is a further price on changes of area. ψ is to φ as ρ is to squared errors of [distances](super::pairs): triangles that
-//! cannot keep their shape, such as those of a deep pit, do not rule the map of all around them.
-//! Since σ₁ + σ₂ = √(‖J‖² + 2 D), φ is a function of h = ½ ‖J‖² and D.
+//! infinite for folded triangles. σ are J's singular values. The first term is as rigid as possible (Liu et al. 2008).
+//! The second, the symmetric Dirichlet energy (Smith, Schaefer 2015), is as stiff around an undistorted map, but also a
+//! barrier. γ is an additional penalty on changes of area. ψ is to φ as ρ is to squared errors of
+//! [distances](super::pairs): triangles that cannot keep their shape, such as those of a deep pit, do not dominate the
+//! map around them. Since σ₁ + σ₂ = √(‖J‖² + 2 D), φ is a function of h = ½ ‖J‖² and D.
 
 mod lanes;
 
@@ -22,40 +20,40 @@ use rayon::prelude::*;
 use crate::adjacency::Groups;
 use crate::surface::Surface;
 
-/// Thinner triangles count as so many times as high as their longest side: among others their shape is noise. Where a fifth of
-/// all are thinner this is no accident, and it is taken as a part of what these are.
+/// The minimum ratio of a triangle's height and longest side; thinner triangles count as if they had it, because their
+/// shape is noise. Where a fifth of all triangles are thinner, the ratio is a share of theirs instead.
 const THINNEST: f64 = 0.12;
 const MANY: f64 = 0.2;
 const THINNER_THAN_MANY: f64 = 0.25;
 
-/// Springs are as stiff as half of what the energy bends upwards in all four directions of J together, within these limits: they
-/// know one stiffness for all directions.
+/// Springs are half as stiff as the curvature of the energy in all four directions of J together, within these limits,
+/// because springs have one stiffness for all directions.
 const MODES: f64 = 2.0;
 const SOFTEST: f64 = 1.0;
 const STIFFEST: f64 = 1e9;
 
-/// Triangles that are visited together.
+/// The number of triangles that are visited together.
 const BATCH: usize = 2048;
 
-/// A triangle as it lies on the surface.
+/// The shape of a triangle on the surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rest {
     pub(crate) corners: [u32; 3],
-    /// Takes two sides of the flat triangle, as columns, to J.
+    /// Maps two sides of the flat triangle, as columns, to J.
     pub(crate) inverse: Matrix2<f64>,
-    /// mm².
+    /// Area in mm².
     pub(crate) area: f64,
-    /// The logarithm of how many times as large it counts as it is, where it is too thin.
+    /// The logarithm of the factor by which its area is enlarged, if it is too thin.
     pub(crate) trim: f64,
 }
 
 impl Rest {
-    /// A triangle, and at least so many times as high as its longest side is long.
+    /// Creates a triangle that is at least `thinnest` times as high as its longest side is long.
     fn new(points: &[Vector3<f64>], face: [u32; 3], thinnest: f64) -> Self {
         Self::of(face.map(|vertex| points[vertex as usize]), face, thinnest)
     }
 
-    /// The same, with the places of its corners.
+    /// The same, also returning the positions of its corners.
     pub(crate) fn of(points: [Vector3<f64>; 3], face: [u32; 3], thinnest: f64) -> Self {
         let sides = [0, 1, 2].map(|n| points[(n + 1) % 3] - points[n]);
         let longest = (0..3).max_by(|&a, &b| sides[a].norm_squared().total_cmp(&sides[b].norm_squared())).unwrap_or(0);
@@ -69,7 +67,7 @@ impl Rest {
         Self { corners, inverse, area: 0.5 * length * height, trim: (height / own).ln() }
     }
 
-    /// Height by the longest side, as a part of it.
+    /// Returns the height over the longest side, as a share of it.
     fn height(&self) -> f64 {
         2.0 * self.area * self.inverse.m11.powi(2)
     }
@@ -79,7 +77,7 @@ impl Rest {
         Matrix2::from_columns(&[b - a, c - a]) * self.inverse
     }
 
-    /// The gradient of the function that is 1 at a corner and 0 at the others.
+    /// Returns the gradient of the function that is 1 at a corner and 0 at the others.
     pub(super) fn hat(&self, corner: usize) -> Place {
         let [b, c] = [self.inverse.row(0).transpose(), self.inverse.row(1).transpose()];
         [-b - c, b, c][corner]
@@ -89,12 +87,12 @@ impl Rest {
         self.area * shape.price(&self.jacobian(uv)).value
     }
 
-    /// The logarithm of how many times as large as on the surface it is in a map; NaN where it is folded.
+    /// Returns the logarithm of its area in a map divided by that on the surface; NaN where it is folded.
     fn growth(&self, uv: &[Place]) -> f64 {
         (signed_area(self.corners, uv) / self.area).ln() + self.trim
     }
 
-    /// The entries, off the diagonal, of the matrix of springs whose energy is ½ ‖J‖² times `scale`: for corners 01, 02, 12.
+    /// Returns the off-diagonal spring entries for the energy ½ ‖J‖² times `scale`: for corners 01, 02, 12.
     pub(crate) fn springs(&self, scale: f64) -> [f64; 3] {
         let (b, c) = (self.inverse.row(0), self.inverse.row(1));
         let a = -b - c;
@@ -102,14 +100,14 @@ impl Rest {
     }
 }
 
-/// The dials of the triangles' energy.
+/// The weights of the triangles' energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
-    /// λ, the part of the barrier.
+    /// λ, the share of the barrier.
     pub barrier: f64,
-    /// γ, the price of changes of area.
+    /// γ, the weight of changes of area.
     pub area: f64,
-    /// κ, the distortion from which on more of it counts less; infinity for plain φ.
+    /// κ, the distortion above which triangles count less; infinity for plain φ.
     pub outlier: f64,
 }
 
@@ -117,17 +115,17 @@ pub struct Shape {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Price {
     pub(super) value: f64,
-    /// By h, and by D.
+    /// With respect to h, and to D.
     pub(super) slopes: [f64; 2],
-    /// By h twice, by h and D, and by D twice.
+    /// With respect to h twice, to h and D, and to D twice.
     pub(super) bends: [f64; 3],
 }
 
 impl Price {
-    /// That of a fold.
+    /// The value for a fold.
     const INFINITE: Self = Self { value: f64::INFINITY, slopes: [0.0; 2], bends: [0.0; 3] };
 
-    /// How it bends by J: the eigenvalues of its Hessian, two of which are of changes of the singular values alone.
+    /// Returns its curvatures with respect to J: its Hessian's eigenvalues, two of which only change singular values.
     pub(super) fn curvatures(&self, jacobian: &Matrix2<f64>) -> [f64; 4] {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
         let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
@@ -138,7 +136,7 @@ impl Price {
         [mean + radius, mean - radius, by_half + by_area, by_half - by_area]
     }
 
-    /// ψ from φ (pseudo-Huber); `sharp` is 1/κ², which is 0 where there are no outliers.
+    /// Returns ψ from φ (pseudo-Huber); `sharp` is 1/κ², which is 0 without outliers.
     #[inline(always)]
     fn pseudo_huber<const OUTLIERS: bool>(self, sharp: f64) -> Self {
         let root = if OUTLIERS { (1.0 + self.value.max(0.0) * sharp).sqrt() } else { 1.0 };
@@ -156,14 +154,14 @@ impl Price {
     }
 }
 
-/// A bound on changes of area: what a triangle grows or shrinks beyond it, against the whole, has a price.
+/// A bound on changes of area: a penalty on the growth or shrinkage of a triangle beyond it, relative to the whole map.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AreaBound {
-    /// The logarithm of the whole's growth.
+    /// The logarithm of the growth of the whole map.
     pub mean: f64,
-    /// That of the factor by which triangles may differ from it.
+    /// The logarithm of the factor by which triangles may differ from it.
     pub most: f64,
-    /// The price of the square of what is beyond.
+    /// The weight of the squared excess.
     pub weight: f64,
 }
 
@@ -191,12 +189,12 @@ impl Shape {
         self.price_of::<true>(half, area, area.ln())
     }
 
-    /// Does it cost less from some distortion on?
+    /// Returns whether large distortions count less.
     fn has_outliers(&self) -> bool {
         self.outlier.is_finite()
     }
 
-    /// The same by h, D and its logarithm. It has no branches, so that many triangles are looked at together.
+    /// Returns the same, given h, D and its logarithm. Without branches, many triangles are processed together.
     #[inline(always)]
     fn price_of<const OUTLIERS: bool>(&self, half: f64, area: f64, log: f64) -> Price {
         let inverse = area.powi(2).recip();
@@ -216,7 +214,7 @@ impl Shape {
             ],
         };
         let price = distortion.pseudo_huber::<OUTLIERS>(self.outlier.powi(2).recip());
-        // neither folded nor so near a fold that 1/D² overflows
+        // neither folded nor so close to a fold that 1/D² overflows
         let is_open = area > 0.0 && distortion.value.is_finite();
         let or = |number, other| if is_open { number } else { other };
         Price {
@@ -227,7 +225,7 @@ impl Shape {
     }
 }
 
-/// The gradient of a triangle's energy by its sides, as columns, from the slopes of its price.
+/// Returns the gradient of a triangle's energy with respect to its sides, as columns, from the slopes of its penalty.
 #[inline(always)]
 fn by_sides(jacobian: &Matrix2<f64>, [by_half, by_area]: [f64; 2], inverse: &Matrix2<f64>, area: f64) -> Matrix2<f64> {
     let by_jacobian = jacobian * by_half + cofactors(jacobian) * by_area;
@@ -242,11 +240,11 @@ pub(super) fn cofactors(jacobian: &Matrix2<f64>) -> Matrix2<f64> {
 #[derive(Debug)]
 pub struct TriangleEnergy {
     rests: Vec<Rest>,
-    /// Of the surface, mm².
+    /// The area of the surface in mm².
     pub(super) area: f64,
     /// For each vertex its corners: triangle × 3 + corner.
     around: Groups,
-    /// Beside what is asked for, for descent.
+    /// An optional additional penalty during the optimisation.
     pub(super) bound: Option<AreaBound>,
 }
 
@@ -266,13 +264,13 @@ impl TriangleEnergy {
         self.rests.iter().map(|rest| rest.corners)
     }
 
-    /// The triangles around a vertex, and which of their corners it is.
+    /// Iterates over the triangles around a vertex, with the number of its corner in each.
     pub(super) fn around(&self, vertex: usize) -> impl Iterator<Item = (&Rest, usize)> {
         let corners = self.around.of(vertex as u32);
         corners.iter().map(|&corner| (&self.rests[corner as usize / 3], corner as usize % 3))
     }
 
-    /// `weight` times the mean energy, and its gradient added to `gradient`.
+    /// Returns `weight` times the mean energy, and adds its gradient to `gradient`.
     pub fn add(&self, uv: &[Place], shape: Shape, weight: f64, gradient: &mut [Place]) -> f64 {
         let scale = weight / self.area;
         let mut energies = vec![0.0; self.rests.len()];
@@ -299,9 +297,9 @@ impl TriangleEnergy {
         self.rests.par_chunks(BATCH).map(of_batch).collect::<Vec<f64>>().iter().sum::<f64>() / self.area
     }
 
-    /// Of each triangle the entries, off the diagonal, that it adds to the matrix of springs that is about as stiff as the
-    /// energy around a map: for corners 01, 02, 12. A triangle that has hardly any area left is as stiff as it is: were it softer,
-    /// the first step would turn it over, and all others would have to wait for it.
+    /// Returns, for each triangle, the off-diagonal entries that it adds to a matrix of springs about as stiff as the
+    /// energy around a map: for corners 01, 02, 12. A triangle with hardly any area is as stiff as its energy. If it
+    /// were softer, the first step would flip it, and all others would have to wait for it.
     pub fn stiffness(&self, uv: &[Place], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
         let of_triangle = |rest: &Rest| {
             let jacobian = rest.jacobian(uv);
@@ -312,7 +310,7 @@ impl TriangleEnergy {
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }
 
-    /// Of each triangle the part of its area that it has in a map, negative where it is folded.
+    /// Returns, for each triangle, its area in a map divided by that on the surface, negative where it is folded.
     pub fn growths(&self, uv: &[Place]) -> Vec<f64> {
         self.rests.iter().map(|rest| signed_area(rest.corners, uv) / rest.area).collect()
     }
@@ -322,7 +320,7 @@ impl TriangleEnergy {
         self.bound.map_or(price, |bound| bound.add(price, rest, jacobian))
     }
 
-    /// A triangle's energy, and `scale` times its gradient by the places of its corners.
+    /// Returns a triangle's energy, and `scale` times its gradient with respect to the positions of its corners.
     fn part(&self, rest: &Rest, uv: &[Place], shape: Shape, scale: f64) -> (f64, [Place; 3]) {
         let jacobian = rest.jacobian(uv);
         let Price { value, slopes, .. } = self.price(rest, &jacobian, shape);
@@ -331,8 +329,8 @@ impl TriangleEnergy {
         (rest.area * value, [-b - c, b, c].map(|by_corner| scale * by_corner))
     }
 
-    /// The logarithm of how many times as large as the surface a map without folds is, and by which a triangle differs from that at
-    /// most.
+    /// Returns the logarithm of the growth in area of a map without folds, and the largest deviation of a triangle from
+    /// it.
     pub fn area_change(&self, uv: &[Place]) -> [f64; 2] {
         let flat: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
         let own: f64 = self.rests.iter().map(|rest| rest.area * (-rest.trim).exp()).sum();
@@ -341,7 +339,7 @@ impl TriangleEnergy {
         [mean, most]
     }
 
-    /// Brings a map to the area of the surface, if it has one.
+    /// Scales a map to the area of the surface, if it has an area.
     pub fn fit_area(&self, uv: &mut [Place]) {
         let area: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
         let factor = (self.area / area).sqrt();
@@ -350,28 +348,28 @@ impl TriangleEnergy {
         }
     }
 
-    /// Number of triangles that are folded or have no area in a map.
+    /// Returns the number of triangles that are folded or have no area in a map.
     pub fn folded(&self, uv: &[Place]) -> usize {
         self.rests.par_iter().with_min_len(BATCH).filter(|rest| signed_area(rest.corners, uv) <= 0.0).count()
     }
 
-    /// How far a map without folds may move along `direction`, as a part of it, until the first triangle has no area.
+    /// Returns how far a map without folds may move along `direction`, as a share, until a triangle has no area.
     pub fn farthest_step(&self, uv: &[Place], direction: &[Place]) -> f64 {
         let of_batch = |rests| lanes::farthest_step(rests, uv, direction);
         self.rests.par_chunks(BATCH).map(of_batch).reduce(|| f64::INFINITY, f64::min)
     }
 }
 
-/// The signed area of a flat triangle, mm².
+/// Returns the signed area of a flat triangle in mm².
 pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Place]) -> f64 {
     let [a, b, c] = [a, b, c].map(|vertex| uv[vertex as usize]);
     0.5 * (b - a).perp(&(c - a))
 }
 
-/// The roots of a t² + b t + c; infinite or NaN where there are fewer.
+/// Returns the roots of a t² + b t + c; infinite or NaN if there are fewer.
 #[inline(always)]
 pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - 4.0 * a * c;
-    let q = -0.5 * (b + discriminant.sqrt().copysign(b)); // NaN where there are none
+    let q = -0.5 * (b + discriminant.sqrt().copysign(b)); // NaN without real roots
     [q / a, c / q]
 }

@@ -1,9 +1,8 @@
-//! A map without folds to start from (Tutte 1963): the boundary on an ellipse, everything inside held by springs.
+//! An initial map without folds (Tutte 1963): the boundary lies on an ellipse, and springs hold the interior.
 //!
-//! The ellipse is as long and as wide as the boundary lies by landmark placement, and turned so that each part is near its
-//! place: a strip starts as a strip.
-//! Whatever the springs, nothing folds. Springs of equal stiffness crowd what is far from the boundary; so they are made softer
-//! there, and the map is made again, until its triangles are of comparable size.
+//! The ellipse has the length and width of the boundary by landmark placement, and is rotated so that each part is
+//! close to its position there: a strip starts as a strip. Springs of any stiffness create no folds. With equal
+//! stiffness, parts far from the boundary would be crowded, so springs there are softened.
 
 use crate::embed::Place;
 use std::f64::consts::TAU;
@@ -16,28 +15,28 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::Surface;
 
-/// Triangles may shrink to this part of their area.
+/// The share of their area to which triangles may shrink.
 const SMALL: f64 = 0.02;
 
-/// How often springs are made softer.
+/// The maximum number of times that springs are softened.
 const ROUNDS: usize = 30;
 
-/// How much softer at once, at most.
+/// The smallest factor by which a spring is softened at a time.
 const SOFTER: f64 = 1e-2;
 
-/// What holds the boundary, beside springs whose stiffness is about 1.
+/// The stiffness that fixes the boundary; that of springs is about 1.
 const FIRM: f64 = 1e9;
 
-/// Places on an ellipse at which lengths are summed up.
+/// The number of positions on an ellipse at which lengths are summed.
 const PLACES: usize = 4096;
 
-/// Turns of the boundary along the ellipse that are tried.
+/// The number of rotations of the boundary along the ellipse that are tried.
 const STARTS: usize = 128;
 
-/// An ellipse is at least so wide for its length.
+/// The minimum ratio of an ellipse's width and length.
 const NARROWEST: f64 = 0.005;
 
-/// The map of a disk whose vertices are about at some places, which may fold.
+/// Returns the map of a disk whose vertices have approximate positions, which may fold.
 pub fn spread(
     surface: &Surface,
     places: &[Place],
@@ -72,8 +71,8 @@ pub fn spread(
     }
 }
 
-/// A closed line of places laid onto the ellipse that has its extents: in their order, counterclockwise, at distances as the
-/// given ones from each to the next, each as near to its place as the rest allows.
+/// Returns a closed line of positions on the ellipse with its extents: in the same order, counterclockwise, with the
+/// given distances between successive positions, each as close to its original position as possible.
 fn on_ellipse(outline: &[Place], lengths: &[f64]) -> Vec<Place> {
     let centre = outline.iter().sum::<Place>() / outline.len() as f64;
     let next = |n: usize| outline[(n + 1) % outline.len()] - centre;
@@ -101,7 +100,7 @@ fn on_ellipse(outline: &[Place], lengths: &[f64]) -> Vec<Place> {
     for n in 0..PLACES {
         along.push(along[n] + (ellipse[(n + 1) % PLACES] - ellipse[n]).norm());
     }
-    // where on the ellipse a share of its length leads to
+    // the position on the ellipse at a share of its length
     let at = |share: f64| {
         let length = share.rem_euclid(1.0) * along[PLACES];
         let n = along.partition_point(|&other| other <= length).clamp(1, PLACES) - 1;

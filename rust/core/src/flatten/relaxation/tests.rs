@@ -11,14 +11,14 @@ fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
     relax(surface, Relaxation { length, least_gain, ..Relaxation::default() }, &Control::default()).unwrap()
 }
 
-/// Of a sphere what lies below a height: more than a half if it is positive.
+/// The part of a sphere below a height: more than half if it is positive.
 fn cap(height: f64) -> Surface {
     let sphere = shapes::surface(shapes::sphere(4));
     let below: Vec<bool> = sphere.points().iter().map(|p| p.z < height).collect();
     sphere.part_of_vertices(&below)
 }
 
-/// The same disk, cut along what is told and nothing else.
+/// The same disk, cut along the reported cuts.
 fn assert_cut(surface: &Surface, relaxed: &Relaxed) {
     assert!(Topology::of(&relaxed.surface).is_disk());
     let paths: Vec<Vec<u32>> = relaxed.cuts.iter().map(|cut| cut.vertices.clone()).collect();
@@ -128,7 +128,7 @@ fn cuts_may_be_kept_near_those_that_are_there() {
     let control = Control::default();
     let open = open_to_disk(&shapes::surface(shapes::sphere(4)), &control).unwrap().surface;
     let within = |within| relax(&open, Relaxation { within, length: 2.0, ..Relaxation::default() }, &control).unwrap();
-    let distances = from_lips(&open, &control).unwrap();
+    let distances = from_sides(&open, &control).unwrap();
     let farthest = |relaxed: &Relaxed| {
         let vertices = relaxed.cuts.iter().flat_map(|cut| &cut.vertices);
         vertices.map(|&v| distances[v as usize]).fold(0.0, f64::max)

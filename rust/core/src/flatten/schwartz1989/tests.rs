@@ -67,10 +67,10 @@ fn usual_neighbourhoods_hold_a_tenth_and_a_hundred() {
         assert!(sizes[rings as usize - 1] >= wanted);
         assert!(rings == 1 || sizes[rings as usize - 2] < wanted);
     };
-    let large = shapes::surface(shapes::sheet(69, 29)); // counted around some of them
+    let large = shapes::surface(shapes::sheet(69, 29)); // estimated from a sample
     enough(&large, 210.0);
     enough(&cylinder(), 100.0);
-    let long = shapes::surface(shapes::sheet(300, 1)); // a hundred are far away
+    let long = shapes::surface(shapes::sheet(300, 1)); // a hundred vertices are far away
     enough(&long, 100.0);
     let small = shapes::surface(shapes::sheet(3, 2));
     enough(&small, 12.0);

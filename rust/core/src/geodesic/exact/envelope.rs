@@ -2,17 +2,17 @@
 
 use super::window::Window;
 
-/// Windows narrower than this part of their edge are left out: vertices behind are reached around the next one's end, which is
-/// longer by no more than its square.
+/// Windows narrower than this share of their edge are dropped: vertices behind them are reached around the end of the
+/// next window, on a path that is longer by at most its square.
 const NARROWEST: f64 = 1e-12;
 
 /// The windows of each edge that are nearest somewhere, side by side.
 #[derive(Debug)]
 pub(super) struct Envelopes {
     lists: Vec<Vec<Window>>,
-    /// Edges that have windows.
+    /// The edges that have windows.
     used: Vec<u32>,
-    /// Lists of edges that are done, to be used again.
+    /// Lists of finished edges, for reuse.
     spare: Vec<Vec<Window>>,
     pieces: Vec<Window>,
     count: usize,
@@ -31,7 +31,7 @@ impl Envelopes {
         self.count
     }
 
-    /// Takes the waiting windows of an edge that begin below a distance; returns the least distance of those that still wait.
+    /// Takes the waiting windows of an edge that begin below a distance; returns the smallest distance of the others.
     pub fn take(&mut self, edge: u32, below: f64, taken: &mut Vec<Window>) -> f64 {
         let mut rest = f64::INFINITY;
         for window in self.lists[edge as usize].iter_mut().filter(|window| window.waits) {
@@ -46,8 +46,8 @@ impl Envelopes {
         rest
     }
 
-    /// Keeps of a new window what is nearer than the edge's others, and of those what is not farther; returns the least distance
-    /// of what is kept of the new one, infinity for nothing.
+    /// Keeps the part of a new window that is nearer than the edge's other windows, and the parts of those that are not
+    /// farther; returns the smallest distance of the kept part of the new window, infinity if there is none.
     pub fn insert(&mut self, edge: u32, length: f64, new: &Window) -> f64 {
         let Self { lists, used, spare, pieces, count } = self;
         let list = &mut lists[edge as usize];
@@ -68,7 +68,7 @@ impl Envelopes {
                 pieces.push(piece);
             }
         };
-        let (mut is_new, mut start) = (true, new.from); // whose stretch it is, and where it begins
+        let (mut is_new, mut start) = (true, new.from); // the window of the current stretch, and where it begins
         for old in &list[first..first + overlapping] {
             let mut end = old.from.max(new.from);
             if old.from < new.from {
@@ -99,7 +99,7 @@ impl Envelopes {
         least
     }
 
-    /// Leaves out the windows of edges that no further window can reach first.
+    /// Drops the windows of edges that no further window can reach first.
     pub fn sweep(&mut self, is_over: impl Fn(u32) -> bool) {
         let Self { lists, used, spare, count, .. } = self;
         used.retain(|&edge| {

@@ -2,11 +2,11 @@
 
 use crate::surface::mesh::{BORDER, Surface, previous};
 
-/// How much more than a full turn the angle around a vertex must be for shortest paths to bend there, in radians. Below it a
-/// bend shortens no path by more than its square.
+/// How much the angle around a vertex must exceed a full turn for shortest paths to bend there, in radians. Below, a
+/// bend shortens no path by more than the square of the excess.
 const LEAST_EXCESS: f64 = 1e-8;
 
-/// A half-edge as x-axis of its face's plane: where the corner opposite lies, y > 0. In mm.
+/// The opposite corner (y > 0) in the plane of a half-edge's face, with the half-edge as the x-axis, in mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     pub length: f64,
@@ -25,7 +25,7 @@ pub(super) struct Frames {
     vertices: Vec<Fan>,
     /// The lower half-edge of each edge.
     edges: Vec<u32>,
-    /// Mean and greatest length of an edge, mm.
+    /// The mean and largest length of an edge in mm.
     pub mean: f64,
     pub longest: f64,
 }
@@ -33,9 +33,9 @@ pub(super) struct Frames {
 /// The faces around a vertex.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fan {
-    /// The half-edge from which the faces are counted counterclockwise; on a boundary no face lies clockwise of it.
+    /// The half-edge from which faces are counted counterclockwise; on a boundary, no face lies clockwise of it.
     pub first: u32,
-    /// The angles of the faces, in radians.
+    /// The total angle of the faces in radians.
     pub angle: f64,
     pub is_open: bool,
 }
@@ -94,7 +94,7 @@ impl Frames {
         self.directions[half_edge as usize]
     }
 
-    /// The lower half-edge of each edge.
+    /// Returns the lower half-edge of each edge.
     #[inline]
     pub fn edges(&self) -> &[u32] {
         &self.edges
@@ -107,7 +107,7 @@ impl Frame {
     }
 }
 
-/// The half-edges that leave the origin of `first`, counterclockwise, until the boundary or all around.
+/// Iterates over the half-edges from the origin of `first`, counterclockwise, until the boundary or all around.
 pub(super) fn around(surface: &Surface, first: u32) -> impl Iterator<Item = u32> + '_ {
     std::iter::successors(Some(first), move |&half_edge| {
         let next = surface.twins()[previous(half_edge) as usize];

@@ -11,13 +11,13 @@ use crate::geodesic::path::{PathPoint, Site};
 use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, next, previous};
 
-/// A crossing this near to an end of its edge, as a part of the edge, may be taken for the end itself.
+/// A crossing this close to an end of its edge, as a share of the edge, can be replaced by the end itself.
 const AT_VERTEX: f64 = 1e-6;
 
-/// By which part of its distance a path may be longer for that.
+/// The share of its distance by which a path may then be longer.
 const SLACK: f64 = 1e-11;
 
-/// A straight line on its way back: it crosses a half-edge at a place along it, coming from `x`, `y` beyond it.
+/// A straight line on its way back: it crosses a half-edge at a position along it, and comes from `x`, `y` beyond it.
 #[derive(Debug, Clone, Copy)]
 struct Line {
     half_edge: u32,
@@ -26,17 +26,17 @@ struct Line {
     y: f64,
 }
 
-/// A way to a vertex from one that is nearer to the source, and the crossings in between, from the far end.
+/// A path to a vertex from one that is closer to the source, and the crossings in between, from the far end.
 struct Leg {
     vertex: u32,
     crossings: Vec<(u32, f64)>,
 }
 
 impl Exact<'_> {
-    /// The shortest path from `target` back to the source of the last run of `wave`.
+    /// Returns the shortest path from `target` back to the source of the last run of `wave`.
     ///
-    /// It ends: each of its legs leads to another vertex. Where edges are so short that rounding tells no distances apart, and
-    /// a leg leads back or nowhere, it goes on along edges.
+    /// It always ends, because each of its legs leads to another vertex. Where edges are so short that rounding does
+    /// not distinguish distances, and a leg leads back or nowhere, it continues along edges.
     /// Errors: [`Error::Unreachable`] if that run did not reach it, [`Error::Cancelled`].
     pub fn path(&self, wave: &Wave, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if wave.distance[target as usize] == f64::INFINITY {
@@ -86,7 +86,7 @@ impl Exact<'_> {
         let walked = length(corner.x - line.at, corner.y); // to the first crossing
         let whole = walked + length(line.at - line.x, line.y);
         let mut crossings = Vec::new();
-        let mut nearest: Option<(f64, u32, usize)> = None; // vertex to bend around, should rounding lead the line astray
+        let mut nearest: Option<(f64, u32, usize)> = None; // vertex to bend around, should rounding mislead the line
         let most = self.surface.faces().len();
         while crossings.len() <= most {
             let edge = self.frames.of(line.half_edge);
@@ -157,6 +157,6 @@ enum Onward {
     Root,
     /// Through another edge of this face.
     Line(Line),
-    /// Rounding led it astray.
+    /// Rounding misled it.
     Lost,
 }

@@ -1,4 +1,4 @@
-//! Neighbourhoods of so many rings of faces.
+//! Neighbourhoods of a number of rings of faces.
 
 use super::frame::{Frames, around};
 use crate::surface::mesh::{BORDER, Surface};
@@ -13,13 +13,13 @@ pub(super) struct Rings {
 
 impl Rings {
     #[inline]
-    /// Does a half-edge's face belong to it?
+    /// Returns whether the face of a half-edge belongs to it.
     pub fn has(&self, half_edge: u32) -> bool {
         half_edge != BORDER && (!self.is_limited || self.faces[half_edge as usize / 3])
     }
 
-    /// Takes the faces within so many rings around a source: the first are those that touch it, the next those that touch one of
-    /// these. All faces, if there is no limit.
+    /// Takes the faces within a number of rings around a source: the first ring touches it, the next one touches the
+    /// first, and so on. All faces, if there is no limit.
     pub fn limit(&mut self, surface: &Surface, frames: &Frames, source: u32, rings: Option<u32>) {
         self.listed.drain(..).for_each(|face| self.faces[face as usize] = false);
         self.is_limited = rings.is_some();

@@ -7,9 +7,8 @@ use crate::error::Result;
 use crate::geodesic::solver::{Fingerprint, Solver};
 
 impl Exact<'_> {
-    /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then knows the
-    /// [paths](Self::path), too.
-    /// Panics if `row` has not one value a vertex.
+    /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then also
+    /// knows the [paths](Self::path). Panics if the number of values in `row` differs from the number of vertices.
     pub fn distances(&self, source: u32, row: &mut [f64], wave: &mut Wave, control: &Control) -> Result<()> {
         wave.run(self, source, control)?;
         row.copy_from_slice(&wave.distance);

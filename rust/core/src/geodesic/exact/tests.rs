@@ -28,7 +28,7 @@ fn assert_near(found: f64, expected: f64, relative: f64) {
     assert!((found - expected).abs() <= relative * expected.abs(), "{found} instead of {expected}");
 }
 
-/// Distances between all pairs of vertices are as expected.
+/// Checks the distances between all pairs of vertices.
 fn assert_all(surface: &Surface, relative: f64, expected: impl Fn(Vector3<f64>, Vector3<f64>) -> Option<f64>) {
     for source in 0..surface.len() as u32 {
         for (&point, found) in surface.points().iter().zip(row(surface, source)) {
@@ -56,8 +56,8 @@ fn along_edges(surface: &Surface, source: u32) -> Vec<f64> {
     }
 }
 
-/// The shortest of all lines that run straight through some sequence of faces, none of them twice, and of chains of such
-/// lines: what a shortest path is, by definition.
+/// The shortest of all lines that run straight through some sequence of faces, none of them twice, and of chains of
+/// such lines: what a shortest path is, by definition.
 fn unfolded(surface: &Surface) -> Vec<Vec<f64>> {
     let n = surface.len();
     let mut rows = vec![vec![f64::INFINITY; n]; n];
@@ -237,7 +237,7 @@ fn a_cancelled_run_leaves_nothing_behind() {
     }
 }
 
-/// Every path is as long as its distance, and runs through faces.
+/// Checks that every path is as long as its distance, and runs through faces.
 fn assert_paths(surface: &Surface, source: u32) {
     let exact = Exact::new(surface);
     let (mut wave, mut row) = (exact.scratch(), vec![0.0; surface.len()]);

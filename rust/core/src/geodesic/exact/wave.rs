@@ -1,4 +1,4 @@
-//! The wave: windows that go from face to face, the nearest first.
+//! The wave: windows that propagate from face to face, the nearest first.
 
 use std::f64::consts::PI;
 
@@ -11,34 +11,34 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::{Surface, next, previous};
 
-/// Width of a bucket of the queue, in mean lengths of an edge.
+/// The width of a bucket of the queue, in mean lengths of an edge.
 const BUCKET: f64 = 0.5;
 
-/// Most buckets, where edges differ in length.
+/// The maximum number of buckets, where edges differ in length.
 const MOST_BUCKETS: f64 = 4096.0;
 
-/// How many windows there are at least before those of finished edges are looked for.
+/// The minimum number of windows before those of finished edges are searched for.
 const FIRST_SWEEP: usize = 1 << 14;
 
-/// By how much the directions into which a path may bend are widened, in radians, so that rounding leaves no gap.
+/// The tolerance in radians of the directions into which a path may bend, so that rounding leaves no gap.
 const MARGIN: f64 = 1e-7;
 
 /// Marks the vertices among the queue's entries.
 const VERTEX: u32 = 1 << 31;
 
-/// By which way a vertex is nearest.
+/// The path by which a vertex is nearest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Way {
-    /// It is the source, or nothing leads to it.
+    /// It is the source, or was not reached.
     Source,
     /// Along an edge, from its other end.
     Along { half_edge: u32 },
-    /// Across the face of a half-edge, from a place `at` along it, and from there straight to where the unfolded `root` lies:
+    /// Across the face of a half-edge, from a position `at` along it, and from there straight to the unfolded `root`:
     /// `x` along the half-edge, `y` beyond it.
     Across { half_edge: u32, at: f64, x: f64, y: f64, root: u32 },
 }
 
-/// What a search keeps from one source to the next, and what is known about the last one.
+/// Buffers of a search that are reused for all sources, and the results of the last one.
 #[derive(Debug)]
 pub struct Wave {
     pub(super) source: u32,
@@ -88,7 +88,7 @@ impl Wave {
         self.now = 0;
     }
 
-    /// Distances from `source` to everything within reach.
+    /// Computes the distances from `source` to everything within reach.
     pub(super) fn run(&mut self, exact: &Exact, source: u32, control: &Control) -> Result<()> {
         self.clear();
         self.source = source;
@@ -154,7 +154,7 @@ impl Step<'_> {
         Ok(())
     }
 
-    /// Leaves out what lies behind the wave: edges whose every point is nearer, by way of their ends, than the wave is now.
+    /// Drops windows behind the wave: on edges whose every point is nearer through their ends than the wave is now.
     fn sweep(&mut self) {
         let reached = self.wave.now as f64 / self.per_mm;
         let Wave { envelopes, distance, .. } = &mut *self.wave;
@@ -186,7 +186,7 @@ impl Step<'_> {
         self.push(vertex | VERTEX, through);
     }
 
-    /// Goes on from a vertex: along its edges, and if paths may bend there, into what is hidden behind it.
+    /// Propagates from a vertex: along its edges and, if paths may bend there, into the region hidden behind it.
     fn spread(&mut self, vertex: u32) {
         let reached = self.wave.distance[vertex as usize];
         if reached >= self.wave.spread[vertex as usize] {
@@ -228,7 +228,7 @@ impl Step<'_> {
         self.shine(vertex, reached, shadow);
     }
 
-    /// The direction around a vertex from which it is reached.
+    /// Returns the direction around a vertex from which it is reached.
     fn incoming(&self, vertex: u32, way: Way) -> f64 {
         match way {
             Way::Source => 0.0,
@@ -273,7 +273,7 @@ impl Step<'_> {
 
     fn advance(&mut self, edge: u32) {
         if self.wave.due[edge as usize] != self.wave.now {
-            return; // it went earlier
+            return; // it was processed earlier
         }
         self.wave.due[edge as usize] = usize::MAX;
         let mut taken = std::mem::take(&mut self.wave.taken);
@@ -303,12 +303,12 @@ impl Step<'_> {
         }
     }
 
-    /// A window goes on through the face of the half-edge that it enters.
+    /// Propagates a window through the face of the half-edge that it enters.
     fn cross(&mut self, entered: u32, window: Window) {
         let frame = self.frames.of(entered);
         let corner = self.surface.origin(previous(entered));
         let (apart, up) = (frame.x - window.x, frame.y + window.y);
-        // how far to the right of the first line and to the left of the last one the corner opposite is
+        // how far the opposite corner is to the right of the first line and to the left of the last one
         let right_of_first = window.y * apart - (window.from - window.x) * up;
         let left_of_last = (window.to - window.x) * up - window.y * apart;
         let straight = window.sigma + length(apart, up);
@@ -332,7 +332,7 @@ impl Step<'_> {
         }
     }
 
-    /// The part of a window that leaves a face through the edge on the left, up to the corner or not.
+    /// Propagates the part of a window that leaves a face through the edge on the left, up to the corner or not.
     fn leave_left(&mut self, entered: u32, frame: Frame, window: &Window, to_corner: bool) {
         let left = previous(entered);
         let length = self.frames.of(left).length;
@@ -346,7 +346,7 @@ impl Step<'_> {
         self.see(left, Window { from, to, x: along, y: away, ..*window });
     }
 
-    /// The part of a window that leaves a face through the edge on the right, up to the corner or not.
+    /// Propagates the part of a window that leaves a face through the edge on the right, up to the corner or not.
     fn leave_right(&mut self, entered: u32, frame: Frame, window: &Window, to_corner: bool) {
         let right = next(entered);
         let length = self.frames.of(right).length;
@@ -364,7 +364,7 @@ impl Step<'_> {
         self.see(right, Window { from, to, x: along, y: away, ..*window });
     }
 
-    /// A window reaches an edge from the face of a half-edge, which is its x-axis: what of it is nearest goes into the queue.
+    /// Adds a window to an edge from the face of a half-edge, which is its x-axis: the nearest parts of it are queued.
     #[inline]
     fn see(&mut self, half_edge: u32, mut window: Window) {
         let twin = self.surface.twins()[half_edge as usize];

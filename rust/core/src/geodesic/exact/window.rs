@@ -1,31 +1,30 @@
-//! Windows: what a source sees of an edge.
+//! Windows: the parts of edges that are visible from a source.
 
-/// A stretch of an edge that straight lines reach from one place, through the faces in between unfolded into the plane.
+/// A stretch of an edge that straight lines reach from one point, through faces unfolded into the plane.
 ///
-/// The edge's half-edge of the lower number is the x-axis. In mm.
+/// The edge's half-edge with the lower number is the x-axis. In mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Window {
     /// Where the stretch begins and ends.
     pub from: f64,
     pub to: f64,
-    /// Where the lines come from: along the edge, and how far away from it.
+    /// The origin of the lines: along the edge, and its distance from the edge.
     pub x: f64,
     pub y: f64,
-    /// How far that place, a vertex, is from the source.
+    /// The distance of that point, a vertex, from the source.
     pub sigma: f64,
     pub root: u32,
-    /// Do the lines come from the face of that half-edge, and not go there?
+    /// Whether the lines come from the face of that half-edge, rather than go there.
     pub leaves: bool,
-    /// Is it still to go on into the next face?
+    /// Whether it is still to be propagated into the next face.
     pub waits: bool,
 }
 
-/// By which part of the distance a window must be shorter than another one to replace it: more than rounding leaves between
-/// equal ones.
+/// The relative difference by which a window must be nearer than another one to replace it: more than rounding.
 const TIE: f64 = 1e-14;
 
 impl Window {
-    /// What a vertex sees of an edge, before it is known where it leads.
+    /// Creates the window of an edge that is visible from a vertex, before its destination is known.
     pub fn new([from, to]: [f64; 2], [x, y]: [f64; 2], sigma: f64, root: u32) -> Self {
         Self { from, to, x, y, sigma, root, leaves: true, waits: true }
     }
@@ -46,15 +45,15 @@ impl Window {
         }
     }
 
-    /// The same with the edge's other half-edge, whose length is given, as x-axis.
+    /// Returns the same window with the edge's other half-edge, whose length is given, as the x-axis.
     #[inline]
     pub fn turned(self, length: f64) -> Self {
         Self { from: length - self.to, to: length - self.from, x: length - self.x, leaves: !self.leaves, ..self }
     }
 
-    /// Leaves out what is farther than by way of the edge's ends, which are `origin` and `target` from the source (Xin and
-    /// Wang's filter, for a part of a window). What is as near as rounding can tell stays: lines that all but run along the edge
-    /// may be the only ones that lead to what is behind it.
+    /// Drops the parts that are farther than through the edge's ends, which are `origin` and `target` away from the
+    /// source (the filter of Xin and Wang, for a part of a window). Parts that are equal up to rounding are kept: lines
+    /// that nearly run along the edge may be the only ones that lead to what is behind it.
     #[inline]
     pub fn trim(&mut self, length: f64, origin: f64, target: f64) {
         let slack = TIE * (self.sigma + self.x.abs() + self.y + length);
@@ -62,13 +61,13 @@ impl Window {
         self.to = self.to.min(length - nearer_beyond(length - self.x, self.y, target - self.sigma + slack));
     }
 
-    /// Where between `from` and `to` this window is nearer than `old`.
+    /// Returns where between `from` and `to` this window is nearer than `old`.
     pub fn against(&self, old: &Self, from: f64, to: f64) -> Contest {
         let ahead = old.sigma - self.sigma;
         let (dx, dy) = (old.x - self.x, old.y - self.y);
         let apart = dx * dx + dy * dy;
         if ahead * ahead >= apart && ahead <= 0.0 {
-            return Contest::of(&[to], &[false]); // the way to it leads past the other's place
+            return Contest::of(&[to], &[false]); // the path to it leads past the other's origin
         }
         if ahead > 0.0 && ahead * ahead >= apart * (1.0 + 1e-9) && ahead > 4.0 * TIE * old.sigma {
             return Contest::of(&[to], &[true]);
@@ -89,8 +88,8 @@ impl Window {
         }
     }
 
-    /// Where both are equally near, if anywhere: roots of 2 δ √(x² + y²) = b − 2 d x, squared, so that one of the two may be
-    /// none.
+    /// Returns where both are equally near, if anywhere: roots of 2 δ √(x² + y²) = b − 2 d x, squared; one may be
+    /// spurious.
     #[inline]
     fn ties(&self, old: &Self) -> [f64; 2] {
         let delta = self.sigma - old.sigma;
@@ -104,7 +103,7 @@ impl Window {
     }
 }
 
-/// Up to three stretches one after the other, and who is nearer there.
+/// Up to three successive stretches, and which window is nearer there.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Contest {
     ends: [f64; 3],
@@ -120,13 +119,13 @@ impl Contest {
         contest
     }
 
-    /// The end of each stretch, and whether the new window is nearer.
+    /// Returns the end of each stretch, and whether the new window is nearer.
     pub fn stretches(self) -> impl Iterator<Item = (f64, bool)> {
         self.ends.into_iter().zip(self.wins).take(self.count)
     }
 }
 
-/// Up to where on an axis a place at (`x`, `y`) is no nearer than the way through the origin, to which it is `ahead`.
+/// Returns up to where on an axis a point at (`x`, `y`) is no nearer than the path through the origin, `ahead` away.
 #[inline]
 fn nearer_beyond(x: f64, y: f64, ahead: f64) -> f64 {
     if ahead == f64::INFINITY {

@@ -1,4 +1,4 @@
-//! What is seen from a vertex of a surface: faces unfolded into its plane, one across the next.
+//! The view from a vertex of a surface: faces unfolded into its plane, one across the next.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -6,23 +6,23 @@ use rayon::prelude::*;
 use crate::adjacency::{Arc, Groups};
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
-/// Vertices whose lines tell how long lines are.
+/// The number of vertices whose lines are sampled to estimate lengths.
 const SAMPLE: usize = 500;
 
-/// The half-edges that leave each vertex.
+/// Returns the half-edges that begin at each vertex.
 pub(in crate::geodesic) fn outgoing(surface: &Surface) -> Groups {
     Groups::new(surface.len(), surface.faces().as_flattened().iter().copied())
 }
 
-/// What is seen from a vertex, and what is kept to see from the next one.
+/// The view from a vertex, with buffers that are reused for the next one.
 #[derive(Debug, Default)]
 pub(super) struct Seen {
     pub lines: Vec<Arc>,
-    /// The length of the shortest line to each vertex; infinite again when all are found.
+    /// The length of the shortest line to each vertex; reset to infinity when all are found.
     least: Vec<f32>,
 }
 
-/// What is seen from the vertices of a surface through up to so many edges.
+/// The view from the vertices of a surface across a limited number of edges.
 pub(super) struct View<'a> {
     surface: &'a Surface,
     outgoing: Groups,
@@ -36,7 +36,7 @@ impl<'a> View<'a> {
         Self { surface, outgoing: outgoing(surface), beyond, crossed }
     }
 
-    /// The straight lines from a vertex to higher ones, in no order. Of all lines between two vertices the shortest counts.
+    /// Finds the shortest straight line from a vertex to each visible higher one, in no particular order.
     pub fn from(&self, vertex: u32, seen: &mut Seen) {
         let Seen { lines, least } = seen;
         lines.clear();
@@ -48,7 +48,7 @@ impl<'a> View<'a> {
             let least = &mut least[line.to as usize];
             *least = least.min(line.length);
         }
-        // once the shortest line to a vertex was met, no other one is as short as what is noted for it
+        // after the shortest line to a vertex, its recorded length is infinite, so that no other line remains
         lines.retain(|line| {
             let least = &mut least[line.to as usize];
             let is_shortest = line.length == *least;
@@ -59,7 +59,7 @@ impl<'a> View<'a> {
         });
     }
 
-    /// Lengths between which there are about as many lines each.
+    /// Returns lengths that divide the lines into layers of about equal size.
     pub fn layers(&self, layers: usize) -> Vec<f32> {
         if layers == 1 {
             return vec![0.0, f32::INFINITY];
@@ -78,8 +78,8 @@ impl<'a> View<'a> {
     }
 }
 
-/// What is seen from a vertex at the origin through an edge: the edge's ends in the plane, `right` and `left`, and the
-/// directions between which nothing hides it.
+/// The view from a vertex at the origin through an edge: the ends of the edge in the plane, `right` and `left`, and the
+/// directions between which it is not hidden.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     half_edge: u32,
@@ -90,9 +90,9 @@ struct Window {
     crossed: u32,
 }
 
-/// Lists what a vertex sees through the faces on the left of half-edges that leave it: the edges themselves, the faces' other edges
-/// where nothing lies beyond, and vertices beyond up to `most` edges; vertices below `lowest` are left out. `beyond_of` tells what
-/// lies beyond half-edges.
+/// Lists what a vertex sees through the faces on the left of half-edges that begin there: the edges themselves, the
+/// faces' other edges at a boundary, and vertices across up to `most` edges. Vertices below `lowest` are excluded.
+/// `beyond_of` returns the faces across half-edges.
 pub(in crate::geodesic) fn unfold(
     surface: &Surface,
     half_edges: &[u32],
@@ -116,7 +116,7 @@ pub(in crate::geodesic) fn unfold(
         let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
         waiting.push(Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 });
         while let Some(mut window) = waiting.pop() {
-            // one window becomes the next; of two beyond a face the left one waits
+            // one window becomes the next; of two beyond a face, the left one waits
             while window.crossed < most {
                 let beyond = beyond_of(window.half_edge);
                 window.crossed += 1;
@@ -149,8 +149,8 @@ pub(in crate::geodesic) fn unfold(
     }
 }
 
-/// The face beyond an edge: its half-edge there, and the corner that is not on the edge, with how far this lies along the edge and
-/// away from it, in lengths of the edge.
+/// The face across an edge: its half-edge there, and the corner that is not on the edge, with its position along the
+/// edge and away from it, in lengths of the edge.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::geodesic) struct Beyond {
     twin: u32,
@@ -160,7 +160,7 @@ pub(in crate::geodesic) struct Beyond {
 }
 
 impl Beyond {
-    /// Beyond a half-edge; at a border there is no twin.
+    /// Returns the face across a half-edge; at a border, there is none.
     pub fn of(surface: &Surface, half_edge: u32) -> Self {
         let twin = surface.twins()[half_edge as usize];
         if twin == BORDER {
@@ -174,7 +174,7 @@ impl Beyond {
         Self { twin, corner, along: (r - p).dot(&edge) / square, away: edge.cross(&(r - p)).norm() / square }
     }
 
-    /// The corner's place in the plane, if the ends of the edge lie at `right` and `left`.
+    /// Returns the position of the corner in the plane, if the ends of the edge lie at `right` and `left`.
     fn unfolded(self, right: Vector2<f64>, left: Vector2<f64>) -> Vector2<f64> {
         let edge = left - right;
         right + edge * self.along + Vector2::new(edge.y, -edge.x) * self.away

@@ -1,20 +1,20 @@
 //! Paths by descent on the distances of a march (Kimmel, Sethian 1998, section 4).
 //!
-//! A point on a path asks what a vertex asks in the march: which front gets here first, and across which side of a triangle?
-//! The path leads straight to where that front crosses the side, and asks again. Fronts are no better known at the sides of
-//! the triangle at hand than farther away, but a line that asks at every side bends at every side; so it looks as far as the
-//! march does from its source, through several sides that are unfolded into the plane (`sight`). A vertex in sight is
-//! taken where the way by it is shorter than by any front: at saddles, on borders, at the source. The march is over, and every
-//! distance known, so obtuse corners need no care.
+//! A point on a path is treated like a vertex in the march: which front arrives first, and across which side of a
+//! triangle? The path leads straight to where that front crosses the side, and continues from there. Fronts at the
+//! sides of the current triangle are not more accurate than those farther away, but a line would bend at every side
+//! where it stops. So it looks as far as the march does from its source, across several sides that are unfolded into
+//! the plane (`visibility`). A visible vertex is taken if the path through it is shorter than by any front: at saddles,
+//! on borders, at the source. The march is finished and every distance is known, so obtuse corners need no care.
 //!
-//! A path ends: it is made of legs from one vertex to another whose distance was final earlier, and a leg crosses no
-//! half-edge twice. Where distances contradict each other so much that a leg finds no such way, it goes on along edges.
+//! A path ends, because its legs lead from one vertex to another whose distance was final earlier, and a leg crosses no
+//! half-edge twice. Where contradictory distances permit no such path, a leg continues along edges.
 
 use std::collections::HashSet;
 
 use nalgebra::Vector2;
 
-use super::sight::{First, Side, View};
+use super::visibility::{First, Side, View};
 use super::{Marching, SEEN, Wave};
 use crate::adjacency::Groups;
 use crate::control::Control;
@@ -25,23 +25,23 @@ use crate::geodesic::solver::Solver;
 use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
-/// A crossing this near to an end of its side, as a part of the side, is taken for the end itself.
+/// A crossing this close to an end of its side, as a share of the side, is replaced by the end itself.
 const AT_VERTEX: f64 = 1e-6;
 
-/// The distances from one source, and what it takes to trace paths on them.
+/// The distances from one source, with the data for tracing paths.
 #[derive(Debug)]
 pub struct Marched<'a> {
     surface: &'a Surface,
     wave: Wave,
     source: u32,
     distance: Vec<f64>,
-    /// The order in which distances became final; the source's is the first.
+    /// The order in which distances became final; the source is the first.
     order: Vec<u32>,
     outgoing: Groups,
 }
 
 impl Marching<'_> {
-    /// The distances from `source`, kept for paths.
+    /// Computes the distances from `source`, and keeps them for paths.
     pub fn march(&self, source: u32, control: &Control) -> Result<Marched<'_>> {
         let mut scratch = self.scratch();
         let mut order = vec![u32::MAX; self.columns()];
@@ -57,10 +57,10 @@ impl Marching<'_> {
 }
 
 impl Marched<'_> {
-    /// A path from `target` back to the source. The distance of a march is an estimate, but the path is a line over the
-    /// surface: [its length](crate::geodesic::path::length) may be more or less than the distance here, and is never less
-    /// than the exact one. Across a triangle that is folded back onto another it may be some per cent more (9 were seen).
-    /// Errors: [`Error::Unreachable`] if no front came to the target, [`Error::Cancelled`].
+    /// Returns a path from `target` back to the source. The distance of a march is an estimate, but the path is a line
+    /// over the surface. [Its length](crate::geodesic::path::length) can be more or less than this distance, but never
+    /// less than the exact one. Across a triangle that is folded back onto another one, it can be some per cent more (9
+    /// were observed). Errors: [`Error::Unreachable`] if no front reached the target, [`Error::Cancelled`].
     pub fn path(&self, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if self.distance[target as usize] == f64::INFINITY {
             return Err(self.unreachable(target));
@@ -98,8 +98,8 @@ impl Marched<'_> {
         self.along_edges(site, before, path, control)
     }
 
-    /// The straight line by which a site is reached first, and what it passes on the way back: from a vertex in sight that was
-    /// final before, or from where a front crosses a side in sight.
+    /// Returns the straight line by which a site is reached first, and what it crosses on the way back: from a visible
+    /// vertex that was final before, or from where a front crosses a visible side.
     fn line(&self, site: Site, before: u32) -> Option<Vec<Site>> {
         let here = PathPoint::at(self.surface, site).point;
         let mut first = First::new();
@@ -127,7 +127,7 @@ impl Marched<'_> {
         first.line
     }
 
-    /// Offers the line from where a front crosses a side that is seen, if anything lies beyond.
+    /// Offers the line from where a front crosses a visible side, if anything lies beyond.
     fn offer_front(&self, view: &View, crossed: &[Side], before: u32, first: &mut First) {
         let Side { half_edge, right, left } = view.side;
         if self.surface.twins()[half_edge as usize] == BORDER {
@@ -150,7 +150,7 @@ impl Marched<'_> {
         }
     }
 
-    /// The corners and the sides to which straight lines lead from a site, forwards if it lies on an edge.
+    /// Returns the corners and the sides to which straight lines lead from a site, forwards if it lies on an edge.
     fn at_hand(&self, site: Site) -> (Vec<u32>, Vec<u32>) {
         let surface = self.surface;
         match site {
@@ -169,7 +169,7 @@ impl Marched<'_> {
         }
     }
 
-    /// Adds a way along edges to a path, from its last site to the first vertex that was final before.
+    /// Adds a path along edges, from the last site to the first vertex that was final before.
     fn along_edges(&self, site: Site, before: u32, path: &mut Vec<PathPoint>, control: &Control) -> Result<u32> {
         let start = match site {
             Site::Vertex(vertex) => vertex,

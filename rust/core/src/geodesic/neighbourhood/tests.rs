@@ -8,7 +8,7 @@ fn torus() -> Surface {
     shapes::surface(shapes::torus(18, 11))
 }
 
-/// The vertices within so many rings of each vertex, found by going over all faces again and again.
+/// The vertices within a number of rings of each vertex, found by repeated passes over all faces.
 fn by_brute_force(surface: &Surface, rings: u32) -> Vec<BTreeSet<u32>> {
     let grown = |inside: &BTreeSet<u32>| {
         let touching = surface.faces().iter().filter(|face| face.iter().any(|v| inside.contains(v)));
@@ -96,7 +96,7 @@ fn on_a_plane_distances_within_rings_are_straight() {
     };
     for vertex in 0..surface.len() {
         assert!(found.of_vertex(vertex).iter().all(|near| off(vertex, near) > -1e-6));
-        // the nearer ones are seen over the faces of the rings
+        // the nearer ones are visible across the faces of the rings
         let near = found.of_vertex(vertex).iter().filter(|near| near.distance <= 2.0);
         assert!(near.into_iter().all(|near| off(vertex, near) < 1e-6));
     }

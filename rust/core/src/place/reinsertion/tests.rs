@@ -11,7 +11,7 @@ fn decimated(surface: &Surface, vertices: usize) -> Decimation {
     decimate(surface, &[], &options, &Control::default()).unwrap()
 }
 
-/// A map of the survivors carried to all vertices, and how many triangles had to be turned over.
+/// Extends a map of the survivors to all vertices; returns it with the number of flipped triangles.
 fn carried(
     found: &Decimation,
     vertices: usize,
@@ -25,7 +25,7 @@ fn carried(
     (uv, turned)
 }
 
-/// A sheet in a plane of space, its inner vertices moved at random, but not so far that a triangle turns over.
+/// A plane grid in space whose inner vertices are moved at random, without flipping a triangle.
 fn jittered(side: usize, moves: &[[f64; 2]]) -> Surface {
     let (points, faces) = shapes::sheet(side, side);
     let moved = points.iter().zip(moves).map(|(&[x, y, _], [dx, dy])| {
@@ -68,7 +68,7 @@ proptest! {
         elsewhere in prop::collection::vec(prop::array::uniform2(-1.0f64..1.0), 196),
         vertices in 4usize..150,
     ) {
-        // the survivors go where no triangle turns over, but far from where they were
+        // the survivors move far, but without flipping a triangle
         let surface = jittered(13, &moves);
         let found = decimated(&surface, vertices);
         let away = |v: u32, by: f64| {

@@ -1,4 +1,4 @@
-//! Small holes of a surface, and how to fill them without a new vertex.
+//! Small holes of a surface, and how to fill them without new vertices.
 
 use std::ops::Range;
 
@@ -10,27 +10,27 @@ use crate::surface::mesh::paths::Network;
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::topology::{Loop, Topology};
 
-/// The most edges of a hole that is filled: the time grows with their cube.
+/// The maximum number of edges of a hole to fill; the time grows with its cube.
 pub const MOST_EDGES: usize = 500;
 
-/// A triangle counts as flat below this area in its longest side squared.
+/// A triangle counts as degenerate if its area, divided by the square of its longest side, is below this.
 const FLAT: f64 = 1e-9;
 
-/// How much long edges count beside the area: enough to choose among coverings of a plane hole, which all have the same.
+/// The weight of long edges relative to the area, to choose among coverings of a plane hole, whose areas are equal.
 const SLENDER: f64 = 0.01;
 
-/// A surface with holes filled.
+/// A surface with filled holes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filled {
-    /// The surface: the same vertices, the same faces and then those that were added.
+    /// The surface: the same vertices and faces, followed by the added faces.
     pub surface: Surface,
-    /// The faces that were added; leave them out of what is shown or measured.
+    /// The added faces, which should be excluded from display and measurements.
     pub added: Range<usize>,
-    /// Which of the given holes could not be filled.
+    /// The given holes that could not be filled.
     pub left: Vec<usize>,
 }
 
-/// The boundary loops up to a length (mm), but for the longest loop of each component, its rim; the longest first.
+/// Returns the boundary loops up to a length (mm), without the longest loop of each component (its rim), longest first.
 pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
     let mut has_rim = vec![false; surface.components().count()];
     let mut loops = Topology::of(surface).loops;
@@ -38,12 +38,12 @@ pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
     loops
 }
 
-/// Fills holes with triangles between the vertices around each, of the least area (Barequet, Sharir 1995). χ rises by one for
-/// each.
+/// Fills holes with triangles between the vertices around each, of minimal area (Barequet, Sharir 1995); raises χ by
+/// one each.
 ///
-/// Left open is a hole of more than [`MOST_EDGES`] edges, one that is no boundary loop of this surface, and one that cannot be
-/// filled because every choice needs a triangle without area or an edge that exists already. A slit between two vertices is
-/// closed without a face. Takes O(k³) for a hole of k edges.
+/// A hole remains open if it has more than [`MOST_EDGES`] edges, if it is not a boundary loop of this surface, or if
+/// every triangulation needs a triangle without area or an existing edge. A slit between two vertices is closed without
+/// a face. Takes O(k³) time for a hole of k edges.
 pub fn fill_holes(surface: &Surface, holes: &[Loop], control: &Control) -> Result<Filled> {
     let mut patch = Cover { faces: surface.faces().to_vec(), twins: surface.twins().to_vec() };
     let network = Network::of(surface);
@@ -65,7 +65,7 @@ pub fn fill_holes(surface: &Surface, holes: &[Loop], control: &Control) -> Resul
     Ok(Filled { surface, added, left })
 }
 
-/// Is it a closed loop along the boundary that is not filled yet?
+/// Returns whether it is a closed loop along the boundary that is not filled yet.
 fn is_open_loop(surface: &Surface, twins: &[u32], half_edges: &[u32]) -> bool {
     let onwards = half_edges.iter().cycle().skip(1);
     (2..=MOST_EDGES).contains(&half_edges.len())
@@ -73,8 +73,8 @@ fn is_open_loop(surface: &Surface, twins: &[u32], half_edges: &[u32]) -> bool {
         && half_edges.iter().zip(onwards).all(|(&h, &next)| surface.target(h) == surface.origin(next))
 }
 
-/// The triangles of the least area that cover a polygon: for its vertices a < b the vertex between them that makes a triangle
-/// with both, in row a, column b.
+/// Returns the triangulation of a polygon with the smallest area: for vertices a < b, the vertex between them that
+/// forms a triangle with both, in row a, column b.
 fn covering(surface: &Surface, network: &Network, half_edges: &[u32], control: &Control) -> Result<Option<Vec<usize>>> {
     let count = half_edges.len();
     let vertices: Vec<u32> = half_edges.iter().map(|&h| surface.origin(h)).collect();
@@ -105,7 +105,7 @@ fn covering(surface: &Surface, network: &Network, half_edges: &[u32], control: &
     Ok((is_covered && !is_a_face).then_some(apexes))
 }
 
-/// The area of a triangle, mm², with a little for long sides; infinite if it is flat.
+/// Returns the area of a triangle in mm², plus a small cost of long sides; infinite if it is degenerate.
 fn triangle_cost([a, b, c]: [Vector3<f64>; 3]) -> f64 {
     let sides = [b - a, c - b, a - c].map(|side| side.norm_squared());
     let area = 0.5 * (b - a).cross(&(c - a)).norm();
@@ -116,7 +116,7 @@ fn triangle_cost([a, b, c]: [Vector3<f64>; 3]) -> f64 {
     }
 }
 
-/// Faces and their twins, which grow.
+/// Growing lists of faces and their twins.
 struct Cover {
     faces: Vec<[u32; 3]>,
     twins: Vec<u32>,
@@ -128,7 +128,7 @@ impl Cover {
         self.twins[h as usize] = g;
     }
 
-    /// Adds the triangles over a polygon, whose half-edges run the other way around.
+    /// Adds the triangles of a polygon, whose half-edges run in the opposite direction.
     fn cover(&mut self, vertices: &[u32], half_edges: &[u32], apexes: &[usize]) {
         let count = vertices.len();
         let mut open = vec![(0, count - 1, half_edges[count - 1])];

@@ -1,11 +1,11 @@
-//! The shortest ways from the boundary of a surface into its inside.
+//! Shortest paths from the boundary of a surface to its interior.
 
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{EdgeSearch, Network};
 
-/// The shortest ways along edges from the boundary to every vertex.
+/// The shortest paths along edges from the boundary to every vertex.
 #[derive(Debug)]
 pub(crate) struct Inward<'a> {
     surface: &'a Surface,
@@ -14,7 +14,7 @@ pub(crate) struct Inward<'a> {
 }
 
 impl<'a> Inward<'a> {
-    /// Takes O(n log n).
+    /// Takes O(n log n) time.
     pub fn of(surface: &'a Surface, control: &Control) -> Result<Self> {
         let borders = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h));
         Self::from(surface, borders.map(|h| surface.origin(h)), control)
@@ -27,7 +27,7 @@ impl<'a> Inward<'a> {
         Ok(inward)
     }
 
-    /// The half-edges of the way from the boundary to the vertex with an id; none to one on the boundary.
+    /// Returns the half-edges of the path from the boundary to the vertex with an id; none if it is on the boundary.
     pub fn to(&self, id: u32) -> Option<Vec<u32>> {
         let mut vertex = self.surface.ids().iter().position(|&other| other == id)? as u32;
         let mut path = Vec::new();
@@ -41,17 +41,17 @@ impl<'a> Inward<'a> {
     }
 }
 
-/// The distance along edges, mm, of every vertex from the nearest that shares its id with another: from the lips of cuts.
-pub(crate) fn from_lips(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
+/// Returns the distance along edges in mm of every vertex from the sides of cuts, where vertices share their ids.
+pub(crate) fn from_sides(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
     let mut by_id: Vec<u32> = (0..surface.len() as u32).collect();
     by_id.sort_by_key(|&v| surface.ids()[v as usize]);
     let same = by_id.chunk_by(|&a, &b| surface.ids()[a as usize] == surface.ids()[b as usize]);
-    let lips = same.filter(|vertices| vertices.len() > 1).flatten().copied();
-    let inward = Inward::from(surface, lips, control)?;
+    let sides = same.filter(|vertices| vertices.len() > 1).flatten().copied();
+    let inward = Inward::from(surface, sides, control)?;
     Ok((0..surface.len() as u32).map(|v| inward.search.distance(v)).collect())
 }
 
-/// Vertices inside a surface, each the one farthest from the boundary and from those before it, of those that are allowed.
+/// Returns allowed vertices inside a surface, each the farthest one from the boundary and from the previous ones.
 pub(crate) fn spread(
     surface: &Surface,
     count: usize,

@@ -1,4 +1,4 @@
-//! Cuts: along chosen paths, or those that make any surface a disk.
+//! Cuts along given paths, or cuts that turn any surface into a disk.
 
 pub mod holes;
 pub(crate) mod inward;
@@ -16,47 +16,47 @@ use crate::surface::topology::loops::{TOLL, cut_handles};
 /// A surface that was cut open to a disk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Opened {
-    /// The disk: the faces of the input, whose seam vertices are doubled and keep their ids.
+    /// The disk: the faces of the input. Vertices on cuts are doubled and keep their ids.
     pub surface: Surface,
-    /// Where it was cut.
+    /// The cuts that were made.
     pub cuts: Vec<Cut>,
 }
 
-/// One cut.
+/// A cut.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cut {
     /// The vertices of the input along it; a closed loop ends where it begins.
     pub vertices: Vec<u32>,
-    /// Its length, mm.
+    /// Its length in mm.
     pub length: f64,
-    /// Why it was made.
+    /// The reason for it.
     pub reason: Reason,
 }
 
-/// Why a cut was made.
+/// The reason for a cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reason {
     /// It opens a handle.
     Handle,
-    /// It joins two boundary loops, or such a cut and another loop.
+    /// It joins two boundary loops, or an earlier cut and another loop.
     JoinBoundaries,
-    /// The surface was closed like a sphere's, or with the other cuts alone it would be all but closed.
+    /// The surface was closed like a sphere, or nearly closed after the other cuts.
     Sphere,
-    /// It relieves the map ([`crate::flatten::relaxation`]).
+    /// It reduces the distortion of the map ([`crate::flatten::relaxation`]).
     Relaxation,
 }
 
-/// How much a seam avoids crowns: an edge on one counts up to this many times as long as one in a fold's depth.
+/// The maximum factor on the length of an edge on a crown, relative to one in the depth of a fold.
 const AVOIDS_CROWNS: f64 = 4.0;
 
-/// A surface of area A is all but closed if the square of its boundary is less than this times A; for a plane disk that is at
-/// least 4 π A, for a sphere cut from pole to pole π A.
+/// A surface of area A is nearly closed if the squared length of its boundary is less than this times A. For a plane
+/// disk, it is at least 4 π A; for a sphere cut from pole to pole, π A.
 const SHORT: f64 = 1.0;
 
-/// Over how many rings of neighbours crowns and depths are told apart.
+/// The number of rings of neighbours for distinguishing crowns from depths.
 const RINGS: usize = 3;
 
-/// The surface cut open along paths of vertices; ids are kept.
+/// Cuts the surface open along paths of vertices. Ids are preserved.
 pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
     let network = Network::of(surface);
     let half_edges: Vec<_> = paths.iter().map(|path| network.along(surface, path)).collect::<Result<_>>()?;
@@ -65,10 +65,10 @@ pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
 
 /// Cuts a connected surface open to a disk.
 ///
-/// Handles are cut along short loops ([`cut_handles`]). The boundary loops are then joined by a tree of shortest paths, at most
-/// twice as long as the shortest tree (Mehlhorn 1988). If the surface is still closed, or all but closed, it also gets
-/// a seam between two points that lie far apart, preferably along the depths of folds. A disk is left as it is. Takes
-/// O(n log n) beside the handles; the result is the same each time.
+/// Handles are cut along short loops ([`cut_handles`]). The boundary loops are then joined by a tree of shortest paths,
+/// at most twice as long as the shortest tree (Mehlhorn 1988). If the surface is then closed or nearly closed, it also
+/// gets a cut between two distant points, preferably along the depths of folds. A disk is left unchanged. Takes O(n log
+/// n) time beside the handles; the result is deterministic.
 ///
 /// # Examples
 /// ```
@@ -127,7 +127,7 @@ fn require_connected(topology: &Topology) -> Result<()> {
     }
 }
 
-/// A cut along half-edges of the surface, each of which begins where the one before ends.
+/// Describes a cut along consecutive half-edges of the surface.
 pub(crate) fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut {
     let end = path.last().map(|&h| surface.target(h));
     Cut {
@@ -137,7 +137,7 @@ pub(crate) fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut 
     }
 }
 
-/// The connected pieces of a loop of half-edges, parts of which may be missing.
+/// Returns the connected pieces of a loop of half-edges, some of which may be missing.
 fn pieces(surface: &Surface, half_edges: &[u32]) -> Vec<Vec<u32>> {
     let count = half_edges.len();
     let is_end = |n: usize| surface.target(half_edges[n]) != surface.origin(half_edges[(n + 1) % count]);
@@ -147,9 +147,9 @@ fn pieces(surface: &Surface, half_edges: &[u32]) -> Vec<Vec<u32>> {
     turned.chunk_by(|&a, &b| surface.target(a) == surface.origin(b)).map(<[u32]>::to_vec).collect()
 }
 
-/// Paths that join all boundary loops of a surface without handles: from every loop the region that lies nearer to it than to
-/// any other, then the shortest ways between these regions, as far as they join what is not joined yet. Where two paths come
-/// together the later ends; so no two cross.
+/// Returns paths that join all boundary loops of a surface without handles. Each loop has a region of vertices nearest
+/// to it. Shortest paths between these regions are taken as long as they join unconnected ones. Where two paths meet,
+/// the later one ends, so that no paths cross.
 fn joins(surface: &Surface, control: &Control) -> Result<Vec<Vec<u32>>> {
     let boundary = surface.boundary();
     if boundary.len() < 2 {
@@ -188,7 +188,7 @@ fn joins(surface: &Surface, control: &Control) -> Result<Vec<Vec<u32>>> {
     Ok(paths)
 }
 
-/// The steps from a node back to the first that was reached, which all are now.
+/// Returns the steps from a node back to the first reached node, and marks all of them as reached.
 fn new_steps(search: &EdgeSearch, mut node: u32, is_reached: &mut [bool]) -> Vec<Step> {
     let mut steps = Vec::new();
     while !std::mem::replace(&mut is_reached[node as usize], true) {
@@ -199,7 +199,7 @@ fn new_steps(search: &EdgeSearch, mut node: u32, is_reached: &mut [bool]) -> Vec
     steps
 }
 
-/// Would the boundary be too short to spread the surface out, with these cuts?
+/// Returns whether the boundary is too short, with these cuts, to flatten the surface well.
 fn is_all_but_closed(surface: &Surface, cuts: &[Vec<u32>]) -> bool {
     let border = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h)).map(|h| surface.length(h));
     let cuts = cuts.iter().flatten().map(|&h| 2.0 * surface.length(h));
@@ -207,8 +207,8 @@ fn is_all_but_closed(surface: &Surface, cuts: &[Vec<u32>]) -> bool {
     boundary * boundary <= SHORT * surface.areas().iter().sum::<f64>()
 }
 
-/// A path between two places that lie far apart, in the depth of folds rather than over their crowns. On its way it may come to
-/// a boundary loop, and go on from another place there. At least two edges long if possible: one alone doubles no vertex.
+/// Returns a path between two distant points, along the depths of folds rather than over crowns. It may enter a
+/// boundary loop and continue at another point of it. It has at least two edges if possible; one doubles no vertex.
 fn seam(surface: &Surface, control: &Control) -> Result<Vec<u32>> {
     let shrunk = Shrunk::new(surface, TOLL);
     let mut search = EdgeSearch::new(surface.len());
@@ -227,14 +227,14 @@ fn seam(surface: &Surface, control: &Control) -> Result<Vec<u32>> {
     Ok(shrunk.directed(start, edges.into_iter()))
 }
 
-/// Searches everything from a node; the node that is farthest away.
+/// Searches all nodes from one node, and returns the farthest.
 fn explored(search: &mut EdgeSearch, shrunk: &Shrunk, from: u32, control: &Control) -> Result<u32> {
     search.clear();
     search.seed(from);
     Ok(search.explore(&shrunk.network, control)?.unwrap_or(from))
 }
 
-/// From 1 in the depth of folds to [`AVOIDS_CROWNS`] on crowns.
+/// Returns factors from 1 in the depth of folds to [`AVOIDS_CROWNS`] on crowns.
 fn factors(surface: &Surface) -> Vec<f64> {
     let curvature = mean_curvature(surface, RINGS);
     let mean = curvature.iter().map(|h| h.abs()).sum::<f64>() / curvature.len().max(1) as f64;

@@ -7,7 +7,7 @@ fn opened(surface: &Surface) -> Opened {
     open_to_disk(surface, &Control::default()).unwrap()
 }
 
-/// A disk of the same faces, the cuts edge paths of the surface that make it when cut together.
+/// Checks that it is a disk of the same faces, and that the cuts are edge paths that produce it together.
 fn assert_opened(surface: &Surface, opened: &Opened) {
     assert!(Topology::of(&opened.surface).is_disk());
     let before = |v: u32| surface.ids()[v as usize];

@@ -1,8 +1,8 @@
-//! The faces that are left while vertices are taken away.
+//! The faces that remain while vertices are removed.
 
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
-/// Half-edges as in [`Surface`]; a face that is gone has no corners.
+/// Half-edges as in [`Surface`]; a removed face has no corners.
 #[derive(Debug, Clone)]
 pub(super) struct Connectivity {
     origins: Vec<u32>,
@@ -11,8 +11,8 @@ pub(super) struct Connectivity {
     valence: Vec<u32>,
 }
 
-/// The half-edges that leave a vertex and the vertices they lead to, counterclockwise. Where the vertex lies on the boundary,
-/// one vertex more than half-edges, and the boundary runs through the first and the last.
+/// The half-edges that begin at a vertex, and the vertices at their ends, counterclockwise. For a vertex on the
+/// boundary, there is one more vertex than half-edges, and the boundary runs through the first and the last.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Ring {
     pub(super) spokes: Vec<u32>,
@@ -24,7 +24,7 @@ impl Ring {
         self.spokes.len() == self.vertices.len()
     }
 
-    /// The sides of the ring opposite to the vertex, as pairs of places in the ring.
+    /// Iterates over the sides of the ring opposite the vertex, as pairs of positions in the ring.
     pub(super) fn sides(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
         (0..self.spokes.len()).map(|k| [k, (k + 1) % self.vertices.len()])
     }
@@ -39,7 +39,7 @@ impl Connectivity {
             leaving[origin] = half_edge;
             valence[origin] += 1;
             if surface.twins()[half_edge as usize] == BORDER {
-                valence[surface.target(half_edge) as usize] += 1; // the boundary edge that does not leave it
+                valence[surface.target(half_edge) as usize] += 1; // the boundary edge that does not begin at it
             }
         }
         Self { origins: surface.faces().as_flattened().to_vec(), twins: surface.twins().to_vec(), leaving, valence }
@@ -53,7 +53,7 @@ impl Connectivity {
         self.leaving[vertex as usize] == BORDER
     }
 
-    /// The faces that are left, and for each of their half-edges the one beyond.
+    /// Returns the remaining faces, and the twin of each of their half-edges.
     pub(super) fn faces(&self) -> (Vec<[u32; 3]>, Vec<u32>) {
         let left: Vec<u32> =
             (0..self.origins.len() as u32).step_by(3).filter(|&h| self.origins[h as usize] != BORDER).collect();
@@ -90,10 +90,10 @@ impl Connectivity {
         }
     }
 
-    /// Does the surface stay one, of the same topology, if a vertex with this ring moves onto the `k`-th vertex of the ring?
+    /// Returns whether the topology is kept if a vertex with this ring moves onto the `k`-th vertex of the ring.
     ///
-    /// The link condition (Dey et al. 1999): the two have no common neighbours but those across the faces between them; a
-    /// vertex of the boundary moves along the boundary only.
+    /// The link condition (Dey et al. 1999): the two have no common neighbours except across the faces between them,
+    /// and a vertex of the boundary moves only along the boundary.
     pub(super) fn is_allowed(&self, ring: &Ring, k: usize, beyond: &mut Ring) -> bool {
         let (count, last) = (ring.vertices.len(), ring.vertices.len() - 1);
         let is_closed = ring.is_closed();
@@ -115,7 +115,7 @@ impl Connectivity {
         common == if is_closed { 2 } else { 1 }
     }
 
-    /// Moves a vertex onto the `k`-th vertex of its ring, where that [is allowed](Self::is_allowed).
+    /// Moves a vertex onto the `k`-th vertex of its ring, where this [is allowed](Self::is_allowed).
     pub(super) fn collapse(&mut self, vertex: u32, ring: &Ring, k: usize) {
         let onto = ring.vertices[k];
         let count = ring.vertices.len();
@@ -132,8 +132,7 @@ impl Connectivity {
         self.valence[onto as usize] -= if ring.is_closed() { 4 } else { 3 };
     }
 
-    /// Takes a face away of which the half-edges `first` and then `second` now lie on each other, with `onto` at their outer
-    /// ends.
+    /// Removes a face whose half-edges `first` and then `second` now coincide, with `onto` at their outer ends.
     fn close(&mut self, first: u32, second: u32, onto: u32) {
         let middle = self.origins[second as usize];
         let [a, b] = [first, second].map(|h| self.twins[h as usize]);
@@ -143,7 +142,7 @@ impl Connectivity {
         if b != BORDER {
             self.twins[b as usize] = a;
         }
-        // `a` leads from the middle and `b` to it
+        // `a` begins at the middle and `b` ends at it
         self.leaving[middle as usize] = if a == BORDER { next(b) } else { a };
         self.leaving[onto as usize] = if b == BORDER { next(a) } else { b };
         self.valence[middle as usize] -= 1;

@@ -1,13 +1,13 @@
-//! Decimation: fewer vertices, each of them one of the surface's own, and how to get the others back.
+//! Decimation to a subset of the vertices, and the information to restore the others.
 //!
-//! Vertices are taken away one after the other, each by moving it onto a neighbour (a half-edge collapse). The cheapest goes
-//! first: the quadric error that it leaves (Garland, Heckbert 1997), in mm⁴, and the fourth power of the longest edge that it
-//! makes, which keeps edges even where the surface is flat. The surface stays one, of the same topology; faces do not turn over
-//! and do not become slivers; the boundary moves along itself only.
+//! Vertices are removed one after the other by moving each onto a neighbour (half-edge collapse). The cheapest one is
+//! removed first. Its cost is the resulting quadric error in mm⁴ (Garland, Heckbert 1997) plus the fourth power of the
+//! longest new edge, which keeps edges even on flat parts. The topology is preserved, faces do not flip or become
+//! slivers, and the boundary moves only along itself.
 //!
-//! Each vertex that goes leaves a record: its neighbours at that moment and how it is made of them ([`Removals`]). Taken in
-//! reverse order they carry anything that is known at the survivors to every vertex:
-//! [`reinsertion`](crate::place::reinsertion) does so with places in the plane.
+//! For each removed vertex, its neighbours at that moment and their weights are recorded ([`Removals`]). In reverse
+//! order, they extend values at the remaining vertices to every vertex. [`reinsertion`](crate::place::reinsertion) does
+//! so for positions in the plane.
 
 mod connectivity;
 mod quadric;
@@ -26,29 +26,29 @@ use crate::surface::mesh::Surface;
 use connectivity::{Connectivity, Ring};
 use quadric::Quadric;
 
-/// Most neighbours that a vertex gets, and that a vertex has that goes.
+/// The maximum number of neighbours that a vertex may get or that a removed vertex may have.
 const MOST_NEIGHBOURS: usize = 40;
 
-/// Least cosine of the angle by which a face turns when one of its corners moves.
+/// The minimum cosine of the angle by which a face rotates when one of its corners moves.
 const LEAST_COSINE: f64 = 0.2;
 
-/// Least shape of a face that is made, unless it was worse: 1 for an equilateral one, 0 for none.
+/// The minimum shape of a new face, unless the old one was worse: 1 for an equilateral face, 0 for a degenerate one.
 const LEAST_SHAPE: f64 = 0.15;
 
-/// Steps between two looks at the control.
+/// The number of steps between two checks for cancellation.
 const BATCH: usize = 1 << 9;
 
-/// How far a surface is decimated.
+/// Limits of the decimation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Vertices that are wanted; more stay where none can go.
+    /// The desired number of vertices; more remain if no others can be removed.
     pub vertices: usize,
-    /// No longer edge is made, mm.
+    /// The maximum length of a new edge in mm.
     pub longest_edge: f64,
-    /// What the fourth power of a length counts against the quadric error.
+    /// The weight of the fourth power of a length relative to the quadric error.
     pub evenness: f64,
-    /// Only the topology is kept: faces may turn over and become slivers. A closed surface without handles comes down to four
-    /// vertices then.
+    /// Whether only the topology is preserved: faces may flip and become slivers. A closed surface without handles can
+    /// then be reduced to four vertices.
     pub any_shape: bool,
 }
 
@@ -71,18 +71,18 @@ impl Options {
     }
 }
 
-/// A surface of fewer vertices.
+/// A surface with fewer vertices.
 #[derive(Debug, Clone)]
 pub struct Decimation {
-    /// The vertices that stayed, ascending.
+    /// The remaining vertices, ascending.
     pub survivors: Vec<u32>,
-    /// Their surface, with the places and ids that they had: its n-th vertex is the n-th survivor.
+    /// Their surface, with unchanged positions and ids: its n-th vertex is the n-th survivor.
     pub surface: Surface,
-    /// The vertices that went.
+    /// The removed vertices.
     pub removals: Removals,
 }
 
-/// The vertices that went, in that order: each with its neighbours then, counterclockwise, and their weights.
+/// The removed vertices in their order, each with its neighbours at that moment, counterclockwise, and their weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Removals {
     vertices: Vec<u32>,
@@ -92,32 +92,32 @@ pub struct Removals {
     weights: Vec<[f64; 2]>,
 }
 
-/// A vertex that went.
+/// A removed vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Removal<'a> {
-    /// Which.
+    /// Its number.
     pub vertex: u32,
-    /// Do its neighbours lie all around it? Otherwise it lay on the boundary, between the first and the last.
+    /// Whether its neighbours surround it. Otherwise, it was on the boundary, between the first and the last of them.
     pub is_closed: bool,
     /// Its neighbours, counterclockwise.
     pub neighbours: &'a [u32],
-    /// Complex numbers (re, im) that sum to one: with z the neighbours' places in an unfolded plane, as complex numbers, the
-    /// vertex lies at Σ weight · z. Real and positive where the neighbours lie all around.
+    /// Complex numbers (re, im) whose sum is one: if z are the neighbours' positions in an unfolded plane, as complex
+    /// numbers, the vertex lies at Σ weight · z. They are real and positive if the neighbours surround it.
     pub weights: &'a [[f64; 2]],
 }
 
 impl Removals {
-    /// How many.
+    /// Returns the number of removed vertices.
     pub fn len(&self) -> usize {
         self.vertices.len()
     }
 
-    /// Did every vertex stay?
+    /// Returns whether no vertex was removed.
     pub fn is_empty(&self) -> bool {
         self.vertices.is_empty()
     }
 
-    /// In the order in which they went; in reverse, all neighbours of each are known.
+    /// Iterates in the order of removal; in reverse, all neighbours of each vertex are known.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = Removal<'_>> + ExactSizeIterator {
         (0..self.len()).map(|n| {
             let ring = self.starts[n]..self.starts[n + 1];
@@ -139,8 +139,7 @@ impl Removals {
     }
 }
 
-/// Takes vertices away, but not those to `keep`, until so many are left or none can go. The same result for the same surface,
-/// bit by bit.
+/// Removes vertices, except those to `keep`, until the desired number is left or no more can go. Deterministic.
 /// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
 ///
 /// # Examples
@@ -182,7 +181,7 @@ pub fn decimate(surface: &Surface, keep: &[u32], options: &Options, control: &Co
     Ok(Decimation { survivors, surface: coarse, removals: work.removals })
 }
 
-/// A vertex that may go, by its cost.
+/// A vertex that can be removed, with its cost.
 type Candidate = Reverse<(u64, u32)>;
 
 struct Work<'a> {
@@ -191,17 +190,17 @@ struct Work<'a> {
     left: Connectivity,
     quadrics: Vec<Quadric>,
     stays: Vec<bool>,
-    /// Is there a candidate, and is its cost still right?
+    /// Whether there is a candidate with an up-to-date cost.
     is_queued: Vec<bool>,
     is_stale: Vec<bool>,
-    /// The place in its ring that a candidate moves to.
+    /// The position in its ring onto which a candidate moves.
     onto: Vec<u8>,
     queue: BinaryHeap<Candidate>,
     removals: Removals,
     scratch: Scratch,
 }
 
-/// What is kept from one vertex to the next.
+/// Buffers that are reused for all vertices.
 #[derive(Debug, Default)]
 struct Scratch {
     ring: Ring,
@@ -212,7 +211,7 @@ struct Scratch {
 impl<'a> Work<'a> {
     fn new(surface: &Surface, keep: &[u32], options: &'a Options) -> Self {
         let count = surface.len();
-        let centre = surface.points().iter().sum::<Vector3<f64>>() / count.max(1) as f64; // far from 0 quadrics lose digits
+        let centre = surface.points().iter().sum::<Vector3<f64>>() / count.max(1) as f64; // preserves digits
         let points: Vec<Vector3<f64>> = surface.points().iter().map(|p| p - centre).collect();
         let stays = marked(count, keep);
         Self {
@@ -249,11 +248,11 @@ impl<'a> Work<'a> {
         for (vertex, found) in (0u32..).zip(found.into_iter().flatten()) {
             queue.extend(self.candidate(vertex, found));
         }
-        self.queue = queue.into(); // what is taken from it does not depend on how it was filled: no two candidates are equal
+        self.queue = queue.into(); // no two candidates are equal, so the order of insertion does not matter
         Ok(())
     }
 
-    /// Queues a vertex by what it costs now, if it can go.
+    /// Queues a vertex with its current cost, if it can be removed.
     fn queue(&mut self, vertex: u32) {
         let mut scratch = std::mem::take(&mut self.scratch);
         let found = self.cheapest(vertex, &mut scratch);
@@ -262,7 +261,7 @@ impl<'a> Work<'a> {
         self.queue.extend(candidate);
     }
 
-    /// Notes the cheapest way for a vertex to go.
+    /// Records the cheapest way to remove a vertex.
     fn candidate(&mut self, vertex: u32, found: Option<(f64, usize)>) -> Option<Candidate> {
         self.is_stale[vertex as usize] = false;
         self.is_queued[vertex as usize] = found.is_some();
@@ -271,9 +270,9 @@ impl<'a> Work<'a> {
         Some(Reverse((cost.to_bits(), vertex))) // positive floats sort as their bits
     }
 
-    /// Takes a vertex away whose turn it is; false if it cannot go as it was meant to, and is queued anew.
+    /// Removes the vertex that is next; returns false if it cannot be removed as planned, and is queued again.
     ///
-    /// Costs hardly fall while vertices go, so it is enough to look at them when their turn comes.
+    /// Costs hardly decrease while vertices are removed, so that they are only updated when a vertex is next.
     fn take(&mut self, vertex: u32) -> bool {
         if self.is_stale[vertex as usize] {
             self.queue(vertex);
@@ -285,7 +284,7 @@ impl<'a> Work<'a> {
         let can_go = self.can_go(vertex, k, &scratch.ring, &mut scratch.beyond);
         self.scratch = scratch;
         if !can_go {
-            self.queue(vertex); // its ring is as it was, but something beyond is not
+            self.queue(vertex); // its ring is unchanged, but something beyond it is not
             return false;
         }
         self.is_queued[vertex as usize] = false;
@@ -293,7 +292,7 @@ impl<'a> Work<'a> {
         true
     }
 
-    /// Moves a vertex, whose ring is in the scratch, onto the `k`-th of it.
+    /// Moves a vertex, whose ring is in the scratch, onto its `k`-th neighbour.
     fn remove(&mut self, vertex: u32, k: usize) {
         let ring = std::mem::take(&mut self.scratch.ring);
         let around: Vec<Vector3<f64>> = ring.vertices.iter().map(|&v| self.points[v as usize]).collect();
@@ -305,13 +304,13 @@ impl<'a> Work<'a> {
         ring.vertices.iter().for_each(|&neighbour| self.is_stale[neighbour as usize] = true);
         for &neighbour in &ring.vertices {
             if !self.is_queued[neighbour as usize] {
-                self.queue(neighbour); // what could not go may be able to now
+                self.queue(neighbour); // it may be removable now
             }
         }
         self.scratch.ring = ring;
     }
 
-    /// The cheapest way for a vertex to go: its cost and the place in its ring that it moves to.
+    /// Returns the cheapest way to remove a vertex: its cost and the position in its ring onto which it moves.
     fn cheapest(&self, vertex: u32, Scratch { ring, beyond, costs }: &mut Scratch) -> Option<(f64, usize)> {
         if self.stays[vertex as usize] || self.left.valence(vertex) > MOST_NEIGHBOURS {
             return None;
@@ -323,7 +322,7 @@ impl<'a> Work<'a> {
         costs.iter().copied().find(|&(_, k)| self.can_go(vertex, k, ring, beyond))
     }
 
-    /// What it costs to move a vertex onto the `k`-th of its ring, if no edge becomes too long.
+    /// Returns the cost of moving a vertex onto the `k`-th of its ring, if no edge becomes too long.
     fn cost(&self, vertex: u32, k: usize, ring: &Ring) -> Option<f64> {
         let place = self.points[ring.vertices[k] as usize];
         let lengths = ring.vertices.iter().map(|&v| (self.points[v as usize] - place).norm_squared());
@@ -340,7 +339,7 @@ impl<'a> Work<'a> {
                 || ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k, ring)))
     }
 
-    /// Does a face around a vertex neither turn over nor become a sliver when its apex moves onto the `k`-th of the ring?
+    /// Returns whether a face neither flips nor becomes a sliver when its apex moves onto the ring's `k`-th vertex.
     fn stays_sound(&self, vertex: u32, side: [usize; 2], k: usize, ring: &Ring) -> bool {
         let [a, b, to] = [side[0], side[1], k].map(|n| self.points[ring.vertices[n] as usize]);
         let from = self.points[vertex as usize];
@@ -350,7 +349,7 @@ impl<'a> Work<'a> {
     }
 }
 
-/// 4√3 · area / Σ length², from twice the area.
+/// Returns 4√3 · area / Σ length², given twice the area.
 fn shape(a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>, double: f64) -> f64 {
     let lengths = (a - b).norm_squared() + (b - c).norm_squared() + (c - a).norm_squared();
     2.0 * 3f64.sqrt() * double / lengths

@@ -1,10 +1,10 @@
-//! Quadric errors (Garland, Heckbert 1997): how far a place lies from the planes of the faces that met there.
+//! Quadric errors (Garland, Heckbert 1997): the squared distances of a position from the planes of faces.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::surface::mesh::{BORDER, Surface};
 
-/// Weight of the planes that stand along the boundary, for the square of an edge's length.
+/// The weight of planes perpendicular to the faces along the boundary, per squared length of an edge.
 const STANDING: f64 = 2.0;
 
 /// Σ weight · (distance from a plane)², in mm⁴ for weights that are areas.
@@ -16,7 +16,7 @@ pub(super) struct Quadric {
 }
 
 impl Quadric {
-    /// One plane, by its unit normal and a point of it.
+    /// Creates the quadric of a plane from its unit normal and a point on it.
     fn plane(normal: Vector3<f64>, point: Vector3<f64>, weight: f64) -> Self {
         let offset = -normal.dot(&point);
         Self { a: normal * normal.transpose() * weight, b: normal * (offset * weight), c: offset * offset * weight }
@@ -28,14 +28,14 @@ impl Quadric {
         self.c += other.c;
     }
 
-    /// The error of a place; rounding never makes it negative.
+    /// Returns the error of a position; rounding never makes it negative.
     pub(super) fn at(&self, p: Vector3<f64>) -> f64 {
         ((self.a * p).dot(&p) + 2.0 * self.b.dot(&p) + self.c).max(0.0)
     }
 }
 
-/// The quadric of each vertex: a third of each face around it, and along the boundary planes that stand on the faces, which
-/// hold the boundary where it is.
+/// Returns the quadric of each vertex: a third of each face around it. Along the boundary, planes perpendicular to the
+/// faces are added, which keep the boundary in place.
 pub(super) fn of_vertices(surface: &Surface, points: &[Vector3<f64>]) -> Vec<Quadric> {
     let mut quadrics = vec![Quadric::default(); points.len()];
     for (f, face) in (0u32..).zip(surface.faces()) {

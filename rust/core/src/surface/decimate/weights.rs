@@ -1,37 +1,37 @@
-//! How a vertex is made of its neighbours: weights of the ring around it, unfolded into the plane.
+//! Weights of a vertex: its position as a combination of the ring of neighbours, unfolded into the plane.
 //!
-//! Weights are complex numbers that sum to one, so that turning, moving and scaling the ring does the same to the vertex.
+//! Weights are complex numbers with sum one, so that rotating, moving and scaling the ring does the same to the vertex.
 //!
-//! Within a ring they are real and positive: the ring is unfolded as Floater (1997) does it, with its lengths, and its angles
-//! scaled to a full turn; mean value coordinates (Floater 2003) of the vertex in that polygon are positive because it sees
-//! all of it. In a plane they give every affine map of the ring to the vertex. On the boundary a vertex lies outside of its
-//! neighbours, and no positive weights make it: there they are those of the similarity that fits the neighbours best.
+//! Inside a ring, they are real and positive. The ring is unfolded as by Floater (1997): lengths are kept, and angles
+//! are scaled to a full turn. Mean value coordinates (Floater 2003) of the vertex in this polygon are positive because
+//! all of it is visible. For a plane ring, they are exact under every affine map. A vertex on the boundary lies outside
+//! its neighbours, where no positive weights exist; its weights are those of the best-fitting similarity.
 
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Complex, Vector3};
 
-/// Widest angle between two neighbours, short of a straight one.
+/// The widest angle between two neighbours, slightly less than a straight angle.
 const WIDEST: f64 = PI - 1e-6;
 
-/// Widest fan of a vertex on the boundary after unfolding.
+/// The widest fan of a vertex on the boundary after unfolding.
 const WIDEST_FAN: f64 = 0.95 * TAU;
 
-/// The weights of the ring around an apex.
+/// Returns the weights of the ring around an apex.
 pub(super) fn weights(apex: Vector3<f64>, ring: &[Vector3<f64>], is_closed: bool) -> Vec<[f64; 2]> {
     let spokes: Vec<Vector3<f64>> = ring.iter().map(|p| p - apex).collect();
     let found = if is_closed { within(&spokes) } else { beside(&spokes) };
     if found.iter().flatten().all(|w| w.is_finite()) {
         return found;
     }
-    vec![[1.0 / ring.len() as f64, 0.0]; ring.len()] // neighbours that coincide say nothing about angles
+    vec![[1.0 / ring.len() as f64, 0.0]; ring.len()] // coincident neighbours do not determine angles
 }
 
 fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b))
 }
 
-/// Mean value coordinates in the unfolded ring.
+/// Returns mean value coordinates in the unfolded ring.
 fn within(spokes: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     let count = spokes.len();
     let angles: Vec<f64> = (0..count).map(|k| angle(&spokes[k], &spokes[(k + 1) % count])).collect();
@@ -42,7 +42,7 @@ fn within(spokes: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     (0..count).map(|k| [raw(k) / sum, 0.0]).collect()
 }
 
-/// The least-squares similarity of the unfolded fan, near neighbours first, at its apex.
+/// Returns the weights of the least-squares similarity of the unfolded fan at its apex; near neighbours weigh more.
 fn beside(spokes: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     let angles: Vec<f64> = spokes.windows(2).map(|pair| angle(&pair[0], &pair[1])).collect();
     let scale = (WIDEST_FAN / angles.iter().sum::<f64>()).min(1.0);

@@ -1,4 +1,4 @@
-//! How a surface bends: outwards on the crown of a gyrus, inwards in the depth of a sulcus.
+//! Curvature: positive on the crown of a gyrus, negative in the depth of a sulcus.
 
 use nalgebra::Vector3;
 
@@ -7,15 +7,15 @@ use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::diffusion::{Stiffness, masses};
 
-/// Steps of diffusion: with three, what is spread is near to Gaussian.
+/// The number of diffusion steps; with three, the kernel is close to a Gaussian.
 const STEPS: usize = 3;
 
-/// The mean curvature at each vertex, 1/mm: positive where the surface bulges outwards (1/r on a ball of radius r), negative in
-/// a fold's depth.
+/// Returns the mean curvature at each vertex in 1/mm: positive where the surface is convex (1/r on a ball of radius r),
+/// negative in the depth of a fold.
 ///
-/// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003), half of which falls to either
-/// end; a face carries a third of its area to each corner. Both are summed over a neighbourhood of so many `rings` before they
-/// are divided, which tames the steps of surfaces from voxels. The boundary has no angle. Takes O(n) for each ring.
+/// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003); each end gets half of
+/// it. A face gives a third of its area to each corner. Both are summed over a neighbourhood of `rings` rings before
+/// they are divided, which smooths the steps of surfaces from voxels. The boundary has no angle. Takes O(n) per ring.
 pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     let mut bend = bends(surface);
     let mut area = masses(surface.points(), surface.faces());
@@ -25,13 +25,13 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     bend.iter().zip(&area).map(|(bend, area)| if *area > 0.0 { bend / area } else { 0.0 }).collect()
 }
 
-/// The mean curvature at each vertex, 1/mm, averaged along the surface by a Gaussian of standard deviation `smoothing`, mm: as
-/// [`mean_curvature`], but by a length instead of rings, so that it depends little on how fine the triangles are.
+/// Returns the mean curvature at each vertex in 1/mm, averaged along the surface by a Gaussian of standard deviation
+/// `smoothing` in mm. Unlike [`mean_curvature`], which smooths over rings, it depends little on triangle sizes.
 ///
-/// The integrals of the edges are b; (M + t L)ⁿ h = b with the vertices' areas M, the stiffness of linear finite elements L, and
-/// n t = smoothing² / 2. Nothing flows through a boundary.
+/// With the integrals b of the edges, (M + t L)ⁿ h = b, where M are the vertices' areas, L is the stiffness matrix of
+/// linear finite elements, and n t = smoothing² / 2. Nothing flows through a boundary.
 pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Control) -> Result<Vec<f64>> {
-    control.begin("mean curvature", STEPS as u64);
+    control.begin("computing mean curvature", STEPS as u64);
     let (bend, area) = (bends(surface), masses(surface.points(), surface.faces()));
     let mut curvature: Vec<Vector3<f64>> = bend
         .iter()
@@ -49,7 +49,7 @@ pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Contro
     Ok(curvature.into_iter().map(|h| h.x).collect())
 }
 
-/// Each vertex's part of the integral of the mean curvature, mm: of each of its edges ½ β · length / 2.
+/// Returns each vertex's part of the integral of the mean curvature in mm: ½ β · length / 2 of each of its edges.
 fn bends(surface: &Surface) -> Vec<f64> {
     let normals = surface.face_normals();
     let mut bend = vec![0.0; surface.len()];
@@ -65,7 +65,7 @@ fn bends(surface: &Surface) -> Vec<f64> {
     bend
 }
 
-/// Each vertex's value and its neighbours', added up.
+/// Returns the sum of the values of each vertex and of its neighbours.
 fn gathered(surface: &Surface, values: &[f64]) -> Vec<f64> {
     let mut sums = values.to_vec();
     for h in surface.edges() {

@@ -1,4 +1,4 @@
-//! Diffusion over a surface: what lies at its vertices spreads along it, by an amount in mm whatever the triangles' size.
+//! Diffusion over a surface: values at vertices spread along it by a length in mm, whatever the triangles.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -8,18 +8,18 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
 
-/// Conjugate gradients end at this part of the first residual, or after so many steps.
+/// The relative residual at which conjugate gradients end; they also end after the maximum number of steps.
 const SMALL: f64 = 3e-3;
 const STEPS: usize = 500;
-/// Vertices that are visited together: so many are worth a thread's while.
+/// The number of vertices that a thread visits at a time; fewer would not be worth the overhead.
 const BATCH: usize = 4096;
-/// The greatest weight of an edge, which that opposite an angle of 0.6° would have: of slivers the cotangents grow without bound.
+/// The maximum weight of an edge, that opposite an angle of 0.6°: the cotangents of slivers grow without bound.
 const STIFFEST: f64 = 100.0;
 
-/// The stiffness matrix of linear finite elements, L: (L x)ᵢ = Σⱼ wᵢⱼ (xᵢ − xⱼ) with the cotangent weights
-/// wᵢⱼ = ½ (cot α + cot β) (Pinkall, Polthier 1993), at least 0.
+/// The stiffness matrix of linear finite elements, L: (L x)ᵢ = Σⱼ wᵢⱼ (xᵢ − xⱼ) with the cotangent weights wᵢⱼ = ½ (cot
+/// α + cot β) (Pinkall, Polthier 1993), at least 0.
 pub(crate) struct Stiffness {
-    /// Where each vertex' neighbours begin.
+    /// Where the neighbours of each vertex begin.
     first: Vec<u32>,
     neighbours: Vec<(u32, f64)>,
     total: Vec<f64>,
@@ -54,7 +54,7 @@ impl Stiffness {
         Self { first, neighbours, total }
     }
 
-    /// One step of backward Euler: solves (M + t L) y = b, M = diag(`mass`), from a first guess y.
+    /// Takes one backward Euler step: solves (M + t L) y = b, M = diag(`mass`), from an initial guess y.
     pub(crate) fn solve(
         &self,
         mass: &[f64],
@@ -63,7 +63,7 @@ impl Stiffness {
         y: &mut [Vector3<f64>],
         control: &Control,
     ) -> Result<()> {
-        // conjugate gradients with the diagonal as preconditioner, for three columns at a time
+        // conjugate gradients with a diagonal preconditioner, for three columns at a time
         let diagonal: Vec<f64> =
             mass.iter().zip(&self.total).map(|(m, total)| (m + time * total).max(f64::MIN_POSITIVE)).collect();
         let applied = |x: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
@@ -106,7 +106,7 @@ impl Stiffness {
     }
 }
 
-/// The products of three columns; the same for any number of threads.
+/// Returns the products of three columns; the same for any number of threads.
 fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vector3<f64> {
     let of_batch = |(a, b): (&[Vector3<f64>], &[Vector3<f64>])| -> Vector3<f64> {
         a.iter().zip(b).map(|(a, b)| a.component_mul(b)).sum()
@@ -114,7 +114,7 @@ fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vector3<f64> {
     a.par_chunks(BATCH).zip(b.par_chunks(BATCH)).map(of_batch).collect::<Vec<_>>().iter().sum()
 }
 
-/// The area of each vertex, a third of its triangles', for these places of the vertices.
+/// Returns the area of each vertex, a third of that of its triangles, for these positions of the vertices.
 pub(crate) fn masses(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<f64> {
     let mut mass = vec![0.0; points.len()];
     for face in faces {

@@ -1,15 +1,15 @@
-//! The surface itself: an oriented triangle mesh in which every point has a disk or a half-disk around it.
+//! The surface itself: an oriented triangle mesh in which every point has a neighbourhood like a disk or a half-disk.
 //!
-//! A mesh from a file and the boundary of a label volume ([`surfels`](crate::surface::voxels::surfels)) both become a [`Surface`]; whatever comes
-//! after knows no difference. A surface is never changed: a part of it, or a cut one, is a new surface whose
-//! [`ids`](Surface::ids) say which vertex of the input each vertex is.
+//! A mesh from a file and the boundary of a label volume ([`surfels`](crate::surface::voxels::surfels)) both become a
+//! [`Surface`], and later stages treat them alike. A surface is immutable: a part of it, or a cut surface, is a new
+//! surface, whose [`ids`](Surface::ids) are the vertices of the input.
 
 pub mod curvature;
 pub(crate) mod diffusion;
-pub mod loose;
-mod mend;
 pub mod paths;
+mod repair;
 pub mod shapes;
+pub mod triangles;
 
 use nalgebra::Vector3;
 
@@ -17,21 +17,19 @@ use crate::adjacency::Components;
 use crate::error::{Error, Result};
 use crate::scales::{SHORTEST_EDGE, SMALLEST, is_near};
 
-/// No face lies beyond this half-edge.
+/// Marks a half-edge with no face on its other side.
 pub const BORDER: u32 = u32::MAX;
 
 /// An oriented 2-manifold of triangles, with or without a boundary.
 ///
-/// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`; seen from outside, faces run
-/// counterclockwise.
-///
-/// # Examples
+/// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`. Faces run counterclockwise as seen from
+/// outside. # Examples
 /// ```
 /// use voxflat::surface::Surface;
 ///
 /// let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-/// let (tetrahedron, mended) = Surface::from_triangles(&points, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
-/// assert_eq!((tetrahedron.edges().count(), tetrahedron.boundary().len(), mended.turned), (6, 0, 0));
+/// let (tetrahedron, repairs) = Surface::from_triangles(&points, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
+/// assert_eq!((tetrahedron.edges().count(), tetrahedron.boundary().len(), repairs.turned), (6, 0, 0));
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
@@ -42,21 +40,20 @@ pub struct Surface {
     ids: Vec<u32>,
 }
 
-/// The next half-edge of the same face.
+/// Returns the next half-edge of the same face.
 #[inline]
 pub const fn next(half_edge: u32) -> u32 {
     if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
 }
 
-/// The half-edge before, of the same face.
+/// Returns the previous half-edge of the same face.
 #[inline]
 pub const fn previous(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
 }
 
-/// Unit normals of the vertices of faces, weighted by the faces' areas, on the side from which the faces run counterclockwise;
-/// zero where there is none.
-/// Panics if a corner is no point.
+/// Returns unit normals of the vertices, weighted by the areas of the faces, on the side from which the faces run
+/// counterclockwise; zero where undefined. Panics if a corner is not a valid point.
 pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {
@@ -68,9 +65,9 @@ pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector
 }
 
 impl Surface {
-    /// A surface from faces that are already joined: `twins` says which half-edge lies beyond each one. Every fan of faces
-    /// around a vertex becomes a vertex of its own, so that a vertex of several sheets is split and one that no face uses is
-    /// left out; the others keep their order.
+    /// Creates a surface from joined faces: `twins` are the half-edges on the other side of each one. Every fan of
+    /// faces around a vertex gets its own vertex, so that a vertex where several layers touch is split. Unused vertices
+    /// are dropped. The order is preserved.
     pub(crate) fn assemble(points: &[Vector3<f64>], ids: &[u32], faces: &[[u32; 3]], twins: Vec<u32>) -> Self {
         let corner = fans(faces, &twins);
         let old = faces.as_flattened();
@@ -87,7 +84,7 @@ impl Surface {
         }
     }
 
-    /// Into how many fans the faces around each of `vertices` vertices fall: one where they are a surface.
+    /// Returns the number of fans of faces around each of `vertices` vertices: one on a surface.
     pub(crate) fn fans_of(faces: &[[u32; 3]], twins: &[u32], vertices: usize) -> Vec<u32> {
         let mut count = vec![0; vertices];
         for (corner, &first) in (0..).zip(&fans(faces, twins)) {
@@ -96,8 +93,8 @@ impl Surface {
         count
     }
 
-    /// The faces for which `keep` is true, and their vertices.
-    /// Panics if `keep` has not one value a face.
+    /// Returns the faces for which `keep` is true, with their vertices.
+    /// Panics if the number of values differs from the number of faces.
     pub fn part(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.faces.len(), "one value a face");
         let mut number = vec![BORDER; keep.len()];
@@ -113,15 +110,15 @@ impl Surface {
         Self::assemble(&self.points, &self.ids, &faces, twins)
     }
 
-    /// The faces with all three corners among the vertices for which `keep` is true.
-    /// Panics if `keep` has not one value a vertex.
+    /// Returns the faces whose three corners are vertices for which `keep` is true.
+    /// Panics if the number of values differs from the number of vertices.
     pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.points.len(), "one value a vertex");
         let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
         self.part(&faces)
     }
 
-    /// The surface cut open along half-edges (and their twins): vertices on the seam are doubled and keep their ids.
+    /// Cuts the surface open along half-edges (and their twins). Vertices along the cut are doubled and keep their ids.
     pub fn cut_open(&self, half_edges: impl IntoIterator<Item = u32>) -> Self {
         let mut twins = self.twins.clone();
         for half_edge in half_edges {
@@ -133,8 +130,8 @@ impl Surface {
         Self::assemble(&self.points, &self.ids, &self.faces, twins)
     }
 
-    /// The same vertices elsewhere: distances are measured there.
-    /// Panics if there is not one point a vertex.
+    /// Returns the same surface with other vertex positions, at which distances are then measured.
+    /// Panics if the number of points differs from the number of vertices.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
         assert_eq!(points.len(), self.points.len(), "one point a vertex");
         finite(points.iter().map(|p| (*p).into()))?;
@@ -143,7 +140,7 @@ impl Surface {
         Ok(moved)
     }
 
-    /// The same as an input of its own, each vertex with its number as id; faces run the other way if it was mirrored.
+    /// Returns it as a separate input: each vertex gets its number as id; faces of a mirrored surface are reversed.
     pub(crate) fn into_input(mut self, is_mirrored: bool) -> Self {
         self.ids = (0..self.points.len() as u32).collect();
         if is_mirrored {
@@ -153,13 +150,13 @@ impl Surface {
         self
     }
 
-    /// The memory in bytes of a surface: a vertex has a point of three f64 and an id, and about two faces, each with three
-    /// corners and three twins.
+    /// Returns the memory of a surface in bytes: a vertex has a point of three f64, an id, and two faces of three
+    /// corners and twins.
     pub const fn memory_need(vertices: usize) -> u64 {
         (24 + 4 + 2 * (12 + 12)) * vertices as u64
     }
 
-    /// The longest side of its box, if that is a size to compute with.
+    /// Returns the longest side of the bounding box, if it lies in the supported range.
     fn check_size(&self) -> Result<f64> {
         if let Some(far) = self.points.iter().position(|p| !p.iter().all(|&x| is_near(x))) {
             return Err(Error::PointTooFar { vertex: self.ids[far] as usize, at: self.points[far].into() });
@@ -174,7 +171,7 @@ impl Surface {
         if size < SMALLEST && !self.is_empty() { Err(Error::SurfaceTooSmall { size }) } else { Ok(size) }
     }
 
-    /// The same, and the edges beside it: one that is too short for the box has no direction.
+    /// Checks the size and the edges: an edge that is too short compared with the box has no direction.
     fn check_scales(&self) -> Result<()> {
         let size = self.check_size()?;
         match self.edges().find(|&edge| self.length(edge) < SHORTEST_EDGE * size) {
@@ -186,65 +183,65 @@ impl Surface {
         }
     }
 
-    /// Number of vertices.
+    /// Returns the number of vertices.
     pub fn len(&self) -> usize {
         self.points.len()
     }
 
-    /// Is there no vertex?
+    /// Returns whether there are no vertices.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
 
-    /// The vertices' places, RAS+ mm.
+    /// Returns the positions of the vertices in RAS+ mm.
     pub fn points(&self) -> &[Vector3<f64>] {
         &self.points
     }
 
-    /// The triangles.
+    /// Returns the triangles.
     pub fn faces(&self) -> &[[u32; 3]] {
         &self.faces
     }
 
-    /// The half-edge on the other side of each half-edge, or [`BORDER`].
+    /// Returns the half-edge on the other side of each half-edge, or [`BORDER`].
     pub fn twins(&self) -> &[u32] {
         &self.twins
     }
 
-    /// The vertex of the input that each vertex is; the two sides of a seam share one.
+    /// Returns the vertex of the input for each vertex; the two sides of a cut share it.
     pub fn ids(&self) -> &[u32] {
         &self.ids
     }
 
-    /// The vertex from which a half-edge leads.
+    /// Returns the vertex at which a half-edge begins.
     #[inline]
     pub fn origin(&self, half_edge: u32) -> u32 {
         self.faces.as_flattened()[half_edge as usize]
     }
 
-    /// The vertex to which a half-edge leads.
+    /// Returns the vertex at which a half-edge ends.
     #[inline]
     pub fn target(&self, half_edge: u32) -> u32 {
         self.origin(next(half_edge))
     }
 
-    /// The length of a half-edge, mm.
+    /// Returns the length of a half-edge in mm.
     pub fn length(&self, half_edge: u32) -> f64 {
         let [a, b] = [self.origin(half_edge), self.target(half_edge)].map(|v| self.points[v as usize]);
         (a - b).norm()
     }
 
-    /// One half-edge of each edge: of two the lower.
+    /// Iterates over one half-edge of each edge, the one with the lower number.
     pub fn edges(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.twins.len() as u32).filter(|&h| h < self.twins[h as usize])
     }
 
-    /// Are there faces on both sides of an edge?
+    /// Returns whether an edge has faces on both sides.
     pub fn is_inner(&self, half_edge: u32) -> bool {
         self.twins[half_edge as usize] != BORDER
     }
 
-    /// Unit normals of the faces; zero where a face has no area.
+    /// Returns unit normals of the faces; zero for faces without area.
     pub fn face_normals(&self) -> Vec<Vector3<f64>> {
         let normal = |face: &[u32; 3]| {
             let [a, b, c] = face.map(|v| self.points[v as usize]);
@@ -253,12 +250,12 @@ impl Surface {
         self.faces.iter().map(normal).collect()
     }
 
-    /// Outward unit normals of the vertices: [`vertex_normals`].
+    /// Returns outward unit normals of the vertices: [`vertex_normals`].
     pub fn normals(&self) -> Vec<Vector3<f64>> {
         vertex_normals(&self.points, &self.faces)
     }
 
-    /// The areas of the faces, mm².
+    /// Returns the areas of the faces in mm².
     pub fn areas(&self) -> Vec<f64> {
         let area = |face: &[u32; 3]| {
             let [a, b, c] = face.map(|v| self.points[v as usize]);
@@ -267,12 +264,12 @@ impl Surface {
         self.faces.iter().map(area).collect()
     }
 
-    /// The connected components of the faces.
+    /// Returns the connected components of the faces.
     pub fn components(&self) -> Components {
         self.pieces(|_| true)
     }
 
-    /// The connected pieces of the faces that a rule allows.
+    /// Returns the connected components of the faces for which a rule holds.
     pub(crate) fn pieces(&self, is_allowed: impl Fn(u32) -> bool) -> Components {
         let beyond = |face: u32| {
             let twins = self.twins[3 * face as usize..3 * face as usize + 3].iter();
@@ -281,7 +278,7 @@ impl Surface {
         Components::of(self.faces.len(), beyond, is_allowed)
     }
 
-    /// The boundary loops, each as half-edges with the surface on their left, in order.
+    /// Returns the boundary loops as ordered half-edges, with the surface on their left.
     pub fn boundary(&self) -> Vec<Vec<u32>> {
         let mut seen = vec![false; self.twins.len()];
         let mut loops = Vec::new();
@@ -294,7 +291,7 @@ impl Surface {
             while !seen[half_edge as usize] {
                 seen[half_edge as usize] = true;
                 path.push(half_edge);
-                half_edge = next(half_edge); // turn around the target until the fan ends
+                half_edge = next(half_edge); // rotate around the target until the fan ends
                 while self.twins[half_edge as usize] != BORDER {
                     half_edge = next(self.twins[half_edge as usize]);
                 }
@@ -305,8 +302,7 @@ impl Surface {
     }
 }
 
-/// The pairs of half-edges after faces were turned over by exchanging their corners 1 and 2, which exchanges half-edges
-/// 0 and 2.
+/// Returns the pairs after faces were reversed by exchanging their corners 1 and 2, and so their half-edges 0 and 2.
 fn twins_of_turned(pairs: &[u32], turned: &[bool]) -> Vec<u32> {
     let renamed = |h: u32| if turned[h as usize / 3] { h - h % 3 + (2 - h % 3) } else { h };
     let mut twins = vec![BORDER; pairs.len()];
@@ -318,7 +314,7 @@ fn twins_of_turned(pairs: &[u32], turned: &[bool]) -> Vec<u32> {
     twins
 }
 
-/// For each corner the first corner of its fan: of the corners around a vertex that are joined by edges.
+/// Returns, for each corner, the first corner of its fan: the corners around a vertex that are connected across edges.
 fn fans(faces: &[[u32; 3]], twins: &[u32]) -> Vec<u32> {
     let mut first = vec![BORDER; 3 * faces.len()];
     for start in 0..first.len() as u32 {
@@ -332,7 +328,7 @@ fn fans(faces: &[[u32; 3]], twins: &[u32]) -> Vec<u32> {
             match twins[previous(corner) as usize] {
                 BORDER => break,
                 twin if twin == start => break,
-                twin if first[twin as usize] != BORDER => break, // only where faces do not agree
+                twin if first[twin as usize] != BORDER => break, // only where faces disagree
                 twin => corner = twin,
             }
         }
@@ -437,9 +433,9 @@ mod tests {
                     face.swap(0, 1);
                 }
             }
-            let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
+            let (surface, repaired) = Surface::from_triangles(&points, &faces).unwrap();
             assert_sound(&surface);
-            prop_assert_eq!(mended.turned, turned.iter().filter(|&&turn| turn == outside).count());
+            prop_assert_eq!(repaired.turned, turned.iter().filter(|&&turn| turn == outside).count());
             prop_assert!(surface.normals().iter().zip(whole.normals()).all(|(a, b)| (a - b).norm() < 1e-12));
         }
 

@@ -10,10 +10,10 @@ use crate::surface::mesh::{BORDER, Surface};
 
 const NONE: u32 = u32::MAX;
 
-/// The longest edge, mm, with which sums stay finite.
+/// The longest edge in mm for which sums remain finite.
 const LONGEST: f64 = 1e200;
 
-/// An edge between two nodes, perhaps the same one; `half_edge` is its name.
+/// An edge between two nodes, which can be the same; `half_edge` identifies it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Edge {
     pub ends: [u32; 2],
@@ -29,7 +29,7 @@ pub(crate) struct Incident {
     pub cost: f64,
 }
 
-/// Nodes and edges, in compressed rows.
+/// Nodes and edges in compressed rows.
 #[derive(Debug)]
 pub(crate) struct Network {
     starts: Vec<u32>,
@@ -37,7 +37,7 @@ pub(crate) struct Network {
 }
 
 impl Network {
-    /// The edges at each node come in the order in which they are given.
+    /// Creates a network. The edges at each node are in the given order.
     pub fn new(nodes: usize, edges: &[Edge]) -> Self {
         let starts = starts_of(nodes, edges.iter().flat_map(|edge| edge.ends));
         let mut end: Vec<u32> = starts[..nodes].to_vec();
@@ -51,12 +51,12 @@ impl Network {
         Self { starts, incident }
     }
 
-    /// The vertices and edges of a surface, which cost their lengths in mm.
+    /// Creates the network of the vertices and edges of a surface. The cost of an edge is its length in mm.
     pub fn of(surface: &Surface) -> Self {
         Self::weighted(surface, |_| 1.0)
     }
 
-    /// The same, where an edge costs its length times the mean of its ends' factors.
+    /// Creates the same network, but multiplies the length of an edge by the mean of the factors of its ends.
     fn weighted(surface: &Surface, factor: impl Fn(u32) -> f64) -> Self {
         let edge = |h: u32| {
             let ends = [surface.origin(h), surface.target(h)];
@@ -65,7 +65,7 @@ impl Network {
         Self::new(surface.len(), &surface.edges().map(edge).collect::<Vec<_>>())
     }
 
-    /// The half-edges along a path of vertices of the surface whose network this is.
+    /// Returns the half-edges along a path of vertices of the surface of this network.
     pub fn along(&self, surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
         check_points(vertices.iter().copied(), surface.len())?;
         let half_edge = |pair: &[u32]| {
@@ -83,19 +83,19 @@ impl Network {
     }
 }
 
-/// The length of a half-edge in mm, such that sums are finite.
+/// Returns the length of a half-edge in mm, limited so that sums are finite.
 pub(crate) fn length(surface: &Surface, half_edge: u32) -> f64 {
     surface.length(half_edge).min(LONGEST)
 }
 
-/// The step by which a search came to a node.
+/// The last step of a search to a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Step {
     pub from: u32,
     pub half_edge: u32,
 }
 
-/// A reusable search from seeds outwards. Of equal distances the node with the lower number is settled first.
+/// A reusable search from seeds outwards. Of equally distant nodes, the one with the lower number is settled first.
 #[derive(Debug)]
 pub(crate) struct EdgeSearch {
     distance: Vec<f64>,
@@ -116,7 +116,7 @@ impl EdgeSearch {
         }
     }
 
-    /// Forgets everything, in time proportional to what was reached.
+    /// Clears the search, in time proportional to the number of reached nodes.
     pub fn clear(&mut self) {
         for node in self.touched.drain(..) {
             self.distance[node as usize] = f64::INFINITY;
@@ -137,16 +137,16 @@ impl EdgeSearch {
             }
             *known = distance;
             self.step[node as usize] = step;
-            self.heap.push(Reverse((distance.to_bits(), node))); // the bits of positive numbers are in their order
+            self.heap.push(Reverse((distance.to_bits(), node))); // the bits of positive numbers have the same order
         }
     }
 
-    /// The next node outwards, its distance now final; the search goes on to its neighbours that `may_enter`.
+    /// Settles and returns the next node, whose distance is final, and continues to neighbours that `may_enter`.
     pub fn settle(&mut self, network: &Network, may_enter: impl Fn(u32) -> bool) -> Option<u32> {
         loop {
             let Reverse((_, node)) = self.heap.pop()?;
             if std::mem::replace(&mut self.is_settled[node as usize], true) {
-                continue; // it came nearer after it was put here
+                continue; // outdated: a shorter path was found later
             }
             let here = self.distance[node as usize];
             for arc in network.incident(node) {
@@ -158,7 +158,7 @@ impl EdgeSearch {
         }
     }
 
-    /// Goes on to all that can be reached; the node that is farthest away.
+    /// Continues the search to all reachable nodes, and returns the farthest one.
     pub fn explore(&mut self, network: &Network, control: &Control) -> Result<Option<u32>> {
         let mut last = None;
         while let Some(node) = self.settle(network, |_| true) {
@@ -168,7 +168,7 @@ impl EdgeSearch {
         Ok(last)
     }
 
-    /// The distance from the nearest seed: final where settled, else an upper bound.
+    /// Returns the distance from the nearest seed, which is final for settled nodes and an upper bound for others.
     pub fn distance(&self, node: u32) -> f64 {
         self.distance[node as usize]
     }
@@ -177,17 +177,17 @@ impl EdgeSearch {
         self.is_settled[node as usize]
     }
 
-    /// The step to a node that was reached; none to a seed.
+    /// Returns the last step to a reached node; none for a seed.
     pub fn step(&self, node: u32) -> Option<Step> {
         Some(self.step[node as usize]).filter(|step| step.from != NONE)
     }
 
-    /// The steps from a node back to its seed.
+    /// Iterates over the steps from a node back to its seed.
     pub fn back(&self, node: u32) -> impl Iterator<Item = Step> + '_ {
         std::iter::successors(self.step(node), |step| self.step(step.from))
     }
 
-    /// The nodes from its seed to a node.
+    /// Returns the nodes from its seed to a node.
     fn path(&self, node: u32) -> Vec<u32> {
         let mut path: Vec<u32> = std::iter::once(node).chain(self.back(node).map(|step| step.from)).collect();
         path.reverse();
@@ -195,18 +195,17 @@ impl EdgeSearch {
     }
 }
 
-/// The half-edges along a path of vertices; where an edge has only one half-edge, that one, which may lead back.
-/// Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
-/// what lies between.
+/// Returns the half-edges along a path of vertices. An edge with a single half-edge is represented by it, which can
+/// lead back. Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices without a common edge.
+/// [`shortest_path`] finds the vertices between them.
 pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
     Network::of(surface).along(surface, vertices)
 }
 
-/// The vertices of the shortest path along edges through `stops` in their order, all of them included: a path picker.
-/// `factors`, one a vertex, make an edge cost its length times the mean of its ends' factors.
+/// Returns the vertices of the shortest path along edges through `stops` in their order, including the stops. With
+/// `factors` per vertex, the cost of an edge is its length times the mean of the factors of its ends.
 ///
-/// Takes O(n log n) for each stop.
-/// Panics if there is not one factor a vertex.
+/// Takes O(n log n) time for each stop. Panics if the number of factors differs from the number of vertices.
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
     check_points(stops.iter().copied(), surface.len())?;
     let network = match factors {
@@ -224,14 +223,14 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
             let unreachable = Error::Unreachable { source_vertex: from as usize, vertex: to as usize };
             search.settle(&network, |_| true).ok_or(unreachable)?;
         }
-        path.extend(&search.path(to)[1..]); // `from` ends the leg before
+        path.extend(&search.path(to)[1..]); // `from` ends the previous leg
     }
     Ok(path)
 }
 
-/// The vertices of the cheapest path along edges from a vertex to any of those `to`, both included, through vertices that
-/// `may_pass`: a simple path that meets `to` at its end alone. An edge costs its length times the mean of its ends' factors.
-/// Panics if there is not one factor, and one word on each vertex.
+/// Returns the vertices of the cheapest path along edges from a vertex to any vertex of `to`, including both, through
+/// vertices that `may_pass`: a simple path that meets `to` only at its end. The cost of an edge is its length times the
+/// mean of its ends' factors. Panics if the number of factors or flags differs from the number of vertices.
 pub fn path_to_any(
     surface: &Surface,
     from: u32,
@@ -257,7 +256,7 @@ pub fn path_to_any(
     }
 }
 
-/// The network of a surface whose edges cost their length times the mean of their ends' factors.
+/// Returns the network of a surface, where the cost of an edge is its length times the mean of the factors of its ends.
 fn factored(surface: &Surface, factors: &[f64]) -> Result<Network> {
     assert_eq!(factors.len(), surface.len(), "one factor a vertex");
     if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {

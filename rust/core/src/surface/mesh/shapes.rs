@@ -1,16 +1,16 @@
-//! Surfaces of known shape, for examples and tests: points in mm and triangles, and the [`Surface`] that they are.
+//! Surfaces of known shape for examples and tests: points in mm and triangles, or a [`Surface`].
 
 use nalgebra::Vector3;
 
 use super::Surface;
 
-/// A sheet of `m` × `n` squares of side 1 in the plane z = 0, each cut along a diagonal.
+/// Returns a plane grid of `m` × `n` squares of side 1 at z = 0, each divided along a diagonal.
 pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let points = (0..=m).flat_map(|i| (0..=n).map(move |j| [i as f64, j as f64, 0.0])).collect();
     (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
 }
 
-/// Such a sheet, rolled to three quarters of a cylinder.
+/// Returns such a grid, rolled up to three quarters of a cylinder.
 pub fn curled(m: usize, n: usize) -> Surface {
     let sheet = surface(sheet(m, n));
     let radius = n as f64 / (1.5 * std::f64::consts::PI);
@@ -18,7 +18,7 @@ pub fn curled(m: usize, n: usize) -> Surface {
     sheet.moved(sheet.points().iter().map(place).collect()).unwrap()
 }
 
-/// Such a sheet, cut open where y is `y` and x no more than `x`.
+/// Returns such a grid, cut open where y is `y` and x is at most `x`.
 pub fn slit(m: usize, n: usize, x: f64, y: f64) -> Surface {
     let sheet = surface(sheet(m, n));
     let is_cut = |h: &u32| {
@@ -28,7 +28,7 @@ pub fn slit(m: usize, n: usize, x: f64, y: f64) -> Surface {
     sheet.cut_open(sheet.edges().filter(is_cut))
 }
 
-/// A torus of radii 3 and 1 of `m` × `n` squares, outside outwards.
+/// Returns a torus of radii 3 and 1 with `m` × `n` squares, oriented outwards.
 pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;
     let place = |i: usize, j: usize| {
@@ -39,7 +39,7 @@ pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     (points, grid_faces(m, n, |i, j| i % m * n + j % n))
 }
 
-/// An octahedron whose faces were cut into four `times` times, on the unit sphere.
+/// Returns an octahedron on the unit sphere whose faces were divided into four `times` times.
 pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let mut points: Vec<Vector3<f64>> = Vec::new();
     for axis in 0..3 {
@@ -71,11 +71,11 @@ pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     (points.into_iter().map(Into::into).collect(), faces)
 }
 
-/// The surface of a shape.
-/// Panics if the triangles are no surface, or do not run counterclockwise as seen from outside.
+/// Returns the surface of a shape.
+/// Panics if the triangles are not a surface, or do not run counterclockwise as seen from outside.
 pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
-    let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
-    assert_eq!((mended.turned, mended.unused), (0, 0));
+    let (surface, repaired) = Surface::from_triangles(&points, &faces).unwrap();
+    assert_eq!((repaired.turned, repaired.unused), (0, 0));
     surface
 }
 
@@ -91,7 +91,7 @@ pub(crate) fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> us
 }
 
 #[cfg(test)]
-/// Half-edges of the same edge lead opposite ways, and every vertex has one fan.
+/// Asserts that half-edges of the same edge run in opposite directions, and that every vertex has one fan.
 pub(crate) fn assert_sound(surface: &Surface) {
     for (h, &twin) in (0..).zip(surface.twins()) {
         if twin != super::BORDER {

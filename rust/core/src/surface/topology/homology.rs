@@ -1,15 +1,16 @@
-//! Which loops on a surface go around a handle.
+//! Homology: finds which loops on a surface go around a handle.
 //!
-//! Every boundary loop is shrunk to a point, so that the surface is closed and a path from boundary to boundary is a path like
-//! any other. A spanning tree of the nodes (shortest paths from one of them) and a spanning tree of the faces across other
-//! edges leave 2 g edges over: each closes a loop in the first tree, and together these loops generate all others (Eppstein
-//! 2003; Erickson, Whittlesey 2005, whose greedy choice, the tree of faces across edges that would close long loops, is taken
-//! here). Each left-over edge also closes a loop in the second tree, across edges. A loop of edges is counted by how often it
-//! runs across each of these, modulo 2; it separates nothing if one count is odd.
+//! Every boundary loop is contracted to a point, so that the surface is closed, and paths between boundaries become
+//! ordinary paths. A spanning tree of the nodes (shortest paths from one of them) and a spanning tree of the faces
+//! across other edges leave 2 g edges. Each of them closes a loop in the first tree, and these loops generate all
+//! others (Eppstein 2003; Erickson, Whittlesey 2005, whose greedy choice is used: the tree of faces prefers edges that
+//! would close long loops). Each of these edges also closes a loop across edges in the second tree. For a loop of
+//! edges, the crossings with each of these are counted modulo 2. If one count is odd, the loop is not separating.
 //!
-//! The 2 g counts are not kept. Each gets a random number of 64 bits, and what is kept of an edge is the exclusive or of the
-//! numbers of all loops that run across it: a loop's mark is then the exclusive or of its edges' marks. A mark that is not zero
-//! proves an odd count; one that is zero is an even one but for a chance of 2⁻⁶⁴ (Erickson, Nayyeri 2011 keep bits).
+//! The 2 g counts are not stored. Each loop across edges gets a random number of 64 bits, and the mark of an edge is
+//! the exclusive or of the numbers of the loops that cross it. The mark of a loop is the exclusive or of the marks of
+//! its edges. A nonzero mark proves an odd count; a zero mark means even counts, with an error probability of 2⁻⁶⁴
+//! (Erickson, Nayyeri 2011 keep bits).
 
 use crate::adjacency::Sets;
 use crate::control::Control;
@@ -18,13 +19,13 @@ use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{Edge, EdgeSearch, Network, Step, length};
 use crate::surface::topology::shrunk;
 
-/// A surface with every boundary loop shrunk to a point.
+/// A surface whose boundary loops are contracted to points.
 #[derive(Debug)]
 pub(crate) struct Shrunk<'a> {
     pub surface: &'a Surface,
-    /// The node that each vertex is: itself, or the first vertex of its boundary loop.
+    /// The node of each vertex: itself, or the first vertex of its boundary loop.
     pub node: Vec<u32>,
-    /// Inner edges with lengths in mm; going through a boundary costs `toll` times its length.
+    /// Inner edges with lengths in mm. Passing through a boundary costs `toll` times its length.
     pub network: Network,
 }
 
@@ -33,7 +34,7 @@ impl<'a> Shrunk<'a> {
         Self::weighted(surface, toll, |_| 1.0)
     }
 
-    /// The same, where an edge costs its length times the mean of its ends' factors.
+    /// Creates it such that the cost of an edge is its length times the mean of the factors of its ends.
     pub fn weighted(surface: &'a Surface, toll: f64, factor: impl Fn(u32) -> f64) -> Self {
         let node = shrunk(surface);
         let mut tolls = vec![0.0; surface.len()];
@@ -59,24 +60,24 @@ impl<'a> Shrunk<'a> {
         [self.surface.origin(half_edge), self.surface.target(half_edge)].map(|v| self.node[v as usize])
     }
 
-    /// The simple loop that an edge closes in a tree of paths, as half-edges in order.
+    /// Returns the simple loop that an edge closes in a tree of paths, as ordered half-edges.
     pub fn closed_by(&self, tree: &EdgeSearch, edge: u32) -> Vec<u32> {
         let [mut left, mut right] = self.ends(edge).map(|node| tree.back(node).collect::<Vec<_>>());
         while left.last().is_some_and(|step| right.last() == Some(step)) {
-            left.pop(); // the stem that both share
+            left.pop(); // the common stem
             right.pop();
         }
         self.through(&left, edge, &right)
     }
 
-    /// The half-edges along the steps back from an edge's one end, reversed, along the edge, and along those from its other end.
+    /// Returns the half-edges along the reversed steps from an edge's one end, the edge, and the steps from the other.
     pub fn through(&self, left: &[Step], edge: u32, right: &[Step]) -> Vec<u32> {
         let start = left.last().map_or(self.ends(edge)[0], |step| step.from);
         let before = left.iter().rev().map(|step| step.half_edge);
         self.directed(start, before.chain([edge]).chain(right.iter().map(|step| step.half_edge)))
     }
 
-    /// The half-edges along a path of edges that begins at `node`.
+    /// Returns the half-edges along a path of edges that begins at `node`.
     pub fn directed(&self, mut node: u32, edges: impl Iterator<Item = u32>) -> Vec<u32> {
         let onwards = |edge| {
             let ends = self.ends(edge);
@@ -88,17 +89,17 @@ impl<'a> Shrunk<'a> {
     }
 }
 
-/// The loops that generate all others, and the marks that tell which loops separate nothing.
+/// The loops that generate all others, and the marks that identify separating loops.
 #[derive(Debug)]
 pub(crate) struct Homology {
-    /// 2 g simple loops, by the half-edges along each.
+    /// 2 g simple loops, as half-edges.
     pub generators: Vec<Vec<u32>>,
     /// The marks of the edges, by their lower half-edges.
     marks: Vec<u64>,
 }
 
 impl Homology {
-    /// Takes O(n log n) for n edges, and the lengths of the generators.
+    /// Takes O(n log n) time for n edges, plus the lengths of the generators.
     pub fn new(shrunk: &Shrunk, control: &Control) -> Result<Self> {
         let tree = spanning_tree(shrunk, control)?;
         let (cotree, left_over) = spanning_cotree(shrunk, &tree, control)?;
@@ -108,18 +109,18 @@ impl Homology {
         Ok(Self { generators, marks })
     }
 
-    /// The mark of an edge, by its lower half-edge.
+    /// Returns the mark of an edge, given its lower half-edge.
     pub fn mark(&self, edge: u32) -> u64 {
         self.marks[edge as usize]
     }
 
-    /// Counts a loop across edges among those that run across `crossed` edges; `mark` is its number.
+    /// Adds a loop across edges to the marks of the edges `crossed`; `mark` is its number.
     pub fn count(&mut self, crossed: impl Iterator<Item = u32>, mark: u64) {
         crossed.for_each(|edge| self.marks[edge as usize] ^= mark);
     }
 }
 
-/// Shortest paths from the first node of each component to all its nodes.
+/// Returns shortest paths from the first node of each component to all its nodes.
 fn spanning_tree(shrunk: &Shrunk, control: &Control) -> Result<EdgeSearch> {
     let mut search = EdgeSearch::new(shrunk.node.len());
     for root in shrunk.nodes() {
@@ -132,8 +133,8 @@ fn spanning_tree(shrunk: &Shrunk, control: &Control) -> Result<EdgeSearch> {
     Ok(search)
 }
 
-/// The edges across which the faces hang together, those first that would close the longest loops in the tree; and those that
-/// are in neither tree.
+/// Returns the edges of the spanning tree of the faces, which prefers edges that would close the longest loops in the
+/// tree; and the edges in neither tree.
 fn spanning_cotree(shrunk: &Shrunk, tree: &EdgeSearch, control: &Control) -> Result<(Vec<bool>, Vec<u32>)> {
     let surface = shrunk.surface;
     let mut is_in_tree = vec![false; surface.twins().len()];
@@ -160,8 +161,8 @@ fn spanning_cotree(shrunk: &Shrunk, tree: &EdgeSearch, control: &Control) -> Res
     Ok((cotree, left_over))
 }
 
-/// The marks of all edges. The loop of a left-over edge in the cotree runs across those edges that part its two faces: with
-/// its number put at both faces, the exclusive or of all numbers behind an edge is the edge's mark.
+/// Returns the marks of all edges. The loop of a left-over edge in the cotree crosses the edges that separate its two
+/// faces. With its number put at both faces, the mark of an edge is the exclusive or of all numbers beyond it.
 fn marks(surface: &Surface, cotree: &[bool], left_over: &[u32]) -> Vec<u64> {
     let mut marks = vec![0; surface.twins().len()];
     let mut behind = vec![0; surface.faces().len()];
@@ -178,7 +179,7 @@ fn marks(surface: &Surface, cotree: &[bool], left_over: &[u32]) -> Vec<u64> {
     marks
 }
 
-/// The half-edges of the cotree that lead from a face to one farther from the first face of its component, in order.
+/// Returns the half-edges of the cotree that lead away from the first face of each component, in order.
 fn outwards(surface: &Surface, cotree: &[bool]) -> Vec<u32> {
     let mut seen = vec![false; surface.faces().len()];
     let mut steps = Vec::with_capacity(seen.len());
@@ -202,7 +203,7 @@ fn outwards(surface: &Surface, cotree: &[bool]) -> Vec<u32> {
     steps
 }
 
-/// Well mixed bits that are not zero (Steele, Lea, Flood 2014).
+/// Returns well-mixed, nonzero bits (Steele, Lea, Flood 2014).
 fn random(n: u64) -> u64 {
     let mut z = n.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

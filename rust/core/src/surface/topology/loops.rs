@@ -1,14 +1,13 @@
 //! Handles, found by short loops around them.
 //!
-//! A loop that separates nothing goes around a handle, or through it; cut along it, the surface has a handle less. The shortest
-//! such loop through a vertex consists of two shortest paths from it and an edge (Thomassen 1990), and every such loop meets
-//! one of the 2 g loops that generate all others, so that only their vertices need be asked (Kutz 2006). Asked are first those
-//! that lie within a short reach, then farther and farther; the shortest loop is taken, then the shortest that does not touch
-//! it and still separates nothing, and so on; then the surface is cut open along them. This is a greedy choice of short loops:
-//! none is much longer than it need be, but the sum of all need not be the least, which nobody knows how to find in
-//! reasonable time.
+//! A non-separating loop goes around or through a handle; a cut along it removes a handle. The shortest such loop
+//! through a vertex consists of two shortest paths from it and an edge (Thomassen 1990). Every such loop meets one of
+//! the 2 g generating loops, so that only their vertices must be searched from (Kutz 2006). Searches begin with a short
+//! reach, which is then doubled repeatedly. The shortest loop is taken first, then the shortest one that does not touch
+//! it and is still not separating, and so on. Finally, the surface is cut open along them. This is a greedy choice: no
+//! loop is much longer than necessary, but the sum need not be minimal, for which no efficient algorithm is known.
 //!
-//! Loops of r edges among V vertices take O(V log V) for each doubling of the reach, and O(r² log r) for each vertex asked.
+//! Loops of r edges among V vertices take O(V log V) per doubling of the reach, and O(r² log r) per searched vertex.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -23,37 +22,37 @@ use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::topology::Topology;
 use crate::surface::topology::homology::{Homology, Shrunk};
 
-/// What a way through a boundary loop costs, in the loop's length: as much as its longest way around.
+/// The cost of a path through a boundary loop, as a share of the loop's length: that of its longest way around.
 pub(crate) const TOLL: f64 = 0.5;
 
-/// A vertex is asked every so often along a generating loop, in the reach.
+/// The distance between searched vertices along a generating loop, as a share of the reach.
 const SPACING: f64 = 1.0 / 8.0;
 
-/// How many vertices of a loop are asked for a shorter one, and how often.
+/// The number of vertices of a loop from which a shorter loop is searched, and the number of repetitions.
 const TIGHTENED: (usize, usize) = (12, 4);
 
-/// A handle, shown by a short loop that goes around it or through it.
+/// A handle, described by a short loop around or through it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Handle {
-    /// The vertices along the loop, each joined to the next and the last to the first. Where the surface has a boundary, or an
-    /// earlier loop was cut, the loop may run along it.
+    /// The vertices along the loop, each connected to the next one and the last to the first. The loop may run along
+    /// the boundary or an earlier cut.
     pub vertices: Vec<u32>,
-    /// The half-edges along which it is cut: those of the loop that do not run along the boundary or an earlier cut.
+    /// The half-edges to cut: those of the loop that do not run along the boundary or an earlier cut.
     pub half_edges: Vec<u32>,
-    /// The loop's length, mm.
+    /// The length of the loop in mm.
     pub length: f64,
-    /// The mean place on the loop, RAS+ mm.
+    /// The mean position on the loop in RAS+ mm.
     pub centre: Vector3<f64>,
 }
 
-/// A short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: each separates nothing
-/// after those before it.
+/// Returns a short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: none
+/// separates the surface after the cuts before it.
 pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
     cut_handles(surface, control).map(|(_, handles)| handles)
 }
 
-/// The surface cut open along short loops around all its handles: the way to genus 0 that changes no voxel. Each loop adds one
-/// or two boundary loops, and no component; half-edges keep their numbers.
+/// Cuts the surface open along short loops around all its handles, which gives genus 0 without changing voxels. Each
+/// loop adds one or two boundary loops, and no component. Half-edges keep their numbers.
 pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec<Handle>)> {
     let mut open = surface.clone();
     let mut handles = Vec::new();
@@ -75,17 +74,17 @@ pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec
         }
         let found = seeker.found;
         if found.is_empty() {
-            break; // not possible: a generating loop separates nothing
+            break; // impossible: a generating loop is not separating
         }
         let rims = Rims::new(&open);
         handles.extend(found.iter().map(|half_edges| rims.handle(surface, &open, half_edges)));
         open = open.cut_open(found.into_iter().flatten());
     }
     let half_edges = handles.iter().flat_map(|handle: &Handle| &handle.half_edges);
-    Ok((surface.cut_open(half_edges.copied()), handles)) // at once: the same numbers whatever the order
+    Ok((surface.cut_open(half_edges.copied()), handles)) // cut at once, so that numbers do not depend on the order
 }
 
-/// The mean length of an edge, mm; never 0.
+/// Returns the mean length of an edge in mm; never 0.
 fn mean_length(surface: &Surface) -> f64 {
     let edges = surface.edges().count().max(1) as f64;
     let mean = surface.edges().map(|h| length(surface, h) / edges).sum::<f64>();
@@ -96,22 +95,22 @@ fn mean_length(surface: &Surface) -> f64 {
 struct Found {
     half_edges: Vec<u32>,
     mark: u64,
-    /// Its length, mm, tolls included.
+    /// Its length in mm, including tolls.
     length: f64,
-    /// That of the way from the vertex asked to the loop, around it and back.
+    /// The length of the path from the searched vertex to the loop, around it and back.
     through: f64,
 }
 
-/// What is known of a surface while loops are sought.
+/// The state of the search for loops.
 struct Seeker<'a> {
     shrunk: &'a Shrunk<'a>,
     homology: Homology,
     search: EdgeSearch,
     /// The marks of the shortest paths to the nodes.
     marks: Vec<u64>,
-    /// Nodes on loops that were found.
+    /// The nodes on loops that were taken.
     is_taken: Vec<bool>,
-    /// Half-edges on them.
+    /// The half-edges on these loops.
     is_cut: Vec<bool>,
     across: Across,
     found: Vec<Vec<u32>>,
@@ -131,8 +130,8 @@ impl<'a> Seeker<'a> {
         }
     }
 
-    /// Takes loops up to twice the reach, the shortest first, until no vertex has one. Whatever is taken makes other loops
-    /// longer, never shorter: so only the vertex that claims the shortest need be asked again.
+    /// Takes loops up to twice the reach, the shortest first, until no vertex has one. Each loop that is taken can only
+    /// make other loops longer, so that only the vertex with the currently shortest loop must be searched again.
     fn seek(&mut self, reach: f64, control: &Control) -> Result<()> {
         let mut claims = BinaryHeap::new();
         for root in self.roots(SPACING * reach) {
@@ -154,7 +153,7 @@ impl<'a> Seeker<'a> {
         Ok(())
     }
 
-    /// Nodes along the generating loops, this many mm apart.
+    /// Returns nodes along the generating loops, `spacing` mm apart.
     fn roots(&self, spacing: f64) -> Vec<u32> {
         let mut roots = Vec::new();
         for generator in &self.homology.generators {
@@ -170,8 +169,7 @@ impl<'a> Seeker<'a> {
         distinct(roots)
     }
 
-    /// The shortest loop from a node back to it that separates nothing, touches none that was taken, and is shorter than
-    /// `limit` (mm).
+    /// Returns the shortest non-separating loop through a node, off taken loops and shorter than `limit` (mm).
     fn shortest_through(&mut self, root: u32, limit: f64, control: &Control) -> Result<Option<Found>> {
         let Self { shrunk, homology, search, marks, is_taken, .. } = self;
         if is_taken[root as usize] {
@@ -184,7 +182,7 @@ impl<'a> Seeker<'a> {
             control.check()?;
             let here = search.distance(node);
             if 2.0 * here >= best.0 {
-                break; // any edge between nodes as far as this one closes a longer loop
+                break; // any edge between nodes at this distance closes a longer loop
             }
             let step = search.step(node);
             let mark = step.map_or(0, |step| marks[step.from as usize] ^ homology.mark(step.half_edge));
@@ -205,7 +203,7 @@ impl<'a> Seeker<'a> {
         }))
     }
 
-    /// A loop near a loop, and no longer: the shortest through one of its vertices, again and again.
+    /// Shortens a loop by repeatedly taking the shortest loop through one of its vertices.
     fn tightened(&mut self, mut found: Found, control: &Control) -> Result<Found> {
         let (most, times) = TIGHTENED;
         for _ in 0..times {
@@ -224,8 +222,8 @@ impl<'a> Seeker<'a> {
         Ok(found)
     }
 
-    /// Takes a loop, unless it would separate something: with a loop across edges that crosses it once, all marks are changed
-    /// such that its own is zero. So have then all loops that separate something together with it.
+    /// Takes a loop, unless it is separating. A loop across edges that crosses it once changes all marks such that its
+    /// own mark is zero. The marks of all loops that form a separating set with it are then zero too.
     fn take(&mut self, found: Found, control: &Control) -> Result<()> {
         let surface = self.shrunk.surface;
         let twin = |h: u32| surface.twins()[h as usize];
@@ -248,7 +246,7 @@ impl<'a> Seeker<'a> {
 /// A reusable breadth-first search from face to face.
 #[derive(Debug)]
 struct Across {
-    /// The round in which each face was seen last, and the half-edge across which.
+    /// The last round in which each face was visited, and the half-edge across which.
     seen: Vec<(u32, u32)>,
     round: u32,
 }
@@ -258,7 +256,7 @@ impl Across {
         Self { seen: vec![(0, 0); faces], round: 0 }
     }
 
-    /// The half-edges that are crossed on a way from one face to another.
+    /// Returns the half-edges that are crossed on a path from one face to another.
     fn path(
         &mut self,
         surface: &Surface,
@@ -291,9 +289,9 @@ impl Across {
 /// The boundary loops of a surface that is being cut open.
 struct Rims {
     loops: Vec<Vec<u32>>,
-    /// The loop of each boundary vertex and its place there.
+    /// The loop of each boundary vertex, and its position in the loop.
     place: Vec<(u32, u32)>,
-    /// A half-edge that leads away from each vertex.
+    /// A half-edge that begins at each vertex.
     corner: Vec<u32>,
 }
 
@@ -309,7 +307,7 @@ impl Rims {
         Self { loops, place, corner }
     }
 
-    /// A loop of half-edges of `open`, closed along the boundary, as a handle of `surface`.
+    /// Returns a loop of half-edges of `open`, closed along the boundary, as a handle of `surface`.
     fn handle(&self, surface: &Surface, open: &Surface, half_edges: &[u32]) -> Handle {
         let before = |v: u32| surface.origin(self.corner[v as usize]);
         let mut vertices = Vec::new();
@@ -319,14 +317,14 @@ impl Rims {
             if before(here) != before(onwards) {
                 vertices.push(here);
                 self.along(open, here, onwards, &mut vertices);
-            } // the two lips of a cut are one vertex of the surface
+            } // the two sides of a cut are one vertex of the surface
         }
         vertices.iter_mut().for_each(|v| *v = before(*v));
         let (length, centre) = measured(surface, &vertices);
         Handle { vertices, half_edges: half_edges.to_vec(), length, centre }
     }
 
-    /// The vertices between two of one boundary loop, the shorter way.
+    /// Adds the vertices between two vertices of a boundary loop, along the shorter way.
     fn along(&self, open: &Surface, from: u32, to: u32, vertices: &mut Vec<u32>) {
         let (rim, start) = self.place[from as usize];
         let rim = &self.loops[rim as usize];
@@ -343,7 +341,7 @@ impl Rims {
     }
 }
 
-/// The length of a closed loop of vertices, mm, and the mean place on it.
+/// Returns the length of a closed loop of vertices in mm, and its mean position.
 fn measured(surface: &Surface, vertices: &[u32]) -> (f64, Vector3<f64>) {
     let place = |n: usize| surface.points()[vertices[n % vertices.len()] as usize];
     let (mut length, mut sum) = (0.0, Vector3::zeros());

@@ -1,7 +1,7 @@
 //! The topology of a surface: its components, their handles, and their boundary.
 //!
-//! χ = vertices − edges + faces = 2 − 2 genus − boundary loops for each component. What can be flattened without a cut is a
-//! disk: one component, no handle, one boundary loop. Everything here takes time linear in the surface.
+//! For each component, χ = vertices − edges + faces = 2 − 2 genus − boundary loops. A surface can be flattened without
+//! a cut if it is a disk: one component, no handle, one boundary loop. All functions here take linear time.
 
 pub(crate) mod homology;
 pub mod loops;
@@ -9,66 +9,66 @@ pub mod thin;
 
 use crate::surface::mesh::Surface;
 
-/// What a surface is, topologically.
+/// The topological properties of a surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Topology {
-    /// Number of vertices.
+    /// The number of vertices.
     pub vertices: usize,
-    /// Number of edges.
+    /// The number of edges.
     pub edges: usize,
-    /// Number of faces.
+    /// The number of faces.
     pub faces: usize,
-    /// Euler characteristic χ, the sum over the components.
+    /// The Euler characteristic χ, summed over the components.
     pub euler: i64,
-    /// Number of handles, the sum over the components.
+    /// The number of handles, summed over the components.
     pub genus: usize,
-    /// The connected pieces, the largest area first.
+    /// The connected components by decreasing area.
     pub components: Vec<Component>,
-    /// The boundary loops, longest first.
+    /// The boundary loops by decreasing length.
     pub loops: Vec<Loop>,
 }
 
-/// One connected piece of a surface.
+/// A connected component of a surface.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Component {
     /// Its number in [`Surface::components`].
     pub label: u32,
-    /// Its area, mm².
+    /// Its area in mm².
     pub area: f64,
-    /// Number of faces.
+    /// The number of faces.
     pub faces: usize,
-    /// Number of vertices.
+    /// The number of vertices.
     pub vertices: usize,
-    /// Number of edges.
+    /// The number of edges.
     pub edges: usize,
-    /// Euler characteristic χ.
+    /// The Euler characteristic χ.
     pub euler: i64,
-    /// Number of handles.
+    /// The number of handles.
     pub genus: usize,
-    /// Number of boundary loops.
+    /// The number of boundary loops.
     pub loops: usize,
 }
 
 /// A boundary loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loop {
-    /// Its half-edges in order, the surface on their left.
+    /// Its half-edges in order, with the surface on their left.
     pub half_edges: Vec<u32>,
-    /// Its length, mm.
+    /// Its length in mm.
     pub length: f64,
-    /// The component's number in [`Surface::components`].
+    /// The number of its component in [`Surface::components`].
     pub component: u32,
 }
 
 impl Loop {
-    /// Its vertices in order.
+    /// Returns its vertices in order.
     pub fn vertices(&self, surface: &Surface) -> Vec<u32> {
         self.half_edges.iter().map(|&h| surface.origin(h)).collect()
     }
 }
 
 impl Topology {
-    /// The topology of a surface.
+    /// Computes the topology of a surface.
     pub fn of(surface: &Surface) -> Self {
         let pieces = surface.components();
         let label = &pieces.labels;
@@ -88,7 +88,7 @@ impl Topology {
             component.euler = (component.vertices + component.faces) as i64 - component.edges as i64;
             component.genus = (2 - component.euler - component.loops as i64).max(0) as usize / 2;
         }
-        components.sort_by(|a, b| b.area.total_cmp(&a.area)); // stable: of equals the one with the first face
+        components.sort_by(|a, b| b.area.total_cmp(&a.area)); // stable: of equal ones, the one with the first face
         loops.sort_by(|a, b| b.length.total_cmp(&a.length));
         Self {
             vertices: surface.len(),
@@ -101,18 +101,18 @@ impl Topology {
         }
     }
 
-    /// Is it one disk, so that it can be flattened without a cut?
+    /// Returns whether the surface is a single disk, which can be flattened without a cut.
     pub fn is_disk(&self) -> bool {
         self.components.len() == 1 && self.genus == 0 && self.loops.len() == 1
     }
 
-    /// Is it without boundary?
+    /// Returns whether the surface has no boundary.
     pub fn is_closed(&self) -> bool {
         self.loops.is_empty() && !self.components.is_empty()
     }
 }
 
-/// The boundary loops in the order of their first half-edges; `label` is the component of each face.
+/// Returns the boundary loops in the order of their first half-edges; `label` is the component of each face.
 fn loops_of(surface: &Surface, label: &[u32]) -> Vec<Loop> {
     let measured = |half_edges: Vec<u32>| Loop {
         length: half_edges.iter().map(|&h| surface.length(h)).sum(),
@@ -122,8 +122,8 @@ fn loops_of(surface: &Surface, label: &[u32]) -> Vec<Loop> {
     surface.boundary().into_iter().map(measured).collect()
 }
 
-/// For each vertex the first vertex of its boundary loop, or itself where it lies inside: the surface with every boundary
-/// loop shrunk to a point, which is closed.
+/// Returns, for each vertex, the first vertex of its boundary loop, or itself inside the surface. This contracts every
+/// boundary loop to a point, so that the surface is closed.
 pub(crate) fn shrunk(surface: &Surface) -> Vec<u32> {
     let mut node: Vec<u32> = (0..surface.len() as u32).collect();
     for border in surface.boundary() {

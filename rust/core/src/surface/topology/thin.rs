@@ -1,6 +1,6 @@
-//! Thin places: where the two sides of a solid lie much nearer to each other than along its surface.
+//! Thin parts: where the two sides of a solid are much closer through the solid than along its surface.
 //!
-//! There a label is about a voxel thick: distances measured through the solid jump across, and a handle is likely near by.
+//! There, a label is about one voxel thick. Distances through the solid take a short cut, and handles are likely.
 
 use std::collections::HashMap;
 
@@ -11,37 +11,38 @@ use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{EdgeSearch, Network};
 
-/// The most that the cosine between the normals of two sides is.
+/// The maximum cosine between the normals of opposite sides.
 const AWAY: f64 = -0.5;
 
-/// The least cosine between the way through the solid and the inward normal, at either end.
+/// The minimum cosine between the line through the solid and the inward normal at either end.
 const THROUGH: f64 = 0.7;
 
-/// How much longer the way along the surface is.
+/// The minimum ratio of the distances along the surface and through the solid.
 const LONGER: f64 = 3.0;
 
-/// Where a solid is thin.
+/// The thin parts of a solid.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ThinPlaces {
-    /// The vertices on both sides of thin places, ascending.
+    /// The vertices on both sides of thin parts, ascending.
     pub vertices: Vec<u32>,
-    /// The thinnest place.
+    /// The thinnest part.
     pub worst: Option<Thin>,
 }
 
-/// Two vertices that lie opposite each other.
+/// Two opposite vertices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thin {
     /// The vertices.
     pub vertices: [u32; 2],
-    /// The distance between them through the solid, mm.
+    /// The distance between them through the solid in mm.
     pub thickness: f64,
 }
 
-/// The vertices that have an opposite one within `thickness` mm: its normal looks away, it lies inward, and along edges it is
-/// more than three times as far away as through the solid. None, unless the thickness is positive and finite.
+/// Finds the vertices that have an opposite vertex within `thickness` mm. An opposite vertex lies inwards, its normal
+/// points the other way, and it is more than three times as far along edges as through the solid. Finds none unless the
+/// thickness is positive and finite.
 ///
-/// Takes O(n) times the number of vertices within that distance of each.
+/// Takes O(n) time, multiplied by the number of vertices within that distance of each.
 pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Result<ThinPlaces> {
     let mut places = ThinPlaces::default();
     if !(thickness > 0.0 && thickness.is_finite()) {
@@ -77,7 +78,7 @@ pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Resu
     Ok(places)
 }
 
-/// Distances along edges up to a radius.
+/// Computes distances along edges up to a radius.
 fn search_around(
     search: &mut EdgeSearch,
     network: &Network,
@@ -96,7 +97,7 @@ fn search_around(
     Ok(())
 }
 
-/// Points by the cells of a grid.
+/// Points sorted into the cells of a grid.
 struct Cells {
     size: f64,
     members: HashMap<[i64; 3], Vec<u32>>,
@@ -115,7 +116,7 @@ impl Cells {
         [0, 1, 2].map(|axis| (point[axis] / self.size).floor() as i64)
     }
 
-    /// The points in the cell of a place and in those around it.
+    /// Iterates over the points in the cell of a position and in the adjacent cells.
     fn around(&self, place: &Vector3<f64>) -> impl Iterator<Item = u32> + '_ {
         let cell = self.of(place);
         let offsets = (0..27).map(|n| [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1]);

@@ -1,31 +1,31 @@
-//! The topology of a set of surface voxels, seen as the union of closed cubes (the topology that 26-connectivity has).
+//! The topology of a set of surface voxels, as a union of closed cubes (the topology of 26-connectivity).
 //!
-//! A sheet that can be flattened has Euler characteristic χ = 1 (a disk); the surface of a solid has χ = 2 and encloses
-//! an interior; every handle, hole, or place where two banks touch takes one away.
+//! A sheet that can be flattened has Euler characteristic χ = 1 (a disk). The surface of a solid has χ = 2 and encloses
+//! an interior. Every handle, hole, or contact of two banks reduces χ by one.
 
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface, neighbours};
 
-/// The smallest share of the surface that must line one cavity for the surface to count as closed. Below, the cavity is
-/// a pocket inside a thick sheet: there the sheet still has an edge and can be flattened.
+/// The smallest share of the surface that must line one cavity for the surface to count as closed. A smaller cavity is
+/// a pocket inside a thick sheet, which still has an edge and can be flattened.
 const CLOSED_SHARE: f64 = 0.1;
 
-/// The topology of a voxel set.
+/// The topology of a set of voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CubeTopology {
-    /// Euler characteristic χ of the union of closed cubes: components − tunnels + cavities.
+    /// The Euler characteristic χ of the union of closed cubes: components − tunnels + cavities.
     pub euler: i64,
-    /// Number of enclosed cavities (6-connected pieces of the complement that do not reach the outside).
+    /// The number of enclosed cavities (6-connected components of the complement that do not reach the outside).
     pub cavities: usize,
-    /// Number of surface voxels around the cavity that most of them line.
+    /// The number of surface voxels around the cavity with the largest lining.
     pub lining: usize,
-    /// Number of surface voxels.
+    /// The number of surface voxels.
     pub points: usize,
 }
 
 impl CubeTopology {
-    /// The topology of a surface's voxels.
+    /// Computes the topology of a surface's voxels.
     pub fn of(surface: &VoxelSurface, control: &Control) -> Result<Self> {
         let grid = VertexGrid::new(surface);
         let euler = euler_characteristic(surface, &grid);
@@ -48,15 +48,15 @@ impl CubeTopology {
         Ok(Self { euler, cavities: cavity.count, lining, points: surface.len() })
     }
 
-    /// Is it a closed surface, without an edge?
+    /// Returns whether the surface is closed, without an edge.
     pub fn is_closed(&self) -> bool {
         self.lining as f64 >= CLOSED_SHARE * self.points as f64 && self.lining > 0
     }
 }
 
-/// χ of the union of closed cubes. Each cube has 27 cells (8 corners, 12 edges, 6 faces, itself), named by s ∈ {−1, 0, 1}³;
-/// the cell's dimension is the number of zeros in s. The cell s is shared with the neighbours at {0, s₁}×{0, s₂}×{0, s₃}
-/// and counted by the first of the voxels that share it.
+/// Returns χ of the union of closed cubes. Each cube has 27 cells (8 corners, 12 edges, 6 faces, itself), identified by
+/// s ∈ {−1, 0, 1}³; the dimension of a cell is the number of zeros in s. Cell s is shared with the neighbours at {0,
+/// s₁}×{0, s₂}×{0, s₃}, and counted by the first of these voxels.
 fn euler_characteristic(surface: &VoxelSurface, grid: &VertexGrid) -> i64 {
     let offsets: Vec<[i64; 3]> = neighbours().collect();
     let steps: Vec<isize> = offsets.iter().map(|&offset| grid.step(offset)).collect();
@@ -91,11 +91,11 @@ struct Cavities {
     count: usize,
 }
 
-/// Names the 6-connected pieces of what is not surface.
+/// Labels the 6-connected components of the complement of the surface.
 fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
     let mut labels: Vec<u32> =
         grid.cells().iter().map(|&cell| if cell == VertexGrid::NONE { UNSEEN } else { SURFACE }).collect();
-    let mut next = OUTSIDE; // the box is padded, so cell 0 lies outside
+    let mut next = OUTSIDE; // cell 0 lies outside, because the box is padded
     let mut stack = Vec::new();
     let steps = DIRECT.map(|direction| grid.step(direction));
     let shape = grid.shape();

@@ -1,20 +1,19 @@
-//! The paper's graph: surface voxels and their 26 neighbours.
+//! The graph of Grossmann et al. (2002): surface voxels and their 26 neighbours.
 
 use super::{VertexGrid, VoxelSurface, neighbours};
 use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// An arc as it is stored: 29 bits for the neighbour, 3 for the kind of link. A row of distances is bound by memory, and
-/// half the bytes an arc make it about half again as fast.
+/// A stored arc: 29 bits for the neighbour, 3 for the kind of link. Distance rows are memory-bound; half the bytes make
+/// them about half again as fast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct PackedArc(u32);
 
 const NEIGHBOUR_BITS: u32 = 29;
 const NEIGHBOUR: u32 = (1 << NEIGHBOUR_BITS) - 1;
 
-/// The paper's graph in compressed rows, whose links are of seven kinds, each of one length. A vertex's arcs are
-/// ordered by neighbour.
+/// The graph in compressed rows. Links are of seven kinds with one length each. Arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct VoxelGraph {
     starts: Vec<u32>,
@@ -23,8 +22,8 @@ pub struct VoxelGraph {
 }
 
 impl VoxelGraph {
-    /// The 26-neighbour graph of surface voxels. `lengths[kind]` is a link's length in mm; the kind is the set of axes along
-    /// which it steps (bit 0 for the first axis, bit 1 for the second, bit 2 for the third).
+    /// Creates the 26-neighbour graph of surface voxels. `lengths[kind]` is the length of a link in mm. The kind is the
+    /// set of axes along which the link steps (bit 0 for the first axis, bit 1 for the second, bit 2 for the third).
     pub fn of(surface: &VoxelSurface, lengths: [f64; 8], control: &Control) -> Result<Self> {
         let most = (u32::MAX / 26).min(NEIGHBOUR) as usize;
         if surface.len() > most {
@@ -57,27 +56,27 @@ impl VoxelGraph {
         Ok(graph)
     }
 
-    /// The memory in bytes of a graph: four for a link from each of its ends, and for where a vertex's links begin.
+    /// Returns the memory of a graph in bytes: four per link and end, and four per vertex for the start of its links.
     pub const fn memory_need(vertices: usize, links: usize) -> u64 {
         4 * links as u64 + 4 * vertices as u64
     }
 
-    /// Number of vertices.
+    /// Returns the number of vertices.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Is there no vertex?
+    /// Returns whether there are no vertices.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Number of links, each counted from both of its ends.
+    /// Returns the number of links, counted from both of their ends.
     pub fn links(&self) -> usize {
         self.arcs.len()
     }
 
-    /// Where each vertex's links begin, and the end of the last one's.
+    /// Returns where the links of each vertex begin, and where the last ones end.
     pub fn starts(&self) -> &[u32] {
         &self.starts
     }
@@ -103,13 +102,13 @@ impl Links for VoxelGraph {
     }
 
     fn extremes(&self) -> [f32; 2] {
-        let lengths = &self.lengths[1..]; // those of the kinds of links that a voxel can have
+        let lengths = &self.lengths[1..]; // the kinds of links that a voxel can have
         let longest = lengths.iter().copied().fold(0.0, f32::max);
         [lengths.iter().copied().fold(longest, f32::min), longest]
     }
 }
 
-/// The axes along which a link steps, as bits.
+/// Returns the axes along which a link steps, as bits.
 fn kind(offset: [i64; 3]) -> u32 {
     (0..3).filter(|&axis| offset[axis] != 0).map(|axis| 1 << axis).sum()
 }

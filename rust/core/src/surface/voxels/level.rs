@@ -1,10 +1,10 @@
-//! The surface where an image has a given value, between the voxels.
+//! Iso-level: the surface between voxels at which an image has a given value.
 
 use nalgebra::Vector3;
 
 use crate::error::{Error, Result};
 
-/// An image and the value that it has on the surface: a probability of 0.5, say.
+/// An image, and its value at the surface, such as a probability of 0.5.
 #[derive(Debug, Clone)]
 pub struct Level {
     shape: [usize; 3],
@@ -12,12 +12,12 @@ pub struct Level {
     level: f32,
 }
 
-/// How far from its node the level is looked for, in voxels, and in how many steps.
+/// How far from its node the level is searched, in voxels, and the number of steps.
 const REACH: f64 = 1.0;
 const STEPS: i32 = 8;
 
 impl Level {
-    /// An image (C order) and a value.
+    /// Creates a level from an image (C order) and a value.
     pub fn new(shape: [usize; 3], values: Vec<f32>, level: f64) -> Result<Self> {
         let needed = shape.iter().product();
         if values.len() != needed {
@@ -26,12 +26,12 @@ impl Level {
         Ok(Self { shape, values, level: level as f32 })
     }
 
-    /// The volume's shape.
+    /// Returns the shape of the volume.
     pub fn shape(&self) -> [usize; 3] {
         self.shape
     }
 
-    /// Value minus level at a voxel; NaN outside the image.
+    /// Returns the value minus the level at a voxel; NaN outside the image.
     fn at(&self, voxel: [i64; 3]) -> f64 {
         let fits = (0..3).all(|axis| voxel[axis] >= 0 && (voxel[axis] as usize) < self.shape[axis]);
         if !fits {
@@ -41,13 +41,13 @@ impl Level {
         f64::from(self.values[(i * self.shape[1] + j) * self.shape[2] + k] - self.level)
     }
 
-    /// Where between a voxel (0) and its neighbour (1) the level lies, if it does.
+    /// Returns the position of the level between a voxel (0) and its neighbour (1), if it lies there.
     pub fn between(&self, voxel: [i64; 3], neighbour: [i64; 3]) -> Option<f64> {
         let (a, b) = (self.at(voxel), self.at(neighbour));
         (a * b < 0.0).then(|| a / (a - b))
     }
 
-    /// Value minus level between voxels, trilinear.
+    /// Returns the trilinear value between voxels minus the level.
     fn trilinear(&self, place: Vector3<f64>) -> f64 {
         let low = place.map(f64::floor);
         let part = place - low;
@@ -62,8 +62,8 @@ impl Level {
         sum
     }
 
-    /// How far along `direction` (voxels) from `place` (voxel indices) the image has the level: the nearest such place within
-    /// one length of `direction`, if there is one.
+    /// Returns the distance along `direction` (voxels) from `place` (voxel indices) at which the image has the level,
+    /// in units of its length: the nearest one within one length, if there is one.
     pub fn along(&self, place: Vector3<f64>, direction: Vector3<f64>) -> Option<f64> {
         let value = |step: i32| self.trilinear(place + direction * (REACH * f64::from(step) / f64::from(STEPS)));
         let values: Vec<f64> = (-STEPS..=STEPS).map(value).collect();

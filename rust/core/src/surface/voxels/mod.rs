@@ -1,7 +1,7 @@
 //! Surface voxels of a label volume.
 //!
 //! Grossmann, Kiryati, Kimmel (2002), section 2.2: a foreground voxel belongs to the digital surface if at least one of
-//! its six direct neighbours is background. What lies outside the volume is background.
+//! its six direct neighbours is background. Voxels outside the volume are background.
 
 pub mod cubes;
 pub mod graph;
@@ -19,15 +19,15 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::volume::{Affine, Mask};
 
-/// The six direct neighbours.
+/// The offsets to the six direct neighbours.
 pub(crate) const DIRECT: [[i64; 3]; 6] = [[-1, 0, 0], [0, -1, 0], [0, 0, -1], [0, 0, 1], [0, 1, 0], [1, 0, 0]];
 
-/// The 26 neighbours in lexicographic order, without the centre.
+/// Iterates over the 26 neighbours in lexicographic order, without the centre.
 pub(crate) fn neighbours() -> impl Iterator<Item = [i64; 3]> {
     (0..27).filter(|&n| n != 13).map(|n| [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1])
 }
 
-/// The surface voxels of a volume, in Morton order: neighbours in space are mostly neighbours in memory.
+/// The surface voxels of a volume in Morton order, in which neighbours in space are mostly neighbours in memory.
 #[derive(Debug, Clone)]
 pub struct VoxelSurface {
     shape: [usize; 3],
@@ -37,7 +37,7 @@ pub struct VoxelSurface {
 }
 
 impl VoxelSurface {
-    /// The surface of the mask's foreground, all components of it.
+    /// Extracts the surface of the mask's foreground, including all components.
     pub fn from_mask(mask: &Mask, affine: Affine, control: &Control) -> Result<Self> {
         affine.check_reach(mask.shape())?;
         let on_surface = |v: [i64; 3]| DIRECT.iter().any(|&d| !mask.is_inside(plus(v, d)));
@@ -56,8 +56,7 @@ impl VoxelSurface {
         Ok(Self { shape: mask.shape(), affine, voxels, outward })
     }
 
-    /// The voxels for which `keep` is true.
-    /// Panics if `keep` has not one value a voxel.
+    /// Returns the voxels for which `keep` is true. Panics if the number of values differs from the number of voxels.
     pub fn subset(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.voxels.len(), "one value a voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
@@ -69,50 +68,50 @@ impl VoxelSurface {
         }
     }
 
-    /// The memory in bytes of so many surface voxels: three indices and a direction outward of three bytes.
+    /// Returns the memory of surface voxels in bytes: three indices and an outward direction of three bytes.
     pub const fn memory_need(voxels: usize) -> u64 {
         (12 + 3) * voxels as u64
     }
 
-    /// Number of surface voxels.
+    /// Returns the number of surface voxels.
     pub fn len(&self) -> usize {
         self.voxels.len()
     }
 
-    /// Is there no voxel?
+    /// Returns whether there are no voxels.
     pub fn is_empty(&self) -> bool {
         self.voxels.is_empty()
     }
 
-    /// The volume's shape.
+    /// Returns the shape of the volume.
     pub fn shape(&self) -> [usize; 3] {
         self.shape
     }
 
-    /// From voxel indices to mm.
+    /// Returns the transform from voxel indices to mm.
     pub fn affine(&self) -> &Affine {
         &self.affine
     }
 
-    /// The voxels' indices (i, j, k).
+    /// Returns the indices (i, j, k) of the voxels.
     pub fn voxels(&self) -> &[[u32; 3]] {
         &self.voxels
     }
 
-    /// The voxels' centres in mm (RAS+).
+    /// Returns the centres of the voxels in mm (RAS+).
     pub fn points(&self) -> Vec<Vector3<f64>> {
         self.voxels.iter().map(|voxel| self.affine.to_mm(voxel.map(f64::from))).collect()
     }
 
-    /// The direction from a voxel to the background around it, in mm, not normalised: the sum of the offsets to its
-    /// background 26-neighbours. Zero where opposite sides are background alike (a sheet one voxel thick).
+    /// Returns the direction from a voxel to the background around it in mm, not normalised: the sum of the offsets to
+    /// its background 26-neighbours. Zero where opposite sides are background (a sheet one voxel thick).
     pub fn outward(&self, vertex: usize) -> Vector3<f64> {
         let spacing = self.affine.spacing();
         let offset = Vector3::from_fn(|axis, _| f64::from(self.outward[vertex][axis]) / spacing[axis].powi(2));
-        self.affine.linear() * offset // a normal: the inverse transpose of the affine's linear part
+        self.affine.linear() * offset // normals transform by the inverse transpose of the affine's linear part
     }
 
-    /// The number of the vertex at this voxel.
+    /// Returns the number of the vertex at a voxel.
     /// Errors: [`Error::NotOnSurface`], which names the nearest surface voxel.
     pub fn find(&self, voxel: [i64; 3]) -> Result<usize> {
         let fits = (0..3).all(|axis| voxel[axis] >= 0 && (voxel[axis] as usize) < self.shape[axis]);
@@ -125,8 +124,7 @@ impl VoxelSurface {
         Err(Error::NotOnSurface { voxel, nearest: self.voxels[self.nearest(voxel).0] })
     }
 
-    /// The surface voxel nearest to a voxel, and its distance in mm.
-    /// Panics if the surface is empty.
+    /// Returns the nearest surface voxel to a voxel, and its distance in mm. Panics if the surface is empty.
     pub fn nearest(&self, voxel: [i64; 3]) -> (usize, f64) {
         let place = self.affine.to_mm(voxel.map(|x| x as f64));
         let distances = self.points().into_iter().map(|point| (point - place).norm());
@@ -165,7 +163,7 @@ fn morton_code(voxel: [u32; 3]) -> u64 {
     spread(voxel[0]) << 2 | spread(voxel[1]) << 1 | spread(voxel[2])
 }
 
-/// The vertex at each voxel of the surface's bounding box, which is padded by one voxel of nothing.
+/// The vertex at each voxel of the surface's bounding box, which is padded by one empty voxel.
 #[derive(Debug)]
 pub(crate) struct VertexGrid {
     origin: [i64; 3],
@@ -199,13 +197,13 @@ impl VertexGrid {
         &self.cells
     }
 
-    /// The cell of a voxel of the padded box.
+    /// Returns the cell of a voxel of the padded box.
     pub fn cell(&self, voxel: [i64; 3]) -> usize {
         let [i, j, k]: [i64; 3] = std::array::from_fn(|axis| voxel[axis] - self.origin[axis]);
         ((i * self.shape[1] + j) * self.shape[2] + k) as usize
     }
 
-    /// What to add to a cell to come to its neighbour.
+    /// Returns the difference between the cells of two neighbours.
     pub fn step(&self, offset: [i64; 3]) -> isize {
         ((offset[0] * self.shape[1] + offset[1]) * self.shape[2] + offset[2]) as isize
     }

@@ -1,10 +1,10 @@
 //! Surface voxels as the vertices of a manifold, without an iso-surface.
 //!
-//! A *node* is a surface voxel seen from one side: its surfels that hang together. Around each point where surfels meet
-//! ([`Surfels::around_points`]) stand nodes in cyclic order; these polygons are the faces. In other words, the mesh is the
-//! dual of the surfel surface, each node's surfels drawn together into one vertex. That keeps the surface what it is as
-//! long as a node's surfels form a disk and the polygons a simplicial complex; where one voxel carries more than one sheet
-//! they do not, and its node is split into its surfels, which always fit.
+//! A *node* is a surface voxel seen from one side: a connected set of its surfels. The nodes around each point where
+//! surfels meet ([`Surfels::around_points`]) form a polygon, which is a face. The mesh is thus the dual of the surfel
+//! surface, with the surfels of each node contracted to one vertex. This preserves the topology if the surfels of each
+//! node form a disk and the polygons form a simplicial complex. A voxel that carries several layers violates this; its
+//! node is split into its surfels, for which it always holds.
 
 use std::collections::HashSet;
 
@@ -16,14 +16,14 @@ use crate::error::{Error, Result};
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::voxels::surfels::Surfels;
 
-/// Which node each surfel belongs to.
+/// The assignment of surfels to nodes.
 #[derive(Debug, Clone)]
 pub struct Nodes {
     /// The node of each surfel.
     pub of_surfel: Vec<u32>,
     /// The surface voxel of each node.
     pub voxel: Vec<u32>,
-    /// Nodes that came from splitting those that carried two sheets.
+    /// The number of nodes that were added by splitting nodes with several layers.
     pub split: usize,
 }
 
@@ -42,8 +42,9 @@ impl Polygons {
 }
 
 impl Nodes {
-    /// The nodes of closed surfels, split until their polygons are a manifold, with the triangles. `place` tells where a node
-    /// lies (mm), by which diagonals are chosen; it is asked once the nodes are final, and before for surfels' centres only.
+    /// Returns the nodes of closed surfels, split until their polygons are a manifold, and the triangles. `place`
+    /// returns the positions of nodes (mm), by which diagonals are chosen. It is called for the final nodes, and before
+    /// only for the centres of surfels.
     pub fn triangulate(
         surfels: &Surfels,
         centres: &[Vector3<f64>],
@@ -71,7 +72,7 @@ impl Nodes {
         }
     }
 
-    /// The surfels of a voxel that hang together are a node; those that are to stay apart are one each.
+    /// Groups the connected surfels of each voxel into a node; surfels marked `apart` get one node each.
     fn group(surfels: &Surfels, apart: impl Fn(u32) -> bool) -> Self {
         const NONE: u32 = u32::MAX;
         let mut nodes = Self { of_surfel: vec![NONE; surfels.len()], voxel: Vec::new(), split: 0 };
@@ -99,7 +100,7 @@ impl Nodes {
         nodes
     }
 
-    /// The cyclic list of different nodes around each point that has at least three.
+    /// Returns the cyclic list of different nodes around each point with at least three nodes.
     fn polygons(&self, surfels: &Surfels) -> Polygons {
         let mut polygons = Polygons::default();
         let mut ring = Vec::new();
@@ -118,7 +119,7 @@ impl Nodes {
         polygons
     }
 
-    /// The mean of the surfels' values in each node.
+    /// Returns the mean of the surfels' values in each node.
     pub fn means(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut sums = vec![(Vector3::zeros(), 0.0); self.voxel.len()];
         for (&node, value) in self.of_surfel.iter().zip(values) {
@@ -129,8 +130,8 @@ impl Nodes {
         sums.into_iter().map(|(sum, count)| sum / count).collect()
     }
 
-    /// Nodes of which the faces make no manifold: at a polygon that passes twice, an edge of more than two faces, a vertex of
-    /// several fans or none at all.
+    /// Returns nodes whose faces are not a manifold: polygons that pass them twice, edges of more than two faces,
+    /// vertices with several fans or without faces.
     fn defects(&self, polygons: &Polygons, faces: &[[u32; 3]], mut found: Vec<u32>, surfels: &Surfels) -> Vec<u32> {
         found.extend(polygons.iter().flat_map(repeated));
         let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
@@ -140,7 +141,7 @@ impl Nodes {
             let twins = twins_of(faces);
             let loose = Surface::fans_of(faces, &twins, self.voxel.len());
             let at_border = |node: u32| {
-                // the nodes of a surface with a boundary may be left without a face there
+                // on a surface with a boundary, nodes there may have no face
                 let mine = surfels.of_voxel(self.voxel[node as usize]).filter(|&s| self.of_surfel[s as usize] == node);
                 mine.flat_map(|s| surfels.neighbours(s)).any(|neighbour| neighbour.is_none())
             };
@@ -150,7 +151,7 @@ impl Nodes {
         found
     }
 
-    /// Sets the surfels of these nodes apart; `false` if they all were.
+    /// Marks the surfels of these nodes as apart; returns `false` if all of them were marked already.
     fn mark(&self, defects: &[u32], apart: &mut [bool]) -> bool {
         let wrong: HashSet<u32> = defects.iter().copied().collect();
         let mut is_new = false;
@@ -164,14 +165,14 @@ impl Nodes {
     }
 }
 
-/// Surfels of nodes that do not form a disk, such as the four around a rod or the six of a lone voxel: χ = surfels −
-/// inner edges + inner points is not 1.
+/// Returns the surfels of nodes that do not form a disk, such as the four around a rod or the six of an isolated voxel:
+/// χ = surfels − inner edges + inner points is not 1.
 fn not_a_disk(surfels: &Surfels) -> Vec<bool> {
     let nodes = Nodes::group(surfels, |_| false);
     let mut euler = vec![0i32; nodes.voxel.len()];
     for surfel in 0..surfels.len() as u32 {
         let node = nodes.of_surfel[surfel as usize];
-        euler[node as usize] += 2; // twice, because each inner edge is seen from both sides
+        euler[node as usize] += 2; // doubled, because each inner edge is seen from both sides
         for neighbour in surfels.neighbours(surfel).into_iter().flatten() {
             euler[node as usize] -= i32::from(nodes.of_surfel[neighbour as usize] == node);
         }
@@ -185,14 +186,14 @@ fn not_a_disk(surfels: &Surfels) -> Vec<bool> {
     nodes.of_surfel.iter().map(|&node| euler[node as usize] != 2).collect()
 }
 
-/// The nodes that a polygon passes more than once.
+/// Returns the nodes that a polygon passes more than once.
 fn repeated(polygon: &[u32]) -> Vec<u32> {
     let again = |(n, node): (usize, &u32)| polygon[..n].contains(node).then_some(*node);
     polygon.iter().enumerate().filter_map(again).collect()
 }
 
-/// Cuts polygons into triangles by the fan whose longest diagonal is shortest, among those whose diagonals are no edges
-/// yet. Returns the corners of polygons that have none, too.
+/// Divides polygons into triangles by the fan with the shortest longest diagonal, among fans whose diagonals are not
+/// edges yet. Also returns the corners of polygons without such a fan.
 fn triangles(polygons: &Polygons, points: &[Vector3<f64>]) -> (Vec<[u32; 3]>, Vec<u32>) {
     let key = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
     let mut sides = Vec::with_capacity(polygons.corners.len());
@@ -236,8 +237,8 @@ fn twins_of(faces: &[[u32; 3]]) -> Vec<u32> {
     twins
 }
 
-/// The surface of triangles that already run alike; a vertex without faces, or of several fans at a boundary, is left
-/// out or split.
+/// Returns the surface of consistently oriented triangles. Drops unused vertices, and splits several fans at a
+/// boundary.
 fn join(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Result<Surface> {
     let ids: Vec<u32> = (0..points.len() as u32).collect();
     if faces.is_empty() {

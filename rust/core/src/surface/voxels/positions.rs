@@ -1,13 +1,13 @@
-//! Where the surface passes through a voxel: places finer than the grid.
+//! Vertex positions that are finer than the voxel grid.
 //!
-//! Nodes start at the mean of their surfels' centres. A height z = a + b u + c v + d u² + e u v + f v² over the tangent plane
-//! is fitted twice to the nodes around, those nearer weighing more: the first fit, wide, gives normals; the second, narrow,
-//! the height a by which the node moves along its normal. Fitting evens out the steps of the grid, which make distances too
-//! long, but shrinks folds, as chords between nodes shrink them too, which makes distances too short; so nodes that stick out
-//! of the middle of their neighbours are moved on outwards in the end (docs/decisions/0006).
+//! Nodes start at the mean of their surfels' centres. A height z = a + b u + c v + d u² + e u v + f v² over the tangent
+//! plane is fitted twice to the surrounding nodes, with higher weights for nearer ones. The first, wide fit gives
+//! normals. The second, narrow fit gives the height a by which the node moves along its normal. Fitting smooths out the
+//! steps of the grid, which make distances too long, but it shrinks folds, as do chords between nodes, which makes
+//! distances too short. Nodes that stick out of the mean of their neighbours are therefore finally moved further
+//! outwards (docs/decisions/0006).
 //!
-//! With an intensity or a probability image the surface passes where the image has a given value, which is better than
-//! any fit.
+//! With an intensity or a probability image, the surface is where it has a given value, which is better than a fit.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
@@ -16,7 +16,7 @@ use crate::adjacency::starts_of;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Who is next to whom, in compressed rows.
+/// The neighbours of each node, in compressed rows.
 #[derive(Debug, Clone, Default)]
 pub struct Neighbours {
     starts: Vec<u32>,
@@ -24,7 +24,7 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// From pairs, each given once or more, in any order.
+    /// Creates it from pairs, which may be repeated and in any order.
     pub fn from_pairs(nodes: usize, pairs: Vec<[u32; 2]>) -> Self {
         let mut both: Vec<[u32; 2]> =
             pairs.into_iter().filter(|[a, b]| a != b).flat_map(|[a, b]| [[a, b], [b, a]]).collect();
@@ -39,37 +39,37 @@ impl Neighbours {
     }
 }
 
-/// One fit of heights. Lengths are in units of the largest spacing.
+/// A fit of heights. Lengths are in units of the largest spacing.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
-    /// Width of the Gaussian weight.
+    /// The width of the Gaussian weight.
     sigma: f64,
     reach: f64,
     /// Nodes whose normals have a smaller product lie on another bank.
     same_side: f64,
-    /// What keeps curvature small where few nodes say otherwise.
+    /// A ridge that keeps curvature small where few nodes determine it.
     ridge: f64,
 }
 
 const FOR_NORMALS: Fit = Fit { sigma: 1.5, reach: 4.0, same_side: 0.2, ridge: 0.05 };
 const FOR_HEIGHTS: Fit = Fit { sigma: 1.0, reach: 3.0, same_side: 0.0, ridge: 0.02 };
 
-/// Neighbours that are closer lie at one place, in units of the smallest spacing.
+/// The distance below which neighbours count as coincident, in units of the smallest spacing.
 const CLOSEST: f64 = 0.01;
 
-/// How often normals are averaged with their neighbours' before the first fit.
+/// The number of times that normals are averaged with their neighbours' before the first fit.
 const AVERAGED: usize = 4;
 
 /// Nodes with their normals, in mm along the volume's axes.
 #[derive(Debug, Clone)]
 pub struct Places {
-    /// Where the nodes lie.
+    /// The positions of the nodes.
     pub points: Vec<Vector3<f64>>,
-    /// Unit vectors to the outside.
+    /// Outward unit vectors.
     pub normals: Vec<Vector3<f64>>,
 }
 
-/// Fits the surface through nodes that lie at `base` (mm along the axes) and roughly look along `outward`.
+/// Fits the surface through nodes at `base` (mm along the axes) with approximate normals `outward`.
 pub fn fit(
     base: &[Vector3<f64>],
     outward: Vec<Vector3<f64>>,
@@ -109,18 +109,18 @@ pub fn fit(
     unreachable!("the second pass returns")
 }
 
-/// How far one can go along a direction until an axis has been gone along by a whole voxel, mm.
+/// Returns the distance in mm along a direction until it has advanced by a complete voxel along one axis.
 fn reach(direction: &Vector3<f64>, spacing: [f64; 3]) -> f64 {
     (0..3).map(|axis| spacing[axis] / direction[axis].abs()).fold(f64::INFINITY, f64::min)
 }
 
-/// A voxel's width along a direction, mm.
+/// Returns the width of a voxel along a direction in mm.
 pub fn width(direction: &Vector3<f64>, spacing: [f64; 3]) -> f64 {
     (0..3).map(|axis| direction[axis].abs() * spacing[axis]).sum()
 }
 
 impl Places {
-    /// Takes nodes back towards their `base`, until they are within half a voxel of it along each axis.
+    /// Moves nodes back towards their `base`, until they are within half a voxel of it along each axis.
     pub fn within_half_a_voxel(&mut self, base: &[Vector3<f64>], spacing: [f64; 3]) {
         for (point, base) in self.points.iter_mut().zip(base) {
             let moved = *point - base;
@@ -128,14 +128,14 @@ impl Places {
         }
     }
 
-    /// Moves each node along its normal away from the middle of its neighbours on the same side, by `share` of how far that
-    /// is, and by a quarter of a voxel at most: more is asked for where a blade is a voxel thick, and would make spikes of it.
+    /// Moves each node along its normal away from the mean of its neighbours on the same side, by `share` of the
+    /// distance, and by at most a quarter of a voxel. On a blade one voxel thick, more would produce spikes.
     ///
-    /// A chord of length h of a curve of curvature κ is short by κ²h²/24 of itself; a curve κh²/24 further out has chords as
-    /// long as the arcs were. Neighbours at the distance h have their middle (κ₁ + κ₂)h²/4 below the node: the chords ask for a
-    /// twelfth (κ₁ = κ₂) to a sixth (κ₂ = 0) of that. Values that are means over voxels of side a, which have the variance
-    /// a²/12 along each axis, shift their level by (κ₁ + κ₂)a²/24, a ninth more where h² = 3a²/2. Fits through the steps of a
-    /// label even out folds, and ask for more than both.
+    /// A chord of length h of a curve with curvature κ is too short by κ²h²/24 of itself; moving the curve outwards by
+    /// κh²/24 makes chords as long as the arcs were. Neighbours at distance h have their mean (κ₁ + κ₂)h²/4 below the
+    /// node, so that chords require from a twelfth (κ₁ = κ₂) to a sixth (κ₂ = 0) of this. Values that are means over
+    /// voxels with side a, which have variance a²/12 along each axis, shift their level by (κ₁ + κ₂)a²/24, another
+    /// ninth if h² = 3a²/2. Fits through the steps of a label smooth folds, and require more than both.
     pub fn sharpen(&mut self, share: f64, neighbours: &Neighbours, spacing: [f64; 3]) {
         let moved = |node: usize| {
             let (point, normal) = (self.points[node], self.normals[node]);
@@ -151,8 +151,8 @@ impl Places {
 }
 
 impl Places {
-    /// Moves nodes apart that are neighbours and lie at one place, each towards the place that is its own, as far as that
-    /// needs: nodes of one voxel have its middle in common, and fits may take nodes of several voxels to one place.
+    /// Moves coincident neighbours apart, each towards its `own` position as far as necessary. Nodes of one voxel share
+    /// its centre, and fits can move nodes of several voxels to the same position.
     pub fn set_apart(&mut self, own: &[Vector3<f64>], neighbours: &Neighbours, spacing: [f64; 3]) {
         let least = CLOSEST * spacing.into_iter().fold(f64::INFINITY, f64::min);
         for share in [0.25, 0.5, 1.0] {
@@ -170,7 +170,7 @@ impl Places {
     }
 }
 
-/// Normals averaged with their neighbours'.
+/// Averages normals with their neighbours'.
 fn averaged(mut normals: Vec<Vector3<f64>>, neighbours: &Neighbours) -> Vec<Vector3<f64>> {
     for _ in 0..AVERAGED {
         let mean = |node: usize| {
@@ -182,7 +182,7 @@ fn averaged(mut normals: Vec<Vector3<f64>>, neighbours: &Neighbours) -> Vec<Vect
     normals
 }
 
-/// The nodes around one, reached over the surface.
+/// The nodes around a node, reached over the surface.
 #[derive(Debug)]
 struct Around {
     seen: Vec<u32>,
@@ -194,7 +194,7 @@ impl Around {
         Self { seen: vec![u32::MAX; nodes], nodes: Vec::new() }
     }
 
-    /// The nodes within `reach` of `centre`, itself first, that few steps lead to without leaving it.
+    /// Collects `centre` and the nodes within `reach` of it that are reached in a few steps within this radius.
     fn collect(&mut self, centre: u32, points: &[Vector3<f64>], neighbours: &Neighbours, reach: f64, anisotropy: f64) {
         let steps = (1.5 * reach * anisotropy).ceil() as usize;
         self.nodes.clear();
@@ -223,11 +223,11 @@ impl Around {
 /// The powers of u and v in the terms of a height.
 const POWERS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];
 
-/// Steepest slope that is believed.
+/// The steepest slope that is accepted.
 const STEEPEST: f64 = 2.0;
 
 impl Fit {
-    /// The height of the fitted surface over a node, and its normal there.
+    /// Returns the height of the fitted surface over a node, and its normal there.
     fn height(
         self,
         node: u32,
@@ -239,7 +239,7 @@ impl Fit {
         let across = if normal.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
         let Some(first) = normal.cross(&across).try_normalize(1e-9) else { return (0.0, normal) };
         let second = normal.cross(&first);
-        let mut moments = [0.0; 15]; // sums of weighted powers of u and v, by their degree, then by that of v
+        let mut moments = [0.0; 15]; // weighted sums of powers of u and v, by degree, then by the power of v
         let mut right = Vector6::zeros();
         let mut count = 0;
         for &other in around {

@@ -1,25 +1,26 @@
-//! Repair of a volume's topology: a few voxels are cut or filled, and the foreground's boundary is one sphere.
+//! Repair of a volume's topology: a few voxels are removed or added, so that the foreground's boundary is a sphere.
 //!
-//! A voxel is *simple* if flipping it between foreground and background makes, breaks or joins no component, tunnel or
-//! cavity of either; its 26 neighbours tell (Bertrand, Malandain 1994, A new characterization of three-dimensional
-//! simple points). A set that starts as one voxel, or as a box, and changes by simple voxels alone keeps a sphere as
-//! its boundary.
+//! A voxel is *simple* if flipping it between foreground and background creates, breaks or joins no component, tunnel
+//! or cavity of either. Its 26 neighbours determine this (Bertrand, Malandain 1994, A new characterization of
+//! three-dimensional simple points). A set that starts as one voxel or as a box, and changes only by simple voxels,
+//! keeps a sphere as its boundary.
 //!
-//! 1. Keep the largest component; fill the cavities.
-//! 2. *Cut:* within the foreground, grow from its deepest voxel. What never becomes simple would close a handle.
-//!    *Fill:* within the background, grow likewise from the outside of the bounding box. Both take the deepest voxels
-//!    first, as ordered homotopic thickening does, so that fronts meet where a handle is thin or a tunnel narrow.
-//! 3. *Exchange:* a handle that is dear to cut may be cheap to fill, and the other way round. So add to the cut shape
-//!    each piece that was filled, give back what this makes needless, and keep it if fewer voxels are changed than
-//!    before; do the same to the filled shape with the pieces that were cut. The shape nearer to the input wins.
+//! 1. Keep the largest component, and fill its cavities.
+//! 2. *Cut:* within the foreground, grow from its deepest voxel. Voxels that never become simple would close a handle.
+//!    *Fill:* within the background, likewise grow from the outside of the bounding box. Both take the deepest voxels
+//!    first, as in ordered homotopic thickening, so that fronts meet where a handle is thin or a tunnel narrow.
+//! 3. *Exchange:* a handle that is expensive to cut may be cheap to fill, and vice versa. Add each filled piece to the
+//!    cut shape, revert the changes that become unnecessary, and keep the result if fewer voxels are changed than
+//!    before. Do the same to the filled shape with the cut pieces. The shape that is closer to the input is taken.
 //!
-//! # Which voxels touch
-//! Foreground touches through faces, background through faces and edges. With this pair, called (6⁺, 18), digital
-//! topology sees the very handles that [surfels](crate::surface::voxels::surfels) have when voxels along an edge stay apart. To the more
-//! usual pair (6, 26), background also touches through corners, and most such corners make a handle that no surfel has.
+//! # Connectivity
+//! Foreground voxels are connected through faces, background voxels through faces and edges. For this pair, called (6⁺,
+//! 18), digital topology counts exactly the handles that [surfels](crate::surface::voxels::surfels) have when voxels
+//! that touch along an edge stay apart. For the more usual pair (6, 26), background voxels are also connected through
+//! corners, and most such corners create a handle that surfels do not have.
 //!
-//! On the white matter of MNI152 (one hemisphere, 314 327 voxels, 62 handles) cutting alone changes 162 voxels, filling
-//! alone 1082, exchanging 141. To (6, 26) there are 162 handles, and these are 301, 1220 and 237 voxels.
+//! On the white matter of MNI152 (one hemisphere, 314 327 voxels, 62 handles), cutting alone changes 162 voxels,
+//! filling alone 1082, and exchanging 141. For (6, 26) there are 162 handles, and these are 301, 1220 and 237 voxels.
 
 mod distances;
 mod grid;
@@ -37,15 +38,15 @@ use crate::error::{Error, Result};
 use crate::surface::voxels::neighbours;
 use crate::volume::Mask;
 
-/// How many voxels of depth it is worth to be certainly on one side, or to have only neighbours there.
+/// The depth in voxels that equals the certainty of being on one side, or of having only neighbours on it.
 const LIKELY: f32 = 2.0;
 
-/// A volume whose foreground is bounded by one sphere, and every change that made it so. Lists are in C order.
+/// A volume whose foreground is bounded by a single sphere, and all changes to it. Lists are in C order.
 #[derive(Debug, Clone)]
 pub struct Repaired {
     /// The repaired volume: one 6-connected component without handles, whose complement is 18-connected.
     pub mask: Mask,
-    /// Number of handles that were opened or closed.
+    /// The number of handles that were opened or closed.
     pub handles: usize,
     /// Voxels removed to open handles.
     pub cut: Vec<[u32; 3]>,
@@ -55,15 +56,15 @@ pub struct Repaired {
     pub dropped: Vec<[u32; 3]>,
     /// Voxels added because they lie in cavities.
     pub cavities: Vec<[u32; 3]>,
-    /// How many voxels it would have taken to cut every handle, and to fill every one.
+    /// The numbers of voxels that cutting every handle, or filling every handle, would change.
     pub considered: [usize; 2],
 }
 
-/// Cuts and fills voxels of a volume until the boundary of its foreground is one sphere.
+/// Removes and adds voxels until the boundary of the foreground is a single sphere.
 ///
-/// `spacing` is the distance between neighbouring voxels along each axis, in mm. A `probability` of being foreground,
-/// one value a voxel in C order, draws cuts to where it is low and fillings to where it is high; values below 0 and above
-/// 1 are clamped, NaN counts as 0. Whatever lies outside the volume is background and stays so.
+/// `spacing` is the distance between neighbouring voxels along each axis in mm. With a foreground `probability`, one
+/// value per voxel in C order, voxels are preferably removed where it is low and added where it is high. Values are
+/// clamped to 0 to 1; NaN counts as 0. Voxels outside the volume are background and remain so.
 /// Errors: [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
 ///
@@ -115,13 +116,13 @@ fn validate(mask: &Mask, spacing: [f64; 3], probability: Option<&[f32]>) -> Resu
     }
 }
 
-/// The spacing in edges of a cube as large as a voxel, so that depth and probability can be added.
+/// Returns the spacing in edges of a cube with the volume of a voxel, so that depth and probability can be added.
 fn in_voxels(spacing: [f64; 3]) -> [f64; 3] {
     let edge = spacing.iter().product::<f64>().cbrt();
     spacing.map(|length| length / edge)
 }
 
-/// Both at once, if there are two threads.
+/// Runs both at once if there are two threads.
 fn both<T: Send>(
     first: impl FnOnce() -> Result<T> + Send,
     second: impl FnOnce() -> Result<T> + Send,
@@ -131,7 +132,7 @@ fn both<T: Send>(
 }
 
 impl Repaired {
-    /// Lists the changes from what came in to what comes out, `cells`.
+    /// Lists the changes from the input to the result `cells`.
     fn compare(
         mask: &Mask,
         solid: &Solid,
@@ -165,7 +166,7 @@ impl Repaired {
     }
 }
 
-/// One component without cavities: what is to be repaired.
+/// One component without cavities, to be repaired.
 #[derive(Debug)]
 struct Solid {
     grid: Grid,
@@ -173,7 +174,7 @@ struct Solid {
 }
 
 impl Solid {
-    /// The largest component of a mask (the first of equals) with its cavities filled.
+    /// Returns the largest component of a mask (the first of equal ones) with filled cavities.
     fn of(mask: &Mask, control: &Control) -> Result<Self> {
         let whole = Grid::around(mask.foreground(), control)?;
         let mut inside = vec![false; whole.len()];
@@ -192,11 +193,11 @@ impl Solid {
         }
         let background = Runs::of(&grid, |cell| !cells[cell], EDGES, control)?;
         let mut filled = vec![true; cells.len()];
-        background.component(0).for_each(|run| filled[run].fill(false)); // the rim's
+        background.component(0).for_each(|run| filled[run].fill(false)); // those of the rim
         Ok(Self { grid, cells: filled })
     }
 
-    /// Number of handles: what the Euler characteristic lacks to that of a ball.
+    /// Returns the number of handles, from the difference of the Euler characteristic to that of a ball.
     fn handles(&self, control: &Control) -> Result<usize> {
         let steps: [isize; 8] =
             std::array::from_fn(|corner| self.grid.step([4, 2, 1].map(|axis| i64::from(corner & axis != 0))));
@@ -211,12 +212,12 @@ impl Solid {
     }
 }
 
-/// What a block of 2 × 2 × 2 voxels adds to the Euler characteristic of the foreground. Bit 4 i + 2 j + k is its voxel
-/// (i, j, k).
+/// Returns the contribution of a block of 2 × 2 × 2 voxels to the Euler characteristic of the foreground. Bit 4 i + 2 j
+/// + k is its voxel (i, j, k).
 ///
-/// Voxels, pairs that share a face, fours around an edge and eights around a corner are the vertices, edges, squares
-/// and cubes of a complex; those with the block's first voxel in front count here. Six voxels around a corner where two
-/// background voxels only touch close the corner like a membrane.
+/// Voxels, pairs that share a face, groups of four around an edge and of eight around a corner are the vertices, edges,
+/// squares and cubes of a complex; those that begin with the block's first voxel count here. Six voxels around a corner
+/// where two background voxels only touch close the corner like a membrane.
 fn euler_of_block(block: u32) -> i64 {
     let span = |axes: u32| (0..8).filter(|corner| corner & !axes == 0).fold(0, |bits, corner| bits | 1 << corner);
     let full = (0..8).filter(|&axes| block & span(axes) == span(axes));
@@ -224,8 +225,8 @@ fn euler_of_block(block: u32) -> i64 {
     full.map(|axes: u32| 1 - 2 * i64::from(axes.count_ones() % 2)).sum::<i64>() + i64::from(membrane)
 }
 
-/// In which order one side of the solid takes its cells, the greatest first: by their depth, by how likely they are on
-/// this side, and by how many of their neighbours are. No value is negative.
+/// Returns the priorities in which one side of the solid takes its cells, highest first: by depth, by the probability
+/// of being on this side, and by the number of neighbours on it. No value is negative.
 fn order(
     solid: &Solid,
     side: bool,
@@ -243,15 +244,14 @@ fn order(
     Ok(order)
 }
 
-/// What simple voxels have made, and how far it is from the solid.
+/// A shape made of simple voxels, and its distance from the solid.
 #[derive(Debug, Clone)]
 struct Shape<'a> {
     solid: &'a Solid,
     cells: Vec<bool>,
-    /// Number of cells in which it differs from the solid.
+    /// The number of cells in which it differs from the solid.
     changes: usize,
-    /// Cells to look at, each once: the bits of its order above those of its number, which are inverted so that the
-    /// lower goes first.
+    /// The cells to visit, each once: the bits of its priority above those of its number, inverted (the lower first).
     queue: BinaryHeap<u64>,
     is_queued: Vec<bool>,
 }
@@ -280,7 +280,7 @@ impl<'a> Shape<'a> {
         Ok(shape)
     }
 
-    /// This shape, with pieces of what the other one changed in place of own changes where that leaves fewer of them.
+    /// Returns this shape with changed pieces of the other one instead of its own, where this leaves fewer changes.
     fn exchanged(&self, other: &Self, control: &Control) -> Result<Self> {
         let goal = &self.solid.cells;
         let offsets: Vec<_> = neighbours().collect();
@@ -299,8 +299,8 @@ impl<'a> Shape<'a> {
         }
     }
 
-    /// Changes a piece of cells as far as it is simple, takes back the changes that this makes needless, here and
-    /// elsewhere, and leaves all as it was unless fewer are left than before.
+    /// Changes a piece of cells as far as it is simple, reverts the changes that become unnecessary, and restores the
+    /// previous state unless fewer changes are left.
     fn try_piece(&mut self, piece: &[usize], control: &Control) -> Result<()> {
         let goal = &self.solid.cells;
         let side = !goal[piece[0]];
@@ -319,8 +319,8 @@ impl<'a> Shape<'a> {
         Ok(())
     }
 
-    /// Moves every allowed cell that is simple when its turn comes to a side; begins with what is queued, and gives
-    /// cells another turn when one next to them has moved. Returns what moved.
+    /// Moves every allowed cell that is simple when it is visited to a side. Begins with the queued cells, and visits
+    /// cells again when a neighbour has moved. Returns the moved cells.
     fn grow(
         &mut self,
         side: bool,

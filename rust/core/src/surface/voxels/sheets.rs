@@ -1,14 +1,15 @@
-//! Sheets one voxel thick: a curled sheet of paper, a layer of cortex, a traced membrane.
+//! Voxel sheets, which are one voxel thick: a curled sheet of paper, a layer of cortex, a traced membrane.
 //!
-//! Such a label has background on both sides, so its boundary is a pillow: two surfaces, one upon the other, that meet at
-//! the rim. One of them is taken, at the middle of the sheet.
+//! Such a label has background on both sides, so that its boundary consists of two parallel surfaces that meet at the
+//! rim. One of them is used, and moved to the middle of the sheet.
 //!
-//! 1. Surfels are glued so that voxels that touch along an edge hang together ([`crate::surface::voxels::surfels::Touching::Joined`]): a thin
-//!    slanted sheet is often no more than that.
-//! 2. Each voxel's normal is the direction in which the voxels around it, reached over the sheet, spread least; over a
-//!    spanning tree of most alike neighbours, normals are turned to agree.
-//! 3. A surfel that looks along its voxel's normal is on the upper side, one that looks against it on the lower. The steps
-//!    of a slanted sheet, and the rim, look across: they belong to the side that is nearer over the surface.
+//! 1. Surfels are glued so that voxels that touch along an edge are connected
+//!    ([`Touching::Joined`](super::surfels::Touching::Joined)), because a thin slanted sheet often consists of such
+//!    voxels.
+//! 2. The normal of each voxel is the direction in which the surrounding voxels, reached over the sheet, vary least.
+//!    Normals are oriented consistently along a spanning tree that prefers similar neighbours.
+//! 3. A surfel is on the upper side if it faces along its voxel's normal, and on the lower side if it faces against it.
+//!    The steps of a slanted sheet and the rim face sideways; they belong to the side that is closer along the surface.
 
 use std::collections::{BinaryHeap, VecDeque};
 
@@ -23,39 +24,39 @@ use crate::surface::voxels::surfels::{Surfels, moved};
 use crate::surface::voxels::{VoxelSurface, neighbours};
 use crate::volume::Mask;
 
-/// Largest share of the foreground with foreground all around, in a sheet: ball-like labels of more than a few voxels have
-/// more, and real solids more than half.
+/// The largest share of a sheet's foreground voxels without background neighbours. Ball-like labels of more than a few
+/// voxels have more, and real solids more than half.
 const MOST_INNER: f64 = 0.05;
 
-/// How many steps from a voxel its normal takes others into account.
+/// The number of steps within which other voxels contribute to a voxel's normal.
 const STEPS: usize = 3;
 
-/// A surfel whose direction and normal have a greater product is on one side for sure: 45 degrees tells the steps of a
+/// The product of a surfel's direction and the normal above which its side is certain. It separates the steps of a
 /// slanted sheet from its treads.
 const DECIDED: f64 = 0.5;
 
-/// Longest run of foreground that is followed through the sheet.
+/// The longest run of foreground that is followed through the sheet.
 const LONGEST_RUN: usize = 16;
 
-/// Is the foreground a sheet? It is if (almost) no voxel has foreground at all its 26 neighbours.
+/// Returns whether the foreground is a voxel sheet: (almost) no voxel has 26 foreground neighbours.
 pub fn is_sheet(mask: &Mask) -> bool {
     let is_inner = |voxel: [i64; 3]| neighbours().all(|offset| mask.is_inside(moved(voxel, offset)));
     let most = MOST_INNER * mask.foreground().count() as f64;
-    let too_many = most.ceil() as usize; // a solid is known after a few of its voxels
+    let too_many = most.ceil() as usize; // a solid is recognised after a few of its voxels
     mask.foreground().filter(|&voxel| is_inner(voxel)).take(too_many).count() < too_many
 }
 
-/// One side of a sheet's surfels, and where neighbouring normals are opposite: where the sheet has one side only, like a
-/// Möbius strip, or touches itself.
+/// One side of a sheet's surfels, and where the normals of neighbours are opposite: where the sheet has only one side,
+/// like a Möbius strip, or touches itself.
 #[derive(Debug, Clone)]
 pub(crate) struct Side {
     /// Which surfels are on it.
     pub surfels: Vec<bool>,
-    /// Pairs of neighbouring voxels whose normals do not agree.
+    /// The number of pairs of neighbouring voxels whose normals disagree.
     pub conflicts: usize,
 }
 
-/// The side of a sheet that has more surfels: the outer one of a closed shell.
+/// Returns the side of a sheet with more surfels, which is the outer side of a closed shell.
 pub(crate) fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) -> Result<Side> {
     let graph = VoxelGraph::of(voxels, [1.0; 8], control)?;
     let mut normals = spread_least(voxels, &graph, control)?;
@@ -63,7 +64,7 @@ pub(crate) fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) 
     let spacing = voxels.affine().spacing();
     let looks_up = |surfel: u32| {
         let direction = surfels.direction(surfel);
-        let outward = Vector3::from_fn(|a, _| direction[a] as f64); // of unit length: along an axis
+        let outward = Vector3::from_fn(|a, _| direction[a] as f64); // of unit length along an axis
         outward.dot(&normals[surfels.voxel(surfel) as usize])
     };
     let mut decided = vec![None; surfels.len()];
@@ -100,7 +101,7 @@ pub(crate) fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) 
     Ok(Side { surfels: decided.iter().enumerate().map(is_chosen).collect(), conflicts })
 }
 
-/// For each voxel the direction in which those around it spread least, of either sign.
+/// Returns, for each voxel, the direction in which the surrounding voxels vary least, with arbitrary sign.
 fn spread_least(voxels: &VoxelSurface, graph: &VoxelGraph, control: &Control) -> Result<Vec<Vector3<f64>>> {
     let spacing = voxels.affine().spacing();
     let place = |v: u32| Vector3::from_fn(|a, _| f64::from(voxels.voxels()[v as usize][a]) * spacing[a]);
@@ -135,10 +136,10 @@ fn spread_least(voxels: &VoxelSurface, graph: &VoxelGraph, control: &Control) ->
     (0..voxels.len() as u32).into_par_iter().map_init(scratch, normal).collect()
 }
 
-/// Turns normals so that neighbours agree, the most alike first.
+/// Orients normals so that neighbours agree, the most similar ones first.
 fn agree(graph: &VoxelGraph, normals: &mut [Vector3<f64>], control: &Control) -> Result<()> {
     let mut is_done = vec![false; normals.len()];
-    let mut heap = BinaryHeap::new(); // how alike, then the lowest vertices first
+    let mut heap = BinaryHeap::new(); // by similarity, then the lowest vertices first
     for start in 0..normals.len() as u32 {
         if is_done[start as usize] {
             continue;
@@ -168,7 +169,7 @@ fn agree(graph: &VoxelGraph, normals: &mut [Vector3<f64>], control: &Control) ->
     Ok(())
 }
 
-/// How far inward from each surfel the sheet's middle lies, in voxels, counted from its voxel's centre.
+/// Returns the distance in voxels from each surfel's voxel centre inwards to the middle of the sheet.
 pub(crate) fn depths(mask: &Mask, voxels: &VoxelSurface, surfels: &Surfels) -> Vec<f64> {
     let depth = |surfel: u32| {
         let inward = surfels.direction(surfel).map(|x| -x);
@@ -329,7 +330,7 @@ mod tests {
         assert_eq!(outward.count(), mesh.surface.len());
     }
 
-    /// What is above a level of noise that was evened out, as a lab's masks of thin structures look.
+    /// A threshold of smoothed noise, similar to masks of thin structures.
     fn smooth(size: [usize; 3], noise: &[f64], times: usize, share: f64) -> Option<Mask> {
         let at = |[i, j, k]: [usize; 3]| (i * size[1] + j) * size[2] + k;
         let count = size.iter().product();

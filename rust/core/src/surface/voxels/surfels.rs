@@ -1,8 +1,8 @@
 //! Surfels: the faces between foreground and background voxels, glued along their edges into closed surfaces.
 //!
-//! Four surfels meet at a voxel edge where the two foreground voxels around it touch by that edge alone. Which pairs
-//! belong together decides what is one surface there ([`Touching`]). Corners are never united but by way of glued edges, so
-//! the result is always a closed, oriented, abstract surface: χ = corners − surfels.
+//! Four surfels meet at a voxel edge where the two foreground voxels around it touch only along that edge. How they are
+//! paired determines the surface there ([`Touching`]). Corners are only united across glued edges, so the result is
+//! always a closed, oriented, abstract surface: χ = corners − surfels.
 
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -10,30 +10,30 @@ use crate::surface::mesh::BORDER;
 use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface};
 use crate::volume::Mask;
 
-/// What foreground voxels that touch along an edge alone are to each other.
+/// How foreground voxels that touch only along an edge are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Touching {
-    /// Strangers: the banks of a fold that touch stay apart.
+    /// They are not connected, so that touching banks of a fold stay apart.
     Apart,
-    /// Neighbours: a thin slanted sheet hangs together.
+    /// They are connected, so that a thin slanted sheet holds together.
     Joined,
 }
 
-/// The surfels of a label volume. Surfel `s` has four edges `4 s + q`; seen from outside they run counterclockwise, and
-/// corner `4 s + q` lies between the edges `q` and `q + 1`.
+/// The surfels of a label volume. Surfel `s` has four edges `4 s + q`, which run counterclockwise as seen from outside.
+/// Corner `4 s + q` lies between the edges `q` and `q + 1`.
 #[derive(Debug, Clone)]
 pub struct Surfels {
-    /// The voxel of each surfel, as a number into the surface voxels.
+    /// The voxel of each surfel, as an index into the surface voxels.
     voxel: Vec<u32>,
-    /// The direction in which it looks, as a number into the six direct ones.
+    /// The direction that it faces, as an index into the six direct ones.
     direction: Vec<u8>,
-    /// The edge that each edge is glued to.
+    /// The edge to which each edge is glued.
     glue: Vec<u32>,
     /// The first surfel of each voxel, and the end of the last one's.
     first: Vec<u32>,
 }
 
-/// The directions of a surfel's four edges, counterclockwise seen from outside.
+/// Returns the directions of a surfel's four edges, counterclockwise as seen from outside.
 fn edges_of(direction: usize) -> [usize; 4] {
     let axis = DIRECT[direction].iter().position(|&x| x != 0).expect("a direction is along an axis");
     let towards = |axis: usize, sign: i64| {
@@ -46,18 +46,18 @@ fn edges_of(direction: usize) -> [usize; 4] {
     }
 }
 
-/// The other way.
+/// Returns the opposite direction.
 const fn opposite(direction: usize) -> usize {
     5 - direction
 }
 
-/// The next edge or corner of the same surfel, counterclockwise.
+/// Returns a later edge or corner of the same surfel, counterclockwise.
 const fn turn(edge: u32, by: u32) -> u32 {
     edge - edge % 4 + (edge + by) % 4
 }
 
 impl Surfels {
-    /// The surfels of the mask's surface voxels.
+    /// Creates the surfels of the mask's surface voxels.
     pub fn new(mask: &Mask, surface: &VoxelSurface, touching: Touching, control: &Control) -> Result<Self> {
         let most = (u32::MAX / 32) as usize;
         if surface.len() > most {
@@ -83,7 +83,7 @@ impl Surfels {
         let edges: [[usize; 4]; 6] = std::array::from_fn(edges_of);
         let slot = |d: usize, t: usize| edges[d].iter().position(|&e| e == t).expect("an edge of this surfel") as u32;
         let first = &surfels.first;
-        // the edge towards t of the surfel of voxel v that looks in direction d
+        // the edge towards t of the surfel of voxel v that faces direction d
         let edge = |v: u32, d: usize, t: usize| {
             let before = open[v as usize] & ((1 << d) - 1);
             4 * (first[v as usize] + before.count_ones()) + slot(d, t)
@@ -109,32 +109,32 @@ impl Surfels {
         Ok(surfels)
     }
 
-    /// Number of surfels.
+    /// Returns the number of surfels.
     pub fn len(&self) -> usize {
         self.voxel.len()
     }
 
-    /// Is there none?
+    /// Returns whether there are no surfels.
     pub fn is_empty(&self) -> bool {
         self.voxel.is_empty()
     }
 
-    /// The surface voxel of a surfel.
+    /// Returns the surface voxel of a surfel.
     pub fn voxel(&self, surfel: u32) -> u32 {
         self.voxel[surfel as usize]
     }
 
-    /// The direction in which a surfel looks.
+    /// Returns the direction that a surfel faces.
     pub fn direction(&self, surfel: u32) -> [i64; 3] {
         DIRECT[usize::from(self.direction[surfel as usize])]
     }
 
-    /// The surfels of a surface voxel.
+    /// Returns the surfels of a surface voxel.
     pub fn of_voxel(&self, voxel: u32) -> std::ops::Range<u32> {
         self.first[voxel as usize]..self.first[voxel as usize + 1]
     }
 
-    /// The neighbour across each of a surfel's edges; `None` where the surface ends.
+    /// Returns the neighbour across each of a surfel's edges; `None` at the boundary.
     pub fn neighbours(&self, surfel: u32) -> [Option<u32>; 4] {
         std::array::from_fn(|q| match self.glue[4 * surfel as usize + q] {
             BORDER => None,
@@ -142,8 +142,8 @@ impl Surfels {
         })
     }
 
-    /// The surfels for which `keep` is true; the surface ends where they do.
-    /// Panics if `keep` has not one value a surfel.
+    /// Returns the surfels for which `keep` is true; the surface ends where they do.
+    /// Panics if the number of values differs from the number of surfels.
     pub fn restricted(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.len(), "one value a surfel");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&s| keep[s as usize]).collect();
@@ -162,7 +162,7 @@ impl Surfels {
         }
     }
 
-    /// The corner that comes next around the same point, counterclockwise: in the surfel across the edge that ends here.
+    /// Returns the next corner around the same point, counterclockwise: in the surfel across the edge that ends there.
     fn around(&self, corner: u32) -> Option<u32> {
         match self.glue[corner as usize] {
             BORDER => None,
@@ -184,7 +184,7 @@ impl Surfels {
                 seen[corner as usize] = true;
                 ring.push(corner / 4);
                 match self.around(corner) {
-                    None => break false, // the corners before `start` come again later, and end here, too
+                    None => break false, // the corners before `start` come later, and end here too
                     Some(next) if next == start => break true,
                     Some(next) if seen[next as usize] => break false,
                     Some(next) => corner = next,
@@ -196,7 +196,7 @@ impl Surfels {
         }
     }
 
-    /// Euler characteristic of the glued surface, if it is closed.
+    /// Returns the Euler characteristic of the glued surface, if it is closed.
     pub fn euler(&self) -> i64 {
         let mut corners = 0;
         self.around_points(|_| corners += 1);

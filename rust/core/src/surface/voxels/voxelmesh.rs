@@ -1,4 +1,4 @@
-//! From a label volume to its surface: surfels, nodes, places.
+//! Extraction of the surface of a label volume: surfels, nodes, positions.
 
 use nalgebra::Vector3;
 
@@ -13,46 +13,46 @@ use crate::surface::voxels::sheets;
 use crate::surface::voxels::surfels::{Surfels, Touching, moved};
 use crate::volume::{Affine, Mask};
 
-/// How often the surface of a solid is fitted; each time evens out more of the steps between voxels (docs/decisions/0006).
+/// The number of fits of a solid's surface; each one smooths the steps between voxels further (docs/decisions/0006).
 const SOLID_FITS: usize = 2;
 
-/// The same for a sheet one voxel thick, whose voxels' centres scatter about it on both sides.
+/// The number of fits of a voxel sheet, whose voxel centres scatter on both sides of it.
 const SHEET_FITS: usize = 4;
 
-/// How far fitted nodes are moved away from the middle of their neighbours ([`Places::sharpen`]).
+/// How far fitted nodes are moved away from the mean of their neighbours ([`Places::sharpen`]).
 const SHARPENING: f64 = 0.65;
 
-/// The same for nodes that an image with a level has placed.
+/// The same for nodes that were placed by an image with a level.
 const LEVEL_SHARPENING: f64 = 0.25;
 
-/// What a label is.
+/// The kind of a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// It has an inside; its boundary is the surface.
+    /// It has an interior, whose boundary is the surface.
     Solid,
-    /// It has background on both sides; it is the surface.
+    /// It has background on both sides, and is itself the surface.
     Sheet,
 }
 
 /// The surface of a label volume. Its vertices are surface voxels, each seen from one side.
 #[derive(Debug, Clone)]
 pub struct VoxelMesh {
-    /// What the label was taken for.
+    /// The kind of the label.
     pub kind: Kind,
     /// The surface.
     pub surface: Surface,
     /// The voxel of each vertex.
     pub voxels: Vec<[u32; 3]>,
-    /// Vertices that were added because a voxel carries more than one sheet.
+    /// The number of vertices that were added because a voxel carries several layers.
     pub split: usize,
-    /// χ of a solid's surfels; that of the surface is the same.
+    /// χ of a solid's surfels, which equals that of the surface.
     pub euler: i64,
-    /// Pairs of neighbouring voxels of a sheet whose sides do not agree: it has one side only, or touches itself.
+    /// The number of pairs of neighbouring voxels of a sheet whose sides disagree: it is one-sided, or touches itself.
     pub conflicts: usize,
 }
 
 impl VoxelMesh {
-    /// The surface of a label, solid or sheet, or what it is recognised to be.
+    /// Extracts the surface of a label of the given kind, or of the kind that is detected.
     pub fn of(
         mask: &Mask,
         affine: &Affine,
@@ -66,9 +66,9 @@ impl VoxelMesh {
         }
     }
 
-    /// One surface with a boundary, through the middle of a sheet, all components of it. In a sheet thicker than a voxel the
-    /// voxels that are seen from the other side only are no vertices.
-    /// Errors: [`Error::NoFaces`] where the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
+    /// Extracts one surface with a boundary through the middle of a sheet, including all components. In a sheet thicker
+    /// than a voxel, the voxels that are visible only from the other side are not vertices. Errors: [`Error::NoFaces`]
+    /// if the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
         let voxels = VoxelSurface::from_mask(mask, *affine, control)?;
         let both = Surfels::new(mask, &voxels, Touching::Joined, control)?;
@@ -106,8 +106,8 @@ impl VoxelMesh {
         Ok(Self { kind: Kind::Sheet, conflicts: side.conflicts, ..mesh })
     }
 
-    /// The boundary of a solid, all components of it. With a level its points lie where the image has that value, as far as it
-    /// has it near the mask's border.
+    /// Extracts the boundary of a solid, including all components. With a level, its points lie where the image has
+    /// that value, if it has it near the mask's border.
     pub fn of_solid(mask: &Mask, affine: &Affine, level: Option<&Level>, control: &Control) -> Result<Self> {
         if let Some(level) = level.filter(|level| level.shape() != mask.shape()) {
             let [given, needed] = [level.shape(), mask.shape()].map(|shape| shape.iter().product());
@@ -146,7 +146,7 @@ impl VoxelMesh {
         Self::in_space(&surface, &nodes, &surfels, &voxels)
     }
 
-    /// The surface of nodes that lie in mm along the volume's axes, brought into space.
+    /// Transforms the surface of nodes, in mm along the volume's axes, into space.
     fn in_space(surface: &Surface, nodes: &Nodes, surfels: &Surfels, voxels: &VoxelSurface) -> Result<Self> {
         let affine = voxels.affine();
         let to_mm = |p: &Vector3<f64>| affine.to_mm([0, 1, 2].map(|a| p[a] / affine.spacing()[a]));
@@ -164,7 +164,7 @@ impl VoxelMesh {
     }
 }
 
-/// What fits through nodes have in common.
+/// The common data of fits through nodes.
 struct Fitting {
     outward: Vec<Vector3<f64>>,
     neighbours: Neighbours,
@@ -179,7 +179,7 @@ impl Fitting {
         Self { outward, neighbours: neighbours(surfels, nodes), spacing }
     }
 
-    /// Fits the surface through the nodes' bases, and so many times in all through what the last fit gave.
+    /// Fits the surface through the nodes' bases, and then repeatedly through the previous fit, `times` fits in total.
     fn fit(&self, base: Vec<Vector3<f64>>, times: usize, control: &Control) -> Result<Places> {
         let mut places = Places { points: base, normals: Vec::new() };
         for _ in 0..times {
@@ -189,7 +189,7 @@ impl Fitting {
     }
 }
 
-/// Nodes that meet at a point.
+/// Returns the pairs of nodes that meet at a point.
 fn neighbours(surfels: &Surfels, nodes: &Nodes) -> Neighbours {
     let mut pairs = Vec::new();
     let mut ring = Vec::new();

@@ -1,4 +1,4 @@
-//! Triangles that are looked at together, in the processor's registers: bit by bit what each of them alone has.
+//! Triangles that are processed together in the processor's registers, with the same bits as one by one.
 
 use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2};
@@ -10,7 +10,7 @@ const LANES: usize = 8;
 
 type Lanes = [f64; LANES];
 
-/// Sets the energies of triangles in a map, and `scale` times the gradients by the places of their corners.
+/// Sets the energies of triangles in a map, and `scale` times the gradients with respect to their corners.
 pub(super) fn energies(
     rests: &[Rest],
     uv: &[Place],
@@ -81,7 +81,7 @@ impl<const OUTLIERS: bool> WithSimd for Energies<'_, OUTLIERS> {
     }
 }
 
-/// How far a map may move along `direction` until the first of some triangles has no area.
+/// Returns how far a map may move along `direction` until the first of some triangles has no area.
 pub(super) fn farthest_step(rests: &[Rest], uv: &[Place], direction: &[Place]) -> f64 {
     Arch::new().dispatch(Farthest { rests, uv, direction })
 }
@@ -100,7 +100,7 @@ impl WithSimd for Farthest<'_> {
         let Self { rests, uv, direction } = self;
         let mut farthest = [f64::INFINITY; LANES];
         for rests in rests.chunks(LANES) {
-            let [mut at, mut way] = [[[0.0; LANES]; 4]; 2]; // a side that stays nothing never meets another one
+            let [mut at, mut way] = [[[0.0; LANES]; 4]; 2]; // a side of length zero never meets another one
             for (n, rest) in rests.iter().enumerate() {
                 set(&mut at, n, &Matrix2::from_columns(&sides_of(rest, uv)));
                 set(&mut way, n, &Matrix2::from_columns(&sides_of(rest, direction)));
@@ -119,7 +119,7 @@ impl WithSimd for Farthest<'_> {
 
 #[inline(always)]
 fn sides_of(rest: &Rest, values: &[Place]) -> [Place; 2] {
-    let [a, b, c] = rest.corners; // without a closure, which would be called
+    let [a, b, c] = rest.corners; // without a closure, which would be a call
     let a = values[a as usize];
     [values[b as usize] - a, values[c as usize] - a]
 }

@@ -9,7 +9,7 @@ use crate::geodesic::path::{
 };
 use crate::surface::mesh::shapes;
 
-/// How much longer each vertex's path is than the exact one, as a part of it. Every path is checked.
+/// The relative excess length of each vertex's path over the exact one. Every path is checked.
 fn excess(surface: &Surface, wave: Wave, source: u32) -> Vec<f64> {
     let control = Control::default();
     let marching = Marching::new(surface, wave, &control).unwrap();
@@ -37,8 +37,8 @@ fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5; none if one of them is
-/// turned over, so that the sheet is folded.
+/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5; none if one of them
+/// is flipped, so that the surface is folded.
 fn irregular(seed: u64, is_bent: bool) -> Option<Surface> {
     let (flat, faces) = (bumpy(16, 14, seed), shapes::sheet(16, 14).1);
     let is_turned = |face: &[u32; 3]| {
@@ -85,7 +85,7 @@ fn a_finer_sphere_brings_paths_nearer_to_great_circles() {
         };
         mean(&(1..surface.len() as u32).map(of).collect::<Vec<_>>())
     };
-    // the distances of straight fronts themselves hardly come nearer
+    // the distances of straight fronts themselves are hardly more accurate
     for (wave, falls, finest) in [(Wave::Plane, 0.95, 0.0045), (Wave::Circle, 0.3, 0.0014)] {
         let errors = [2, 3, 4].map(|times| error(times, wave));
         assert!(errors.windows(2).all(|two| two[1] < falls * two[0]) && errors[2] < finest, "{wave:?} {errors:?}");

@@ -10,7 +10,7 @@ fn solid(shape: [usize; 3], is_inside: impl Fn([usize; 3]) -> bool) -> Surface {
     tests::solid(&Mask::from_fn(shape, is_inside).unwrap(), [1.0; 3])
 }
 
-/// Every handle goes, one with each loop; nothing falls apart.
+/// Checks that each loop removes a handle and separates nothing.
 fn assert_cut(surface: &Surface) -> Vec<Handle> {
     let (open, handles) = cut_handles(surface, &Control::default()).unwrap();
     let before = Topology::of(surface);
@@ -92,7 +92,8 @@ fn several_components_have_their_own() {
     assert_eq!(assert_cut(&surface).len(), 4);
 }
 
-/// The shortest loop that separates nothing: from every vertex along shortest paths, over every edge, each cut open to see.
+/// Returns the shortest non-separating loop by trying all vertices, shortest paths and edges, and cutting each loop
+/// open.
 fn shortest_of_all(surface: &Surface) -> f64 {
     let shrunk = Shrunk::new(surface, TOLL);
     let genus = Topology::of(surface).genus;

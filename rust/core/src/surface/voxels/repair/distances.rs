@@ -1,12 +1,11 @@
-//! Euclidean distances in a grid.
+//! Euclidean distance transform of a grid.
 
 use super::grid::Grid;
 use crate::control::Control;
 use crate::error::Result;
 
-/// The Euclidean distance of every cell to the nearest site, by the squared distances along one axis after the other
-/// (Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions). `scale` is the distance between
-/// neighbours.
+/// Returns the Euclidean distance of every cell to the nearest site, by squared distances along one axis after the
+/// other (Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions). `scale` separates neighbours.
 pub(super) fn distances(
     grid: &Grid,
     scale: [f64; 3],
@@ -34,7 +33,7 @@ pub(super) fn distances(
     Ok(squared)
 }
 
-/// A parabola over one place of a line, and from where on it is the lowest.
+/// A parabola over a position on a line, and where it begins to be the lowest one.
 struct Parabola {
     place: usize,
     height: f64,
@@ -47,7 +46,7 @@ impl Parabola {
     }
 }
 
-/// The parabolas that are the lowest somewhere, in order; infinite heights have none.
+/// Returns the parabolas of the lower envelope in order; infinite heights have none.
 fn lower_envelope(heights: impl Iterator<Item = f64>, scale: f64, envelope: &mut Vec<Parabola>) {
     envelope.clear();
     for (place, height) in heights.enumerate().filter(|(_, height)| height.is_finite()) {

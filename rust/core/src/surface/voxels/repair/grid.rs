@@ -1,13 +1,13 @@
-//! A box of cells, and what hangs together in it.
+//! A box of cells, and connected components in it.
 
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::volume::Mask;
 
-/// Steps of work between two looks at the control.
+/// The number of steps between two checks for cancellation.
 pub(super) const BATCH: usize = 1 << 12;
 
-/// Looks at the control at every so many steps.
+/// Checks for cancellation every [`BATCH`] steps.
 #[inline]
 pub(super) fn look(step: usize, control: &Control) -> Result<()> {
     if step.is_multiple_of(BATCH) { control.check() } else { Ok(()) }
@@ -21,7 +21,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// The smallest box around voxels, and its rim.
+    /// Creates the smallest box around voxels, with its rim.
     pub(super) fn around(voxels: impl Iterator<Item = [i64; 3]>, control: &Control) -> Result<Self> {
         let (mut low, mut high) = ([i64::MAX; 3], [i64::MIN; 3]);
         for (count, voxel) in voxels.enumerate() {
@@ -41,17 +41,17 @@ impl Grid {
         self.shape.iter().product()
     }
 
-    /// How far apart neighbours along each axis lie in memory.
+    /// Returns the distances in memory between neighbours along each axis.
     pub(super) fn strides(&self) -> [usize; 3] {
         [self.shape[1] * self.shape[2], self.shape[2], 1]
     }
 
-    /// What to add to a cell to come to its neighbour.
+    /// Returns the difference between the cells of two neighbours.
     pub(super) fn step(&self, offset: [i64; 3]) -> isize {
         (0..3).map(|axis| offset[axis] as isize * self.strides()[axis] as isize).sum()
     }
 
-    /// The cell of a voxel, if it lies in the box.
+    /// Returns the cell of a voxel, if it lies in the box.
     pub(super) fn cell(&self, voxel: [i64; 3]) -> Option<usize> {
         let place: [i64; 3] = std::array::from_fn(|axis| voxel[axis] - self.origin[axis]);
         let fits = (0..3).all(|axis| (0..self.shape[axis] as i64).contains(&place[axis]));
@@ -62,22 +62,22 @@ impl Grid {
         std::array::from_fn(|axis| (cell / self.strides()[axis] % self.shape[axis]) as i64 + self.origin[axis])
     }
 
-    /// The index of an inner cell among the values of the volume.
+    /// Returns the index of an inner cell among the values of the volume.
     pub(super) fn index_in(&self, mask: &Mask, cell: usize) -> usize {
         let ([i, j, k], [_, nj, nk]) = (self.voxel(cell).map(|x| x as usize), mask.shape());
         (i * nj + j) * nk + k
     }
 
-    /// The cells that are not in the rim, in order.
+    /// Iterates over the cells outside the rim in order.
     pub(super) fn interior(&self) -> impl Iterator<Item = usize> {
         let [ni, nj, nk] = self.shape;
         let rows = (1..ni - 1).flat_map(move |i| (1..nj - 1).map(move |j| (i * nj + j) * nk));
         rows.flat_map(move |row| row + 1..row + nk - 1)
     }
 
-    /// The cells that are reached from a first one through those to `enter` and not yet `seen`.
+    /// Returns the cells that are reached from a first one through cells to `enter` that are not yet `seen`.
     ///
-    /// The rim needs no check: a step out of the box leads to the rim on the box's other side, or beyond all cells.
+    /// The rim needs no check: a step out of the box leads to the rim on its opposite side, or beyond all cells.
     pub(super) fn flood(
         &self,
         first: usize,
@@ -103,7 +103,7 @@ impl Grid {
         Ok(reached)
     }
 
-    /// The connected pieces of a set of inner cells, by their first cells.
+    /// Returns the connected components of a set of inner cells, in the order of their first cells.
     pub(super) fn pieces(
         &self,
         offsets: &[[i64; 3]],

@@ -1,25 +1,25 @@
-//! What hangs together, by runs of cells: there are a hundred times fewer of them than cells.
+//! Connected components by runs of cells, of which there are a hundred times fewer than cells.
 
 use super::grid::{Grid, look};
 use crate::adjacency::Sets;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Rows before a row, and by how many cells two runs may miss each other there and still touch.
+/// The previous rows to which a row connects, and the gap in cells at which two runs there still touch.
 pub(super) type Touch = &'static [([i64; 2], u32)];
 
-/// Cells touch through faces.
+/// Connectivity through faces.
 pub(super) const FACES: Touch = &[([-1, 0], 0), ([0, -1], 0)];
 
-/// Cells touch through faces and edges.
+/// Connectivity through faces and edges.
 pub(super) const EDGES: Touch = &[([-1, -1], 0), ([-1, 0], 1), ([-1, 1], 0), ([0, -1], 1)];
 
-/// The runs of a set of cells along the last axis, in order, and which of them hang together.
+/// The runs of a set of cells along the last axis, in order, with their connected components.
 #[derive(Debug)]
 pub(super) struct Runs {
-    /// First cell, and the one after the last.
+    /// The first cell of each run, and the one after its last.
     runs: Vec<[u32; 2]>,
-    /// For each run the first one of its component.
+    /// For each run, the first run of its component.
     component: Vec<u32>,
 }
 
@@ -70,13 +70,13 @@ impl Runs {
         Ok(Self { runs, component })
     }
 
-    /// The runs of the component that has the run `first` as its first one.
+    /// Returns the runs of the component whose first run is `first`.
     pub(super) fn component(&self, first: u32) -> impl Iterator<Item = std::ops::Range<usize>> {
         let own = self.runs.iter().zip(&self.component).filter(move |&(_, &component)| component == first);
         own.map(|(&[from, to], _)| from as usize..to as usize)
     }
 
-    /// The first run of the component that has most cells, the first of equals.
+    /// Returns the first run of the component with the most cells, the first of equal ones.
     pub(super) fn largest(&self) -> Option<u32> {
         let mut cells = vec![0u64; self.runs.len()];
         for (&[from, to], &component) in self.runs.iter().zip(&self.component) {

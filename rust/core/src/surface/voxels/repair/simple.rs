@@ -1,17 +1,17 @@
-//! Simple voxels, by their 26 neighbours.
+//! Simple voxels, determined by their 26 neighbours.
 //!
 //! The 27 cells of a neighbourhood are bits: 9 a + 3 b + c for the cell at (a − 1, b − 1, c − 1) from the centre.
 
 use super::grid::Grid;
 
-/// All but the centre.
+/// All cells but the centre.
 pub(super) const AROUND: u32 = ((1 << 27) - 1) & !(1 << 13);
-/// Those that share a face with the centre.
+/// The cells that share a face with the centre.
 const FACES: u32 = 1 << 4 | 1 << 10 | 1 << 12 | 1 << 14 | 1 << 16 | 1 << 22;
-/// Those that share only a corner with it.
+/// The cells that share only a corner with it.
 const CORNERS: u32 = 1 | 1 << 2 | 1 << 6 | 1 << 8 | 1 << 18 | 1 << 20 | 1 << 24 | 1 << 26;
 
-/// The cells that are true in the neighbourhood of an inner cell.
+/// Returns the cells that are true in the neighbourhood of an inner cell.
 #[inline]
 pub(super) fn neighbourhood(cells: &[bool], grid: &Grid, cell: usize) -> u32 {
     let [plane, line, _] = grid.strides();
@@ -26,10 +26,10 @@ pub(super) fn neighbourhood(cells: &[bool], grid: &Grid, cell: usize) -> u32 {
     bits
 }
 
-/// Is the centre simple, if foreground touches through faces and background through faces and edges: (6⁺, 18)?
+/// Returns whether the centre is simple, if foreground connects through faces, background also through edges: (6⁺, 18).
 ///
-/// It is if the foreground around it that leads on from its faces within three steps is one piece, and the background
-/// that leads on from its faces and edges is. The centre's own side does not matter.
+/// It is simple if the surrounding foreground that is reached from its faces within three steps is connected, and so is
+/// the background that is reached from its faces and edges. The centre's own side does not matter.
 pub(super) fn is_simple(neighbourhood: u32) -> bool {
     let (foreground, background) = (neighbourhood & AROUND, !neighbourhood & AROUND);
     let faces = foreground & FACES;
@@ -37,7 +37,7 @@ pub(super) fn is_simple(neighbourhood: u32) -> bool {
     is_one_piece(faces, near, through_faces) && is_one_piece(background & !CORNERS, background, through_edges)
 }
 
-/// Are there seeds, and do they hang together within a set?
+/// Returns whether there are seeds that are connected within a set.
 #[inline]
 fn is_one_piece(seeds: u32, within: u32, spread: impl Fn(u32) -> u32) -> bool {
     let mut reached = seeds & seeds.wrapping_neg(); // one of them
@@ -63,7 +63,7 @@ fn through_edges(bits: u32) -> u32 {
     a | shifted(a, 1) | b | shifted(b, 2) | c | shifted(c, 0)
 }
 
-/// The cells of a set moved by one along an axis, both ways.
+/// Returns the cells of a set, moved by one along an axis in both directions.
 #[inline]
 fn shifted(bits: u32, axis: usize) -> u32 {
     let (stride, front) = [(9, 0o777), (3, 0o7_007_007), (1, 0o111_111_111)][axis];

@@ -24,8 +24,8 @@ fn ball(v: [usize; 3], centre: i64, radius: i64) -> bool {
     squared_norm(minus(v.map(|x| x as i64), [centre; 3])) <= radius * radius
 }
 
-/// Number of pieces, by adding one voxel after the other and joining the pieces it touches. Two voxels touch if
-/// their squared distance is at most `reach`: 1 through faces, 2 through edges, 3 through corners.
+/// Number of pieces, by adding one voxel after the other and joining the pieces it touches. Two voxels touch if their
+/// squared distance is at most `reach`: 1 through faces, 2 through edges, 3 through corners.
 fn count_pieces(voxels: &Voxels, reach: i64) -> usize {
     let mut pieces: Vec<Vec<[i64; 3]>> = Vec::new();
     for &voxel in voxels {
@@ -69,7 +69,7 @@ fn euler(voxels: &Voxels) -> i64 {
     sum
 }
 
-/// One component, one background, no handle; surfels see one closed surface of χ = 2.
+/// Checks for one component, one background and no handle; surfels form one closed surface of χ = 2.
 fn assert_sphere(mask: &Mask) {
     let voxels = foreground(mask);
     assert_eq!((count_pieces(&voxels, 1), count_pieces(&background(mask), 2), euler(&voxels)), (1, 1, 1));
@@ -82,7 +82,7 @@ fn assert_sphere(mask: &Mask) {
     assert_eq!((seen.len(), surfels.euler()), (surfels.len(), 2));
 }
 
-/// The lists hold every change, and each only once.
+/// Checks that the lists contain every change exactly once.
 fn assert_lists(mask: &Mask, repaired: &Repaired) {
     let set = |lists: [&Vec<[u32; 3]>; 2]| -> Voxels {
         let all: Vec<_> = lists.into_iter().flatten().map(|v| v.map(i64::from)).collect();
@@ -193,7 +193,7 @@ fn wrong_input_is_refused() {
     assert_eq!(error(CUBE, Some(&[0.5]), &control), mismatch);
 }
 
-/// Whether the voxels of `seeds` hang together among `voxels` within paths of so many steps from a seed.
+/// Whether the voxels of `seeds` are connected in `voxels` by paths with a limited number of steps from a seed.
 fn hang_together(seeds: &Voxels, voxels: &Voxels, reach: i64, steps: usize) -> bool {
     let mut near = seeds.clone();
     for _ in 1..steps {

@@ -1,15 +1,16 @@
-//! Mending loose triangles: what keeps them from being a surface is taken away where that has one right answer.
+//! Repair of triangle meshes: removal of defects that have exactly one right correction.
 //!
-//! - Triangles that share no vertex with any other are a soup, as STL knows it: what lies at one place is one vertex.
-//! - Of triangles with the same corners one is kept.
-//! - A triangle without area of which two corners coincide goes as the edge between them is collapsed. That is done only
-//!   where the surface stays what it is: no loop of three edges is closed and no two parts of the boundary are joined (the
-//!   link condition of Dey, Edelsbrunner, Guha, Nekhayev 1999). The vertices are one from then on, by the lower number.
-//! - One whose corners lie on a line goes as its longest edge is flipped to the corner beyond; at a boundary it is dropped.
-//! - What hangs on by one edge and has no area is dropped, and so is a component that has none.
+//! - If no triangles share a vertex (triangle soup, as in STL files), vertices at the same position are merged.
+//! - Of triangles with the same corners, one is kept.
+//! - A triangle without area whose corners coincide is removed by an edge collapse, unless this changes the topology:
+//!   no loop of three edges may be closed, and no two parts of the boundary joined (the link condition of Dey,
+//!   Edelsbrunner, Guha, Nekhayev 1999). The merged vertex has the lower number.
+//! - A triangle whose corners are collinear is removed by flipping its longest edge; at a boundary, it is dropped.
+//! - A triangle without area that is attached by one edge is dropped, and so is a component without area.
 //!
-//! Files keep single precision. Where there are triangles without area, an edge that is no longer than that rounds, and
-//! nothing beside the others, is collapsed, too. No point is moved, and vertices that merely coincide stay apart: the two lips of a cut do, and so do banks that touch.
+//! Files have single precision. If there are triangles without area, edges are collapsed too whose length is explained
+//! by rounding and negligible beside the others. No point is moved. Vertices that merely coincide remain separate, like
+//! those on the two sides of a cut and on banks that touch.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -18,39 +19,39 @@ use nalgebra::Vector3;
 use super::next;
 use crate::adjacency::{Sets, distinct};
 
-/// What rounding leaves of zero.
+/// The rounding error of zero.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// How often what could not be mended is tried again after something else was.
+/// The number of times that failed repairs are retried after others have succeeded.
 const ROUNDS: usize = 64;
 
-/// How far single precision may take a point that lies so far from the origin, and back; and the longest edge that is taken
-/// for such an error, in units of the median one.
+/// The relative error of a coordinate in single precision; also the length of the longest edge that is attributed to
+/// it, in units of the median edge.
 const SINGLE: f64 = 4.0 * f32::EPSILON as f64;
 const NOTHING: f64 = 1e-4;
 
-/// Flips for each triangle without area, at most: one is usual.
+/// The maximum number of flips for each triangle without area; one is usual.
 const MOST_FLIPS: usize = 16;
 
-/// Triangles after mending.
+/// Triangles after the repair.
 #[derive(Debug, Default)]
-pub(super) struct Mending {
-    /// The triangles that are left, in their order.
+pub(super) struct Repair {
+    /// The remaining triangles in their order.
     pub faces: Vec<[u32; 3]>,
-    /// The number that each of them had.
+    /// Their original numbers.
     pub numbers: Vec<u32>,
-    /// Vertices that became one with another, and with which, which is the lowest of them.
+    /// Merged vertices, each with the lowest vertex of its group.
     pub merged: Vec<[u32; 2]>,
-    /// Triangles without area that were dropped.
+    /// The number of dropped triangles without area.
     pub dropped: usize,
-    /// Triangles without area that were flipped away.
+    /// The number of triangles without area that were flipped away.
     pub flipped: usize,
-    /// Triangles that were dropped since others have the same corners.
+    /// The number of dropped triangles with the same corners as others.
     pub duplicates: usize,
 }
 
-/// Mends triangles; what has no one right answer is left.
-pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
+/// Repairs triangles. Defects without a unique correction remain.
+pub(super) fn repair(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Repair {
     let mut groups = Sets::new(points.len());
     if is_soup(&faces, points.len()) {
         for group in at_one_place(points, faces.as_flattened().to_vec()) {
@@ -58,30 +59,30 @@ pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
         }
         faces.iter_mut().for_each(|face| *face = face.map(|v| groups.find(v)));
     }
-    let mut mending = Mending::default();
+    let mut repair = Repair::default();
     let mut is_kept = vec![true; faces.len()];
     for (face, is_kept) in faces.iter().zip(&mut is_kept) {
         if face[0] == face[1] || face[1] == face[2] || face[2] == face[0] {
             *is_kept = false;
-            mending.dropped += 1;
+            repair.dropped += 1;
         }
     }
     for face in duplicates(&faces) {
-        mending.duplicates += usize::from(std::mem::replace(&mut is_kept[face as usize], false));
+        repair.duplicates += usize::from(std::mem::replace(&mut is_kept[face as usize], false));
     }
     if faces.iter().zip(&is_kept).any(|(face, &is_kept)| is_kept && has_no_area(points, face)) {
         let mut complex = Complex::new(points, faces, is_kept, groups);
-        complex.take_away_what_has_no_area(&mut mending);
+        complex.take_away_what_has_no_area(&mut repair);
         (faces, is_kept, groups) = (complex.faces, complex.is_kept, complex.groups);
     }
     let used = faces.iter().zip(&is_kept).zip(0..).filter(|&((_, &is_kept), _)| is_kept);
-    (mending.faces, mending.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.find(v)), n)).unzip();
+    (repair.faces, repair.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.find(v)), n)).unzip();
     let all = 0..points.len() as u32;
-    mending.merged = all.map(|v| [v, groups.find(v)]).filter(|[v, lowest]| v != lowest).collect();
-    mending
+    repair.merged = all.map(|v| [v, groups.find(v)]).filter(|[v, lowest]| v != lowest).collect();
+    repair
 }
 
-/// Do a face's corners lie on a line, or at the same place?
+/// Returns whether the corners of a face are collinear or coincide.
 pub(super) fn has_no_area(points: &[[f64; 3]], &[a, b, c]: &[u32; 3]) -> bool {
     let place = |v: u32| Vector3::from(points[v as usize]);
     let (ab, ac) = (place(b) - place(a), place(c) - place(a));
@@ -89,12 +90,12 @@ pub(super) fn has_no_area(points: &[[f64; 3]], &[a, b, c]: &[u32; 3]) -> bool {
     ab.cross(&ac).norm() <= ROUNDING * longest
 }
 
-/// Are the ends of a face's shortest edge the same place, beside its longest one?
+/// Returns whether the shortest edge of a face is negligible compared with its longest one.
 fn is_needle(shortest: f64, longest: f64) -> bool {
     shortest <= ROUNDING * longest
 }
 
-/// Faces whose corners an earlier one has.
+/// Returns the faces that have the same corners as an earlier face.
 pub(super) fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
     let sorted = |mut face: [u32; 3]| {
         face.sort_unstable();
@@ -107,32 +108,32 @@ pub(super) fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
     found
 }
 
-/// The vertices that lie at one place, for each place that has several, ascending.
+/// Returns the groups of vertices that share a position, ascending.
 pub(super) fn at_one_place(points: &[[f64; 3]], mut vertices: Vec<u32>) -> Vec<Vec<u32>> {
     let bits = |v: u32| points[v as usize].map(|x| (x + 0.0).to_bits()); // −0 is 0
     vertices.sort_unstable_by_key(|&v| (bits(v), v));
     vertices.chunk_by(|&a, &b| bits(a) == bits(b)).filter(|group| group.len() > 1).map(<[u32]>::to_vec).collect()
 }
 
-/// Does no triangle share a vertex with another?
+/// Returns whether no triangle shares a vertex with another one.
 pub(super) fn is_soup(faces: &[[u32; 3]], vertices: usize) -> bool {
     let mut is_used = vec![false; vertices];
     let is_new = |&v: &u32| !std::mem::replace(&mut is_used[v as usize], true);
     faces.len() > 1 && faces.as_flattened().iter().all(is_new)
 }
 
-/// Triangles that know their neighbours, whatever they are.
+/// Triangles with their neighbours, which need not form a surface.
 struct Complex<'a> {
     points: &'a [[f64; 3]],
     faces: Vec<[u32; 3]>,
     is_kept: Vec<bool>,
-    /// The triangles of each vertex, and others that once were.
+    /// The triangles of each vertex, and some that were its triangles before.
     around: Vec<Vec<u32>>,
-    /// How many triangles an edge has, lower vertex first.
+    /// The number of triangles of each edge, lower vertex first.
     edges: HashMap<[u32; 2], u32>,
-    /// How many edges with one triangle a vertex has.
+    /// The number of boundary edges of each vertex.
     borders: Vec<u32>,
-    /// Ends of edges that are no longer lie at one place, mm.
+    /// The longest edge whose ends count as coincident, in mm.
     rounding: f64,
     groups: Sets,
 }
@@ -150,7 +151,7 @@ impl<'a> Complex<'a> {
         complex
     }
 
-    fn take_away_what_has_no_area(&mut self, mending: &mut Mending) {
+    fn take_away_what_has_no_area(&mut self, repair: &mut Repair) {
         let is_flat = |complex: &Self, face: u32| {
             let corners = &complex.faces[face as usize];
             let is_flat = || {
@@ -167,16 +168,16 @@ impl<'a> Complex<'a> {
                 if !is_flat(self, face) {
                     continue;
                 }
-                match self.mend(face, mending.flipped < most_flips) {
+                match self.repair(face, repair.flipped < most_flips) {
                     Some(Done::Collapsed(gone, changed)) => {
-                        mending.dropped += gone;
+                        repair.dropped += gone;
                         queue.extend(changed);
                     }
                     Some(Done::Flipped(changed)) => {
-                        mending.flipped += 1;
+                        repair.flipped += 1;
                         queue.extend(changed);
                     }
-                    Some(Done::Dropped) => mending.dropped += 1,
+                    Some(Done::Dropped) => repair.dropped += 1,
                     None => {
                         waiting.push(face);
                         continue;
@@ -190,10 +191,10 @@ impl<'a> Complex<'a> {
             }
         }
         let left: Vec<u32> = queue.into_iter().filter(|&face| is_flat(self, face)).collect();
-        mending.dropped += self.drop_specks(&left);
+        repair.dropped += self.drop_specks(&left);
     }
 
-    /// Drops components of which no triangle has an area, unless all are such.
+    /// Drops components without area, unless all components are such.
     fn drop_specks(&mut self, flat: &[u32]) -> usize {
         let mut pieces = Sets::new(self.points.len());
         let kept = |complex: &Self| (0..complex.faces.len()).filter(|&f| complex.is_kept[f]).collect::<Vec<_>>();
@@ -220,8 +221,8 @@ impl<'a> Complex<'a> {
         dropped
     }
 
-    /// Takes a triangle without area away, if there is one right way.
-    fn mend(&mut self, face: u32, may_flip: bool) -> Option<Done> {
+    /// Removes a triangle without area if there is one right way.
+    fn repair(&mut self, face: u32, may_flip: bool) -> Option<Done> {
         let corners = self.faces[face as usize];
         let lengths = self.lengths(&corners);
         let [shortest, longest] = [f64::lt, f64::gt].map(|is_more: fn(&f64, &f64) -> bool| {
@@ -238,7 +239,7 @@ impl<'a> Complex<'a> {
         flipped.or_else(|| self.drop_ear(face))
     }
 
-    /// Makes the two ends of an edge one vertex, where the surface stays what it is.
+    /// Merges the two ends of an edge if this preserves the topology.
     fn collapse(&mut self, a: u32, b: u32) -> Option<Done> {
         let [kept, gone] = if self.around[a as usize].len() >= self.around[b as usize].len() { [a, b] } else { [b, a] };
         let star = self.star(gone);
@@ -258,7 +259,7 @@ impl<'a> Complex<'a> {
             return None; // a loop of three edges would be closed
         }
         if opposite.iter().any(|&c| self.count(c, kept) == 1 && self.count(c, gone) == 1) {
-            return None; // an ear, whose tip would hang on nothing
+            return None; // an ear, whose tip would be left without a face
         }
         if let [c, d] = opposite[..] {
             let is_tetrahedron = |v: u32| {
@@ -287,7 +288,7 @@ impl<'a> Complex<'a> {
         Some(Done::Collapsed(opposite.len(), moved))
     }
 
-    /// Gives the middle corner of a triangle on a line to the triangle beyond its longest edge.
+    /// Connects the middle corner of a collinear triangle to the triangle across its longest edge.
     fn flip(&mut self, face: u32, longest: usize, may_flip: bool) -> Option<Done> {
         let corners = self.faces[face as usize];
         let [a, b, c] = [longest, (longest + 1) % 3, (longest + 2) % 3].map(|k| corners[k]);
@@ -313,7 +314,7 @@ impl<'a> Complex<'a> {
         }
     }
 
-    /// Drops a triangle that hangs on by one edge at most.
+    /// Drops a triangle that is attached by at most one edge.
     fn drop_ear(&mut self, face: u32) -> Option<Done> {
         let corners = self.faces[face as usize];
         let free = (0..3).filter(|&k| self.count(corners[k], corners[(k + 1) % 3]) == 1).count();
@@ -323,12 +324,12 @@ impl<'a> Complex<'a> {
         })
     }
 
-    /// The lengths of a triangle's edges, mm.
+    /// Returns the lengths of a triangle's edges in mm.
     fn lengths(&self, corners: &[u32; 3]) -> [f64; 3] {
         lengths(self.points, corners)
     }
 
-    /// The triangles of a vertex, ascending.
+    /// Returns the triangles of a vertex, ascending.
     fn star(&self, v: u32) -> Vec<u32> {
         let is_there = |&face: &u32| self.is_kept[face as usize] && self.faces[face as usize].contains(&v);
         distinct(self.around[v as usize].iter().copied().filter(is_there))
@@ -373,7 +374,7 @@ fn lengths(points: &[[f64; 3]], corners: &[u32; 3]) -> [f64; 3] {
     [0, 1, 2].map(|k| (place(k + 1) - place(k)).norm())
 }
 
-/// The longest edge that is but rounding.
+/// Returns the length of the longest edge that is attributed to rounding.
 fn rounding(points: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
     let farthest =
         faces.as_flattened().iter().flat_map(|&v| points[v as usize]).fold(0.0, |far, x: f64| x.abs().max(far));
@@ -383,11 +384,11 @@ fn rounding(points: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
     (SINGLE * farthest).min(NOTHING * *median)
 }
 
-/// What was done with a triangle without area.
+/// How a triangle without area was removed.
 enum Done {
-    /// An edge was collapsed, with so many triangles; these have another corner now.
+    /// An edge was collapsed, which removed this number of triangles; the listed ones changed a corner.
     Collapsed(usize, Vec<u32>),
-    /// An edge was flipped between these.
+    /// The edge between these triangles was flipped.
     Flipped([u32; 2]),
     Dropped,
 }

@@ -1,4 +1,4 @@
-//! What is seen from a place on a surface, straight through sides of triangles that are unfolded one after the other.
+//! What is visible from a point on a surface, across the sides of triangles that are unfolded in turn.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -14,7 +14,7 @@ pub(super) struct Side {
     pub left: Placed,
 }
 
-/// A side that is seen between two directions, through so many others.
+/// A side that is visible between two directions, across a number of others.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     pub side: Side,
@@ -24,7 +24,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// A side seen from a place in its own triangle.
+    /// Returns a side seen from a point in its own triangle.
     pub fn of(surface: &Surface, here: Vector3<f64>, half_edge: u32) -> Self {
         let [a, b] = [surface.origin(half_edge), surface.target(half_edge)];
         let origin = surface.points()[a as usize];
@@ -35,12 +35,12 @@ impl View {
         Self { side: Side { half_edge, right: (a, right), left: (b, left) }, from: right, to: left, crossed: 0 }
     }
 
-    /// Is a place on the side within what is seen of it?
+    /// Returns whether a point on the side is within the visible part.
     pub fn shows(&self, place: Vector2<f64>) -> bool {
         self.from.perp(&place) >= 0.0 && self.to.perp(&place) <= 0.0
     }
 
-    /// What is seen through the side: the corner beyond, if nothing hides it, and the other sides of its triangle.
+    /// Returns what is visible across the side: the corner beyond, unless hidden, and the triangle's other sides.
     pub fn beyond(&self, surface: &Surface) -> (Option<Placed>, impl Iterator<Item = Self>) {
         let Side { half_edge, right, left } = self.side;
         let twin = surface.twins()[half_edge as usize];
@@ -64,11 +64,11 @@ impl View {
     }
 }
 
-/// Of the straight lines that lead to a viewer the one that gets there first.
+/// The straight line that reaches the viewer first.
 #[derive(Debug)]
 pub(super) struct First {
     reached: f64,
-    /// What it passes, from the viewer on.
+    /// The sites that it passes, starting from the viewer.
     pub line: Option<Vec<Site>>,
 }
 
@@ -77,7 +77,7 @@ impl First {
         Self { reached: f64::INFINITY, line: None }
     }
 
-    /// Takes a line in that starts at `end` in the plane, gets there at a distance in mm, and crosses sides on its way.
+    /// Considers a line that starts at `end` in the plane, arrives at a distance in mm, and crosses sides on its way.
     pub fn offer(&mut self, reached: f64, end: (Site, Vector2<f64>), crossed: &[Side]) {
         if reached < self.reached {
             let crossings = crossed.iter().map(|side| crossing(side, end.1));
@@ -86,7 +86,7 @@ impl First {
     }
 }
 
-/// Where the line of sight to a place crosses a side.
+/// Returns where the line of sight to a point crosses a side.
 fn crossing(side: &Side, place: Vector2<f64>) -> Site {
     let (right, left) = (side.right.1.perp(&place), place.perp(&side.left.1));
     let whole = right + left;

@@ -2,16 +2,16 @@ use proptest::prelude::*;
 
 use crate::error::Error;
 use crate::surface::Surface;
-use crate::surface::mesh::loose::Mended;
 use crate::surface::mesh::shapes;
 use crate::surface::mesh::shapes::assert_sound;
+use crate::surface::mesh::triangles::Repairs;
 
 type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
-fn mended(mesh: &Mesh) -> (Surface, Mended) {
-    let (surface, mended) = Surface::mended(&mesh.0, &mesh.1).unwrap();
+fn repaired(mesh: &Mesh) -> (Surface, Repairs) {
+    let (surface, repaired) = Surface::repaired(&mesh.0, &mesh.1).unwrap();
     assert_sound(&surface);
-    (surface, mended)
+    (surface, repaired)
 }
 
 /// The triangles by the numbers that their corners had, each from its lowest corner on, sorted.
@@ -25,8 +25,8 @@ fn by_numbers(surface: &Surface) -> Vec<[u32; 3]> {
     faces
 }
 
-/// Splits an inner vertex: from one neighbour to another, counted around it, its triangles get a second vertex at the same
-/// place, and two triangles without area lie between.
+/// Splits an inner vertex: from one neighbour to another, counted around it, its triangles get a second vertex at the
+/// same place, and two triangles without area lie between.
 fn split(mesh: &mut Mesh, vertex: i64, from: usize, to: usize) {
     let ring = ring(&mesh.1, vertex);
     let (m, n) = (from % ring.len(), to % ring.len());
@@ -76,15 +76,15 @@ fn refine_one_side(mesh: &mut Mesh, face: usize) {
 fn what_is_good_is_not_touched() {
     for mesh in [shapes::sheet(5, 4), shapes::torus(12, 7), shapes::sphere(2)] {
         let (strict, first) = Surface::from_triangles(&mesh.0, &mesh.1).unwrap();
-        assert_eq!(mended(&mesh), (strict, first));
+        assert_eq!(repaired(&mesh), (strict, first));
     }
-    // vertices that coincide are two lips of a cut, or banks that touch
+    // coincident vertices belong to the two sides of a cut, or to banks that touch
     let sheet = shapes::surface(shapes::sheet(4, 4));
     let open = crate::surface::cuts::cut(&sheet, &[vec![2, 7, 12]]).unwrap();
     let points: Vec<[f64; 3]> = open.points().iter().map(|&p| p.into()).collect();
     let faces: Vec<[i64; 3]> = open.faces().iter().map(|face| face.map(i64::from)).collect();
-    let (same, told) = mended(&(points, faces));
-    assert_eq!((same.faces(), told), (open.faces(), Mended::default()));
+    let (same, repairs) = repaired(&(points, faces));
+    assert_eq!((same.faces(), repairs), (open.faces(), Repairs::default()));
 }
 
 #[test]
@@ -93,9 +93,9 @@ fn duplicates_and_a_corner_twice_are_dropped() {
     let whole = shapes::surface((points.clone(), faces.clone()));
     let mut more = faces.clone();
     more.extend([faces[4], [faces[2][1], faces[2][0], faces[2][2]], [0, 1, 1], [5, 5, 5]]);
-    let (surface, told) = mended(&(points, more));
+    let (surface, repairs) = repaired(&(points, more));
     assert_eq!(surface, whole);
-    assert_eq!((told.duplicates, told.dropped), (2, 2));
+    assert_eq!((repairs.duplicates, repairs.dropped), (2, 2));
 }
 
 #[test]
@@ -103,12 +103,12 @@ fn an_edge_of_rounding_goes_where_there_is_something_to_mend() {
     let mut mesh = shapes::sphere(2);
     split(&mut mesh, 20, 1, 3);
     mesh.0.last_mut().unwrap()[0] += 2e-7; // what f32 may make of a coordinate of 1
-    let as_given = mended(&mesh).0;
-    assert_eq!((as_given.len(), as_given.faces().len()), (67, 130)); // a good surface is not touched
+    let as_given = repaired(&mesh).0;
+    assert_eq!((as_given.len(), as_given.faces().len()), (67, 130)); // a valid surface is not changed
     split(&mut mesh, 40, 0, 2);
-    let (surface, told) = mended(&mesh);
+    let (surface, repairs) = repaired(&mesh);
     assert_eq!((surface.len(), surface.faces().len()), (66, 128));
-    assert_eq!(told.merged, [[66, 20], [67, 40]]);
+    assert_eq!(repairs.merged, [[66, 20], [67, 40]]);
     assert_eq!(by_numbers(&surface), by_numbers(&shapes::surface(shapes::sphere(2))));
 }
 
@@ -119,17 +119,17 @@ fn a_soup_becomes_a_surface() {
         faces.iter().flatten().map(|&v| points[v as usize]).collect(),
         (0..faces.len() as i64).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect(),
     );
-    let (surface, told) = mended(&soup);
+    let (surface, repairs) = repaired(&soup);
     assert_eq!((surface.len(), surface.boundary().len()), (points.len(), 0));
-    assert_eq!(surface.len() + told.merged.len(), soup.0.len());
-    assert!(told.merged.iter().all(|&[v, of]| of < v && soup.0[v as usize] == soup.0[of as usize]));
+    assert_eq!(surface.len() + repairs.merged.len(), soup.0.len());
+    assert!(repairs.merged.iter().all(|&[v, of]| of < v && soup.0[v as usize] == soup.0[of as usize]));
 }
 
 #[test]
 fn each_fan_gets_its_vertex() {
     let (points, _) = shapes::sheet(2, 2);
-    let (surface, told) = mended(&(points, vec![[0, 3, 4], [4, 8, 5]]));
-    assert_eq!((surface.ids(), told.split, told.unused), (&[0, 3, 4, 4, 5, 8][..], vec![4], 4));
+    let (surface, repairs) = repaired(&(points, vec![[0, 3, 4], [4, 8, 5]]));
+    assert_eq!((surface.ids(), repairs.split, repairs.unused), (&[0, 3, 4, 4, 5, 8][..], vec![4], 4));
 }
 
 #[test]
@@ -137,11 +137,11 @@ fn components_without_area_are_left_out_and_nothing_else() {
     let (mut points, mut faces) = shapes::sheet(2, 2);
     points.extend([[7.0; 3], [8.0; 3], [9.0; 3], [9.0; 3]]);
     faces.extend([[9, 10, 11], [9, 12, 10]]);
-    let (surface, told) = mended(&(points.clone(), faces));
-    assert_eq!((surface.len(), told.dropped), (9, 2));
-    assert!(told.unused + told.merged.len() == 4);
-    assert_eq!(Surface::mended(&points, &[[9, 10, 11]]).unwrap_err(), Error::DegenerateFace { face: 0, count: 1 });
-    assert_eq!(Surface::mended(&points, &[[0, 1, 1]]).unwrap_err(), Error::DegenerateFace { face: 0, count: 1 });
+    let (surface, repairs) = repaired(&(points.clone(), faces));
+    assert_eq!((surface.len(), repairs.dropped), (9, 2));
+    assert!(repairs.unused + repairs.merged.len() == 4);
+    assert_eq!(Surface::repaired(&points, &[[9, 10, 11]]).unwrap_err(), Error::DegenerateFace { face: 0, count: 1 });
+    assert_eq!(Surface::repaired(&points, &[[0, 1, 1]]).unwrap_err(), Error::DegenerateFace { face: 0, count: 1 });
 }
 
 #[test]
@@ -151,29 +151,29 @@ fn what_has_several_answers_is_refused_with_its_place() {
     points.push([0.2, 0.2, 3.0]);
     faces.push(faces[0]);
     faces.push([0, 4, 9]);
-    assert_eq!(Surface::mended(&points, &faces).unwrap_err(), Error::CrowdedEdge { a: 0, b: 4, count: 1 });
+    assert_eq!(Surface::repaired(&points, &faces).unwrap_err(), Error::CrowdedEdge { a: 0, b: 4, count: 1 });
     // a strip that has no width in its middle: one vertex there would tear it in two
     let strip = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 0.0], [1.0, 0.5, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0]];
     let faces = [[0, 2, 1], [1, 2, 3], [3, 2, 4], [3, 4, 5]];
-    assert_eq!(Surface::mended(&strip, &faces).unwrap_err(), Error::DegenerateFace { face: 1, count: 2 });
+    assert_eq!(Surface::repaired(&strip, &faces).unwrap_err(), Error::DegenerateFace { face: 1, count: 2 });
     // numbers are those of the input
     let mut twice = vec![whole[0]];
     twice.extend(whole.iter().copied());
     points.extend(strip);
     twice.extend(faces.map(|face| face.map(|v| v + 10)));
-    assert_eq!(Surface::mended(&points, &twice).unwrap_err(), Error::DegenerateFace { face: 10, count: 2 });
+    assert_eq!(Surface::repaired(&points, &twice).unwrap_err(), Error::DegenerateFace { face: 10, count: 2 });
 }
 
 #[test]
 fn hostile_meshes_end() {
     // everything at one place; a star; a fan whose corners all lie on a line
     let (points, faces) = shapes::sheet(60, 60);
-    assert!(Surface::mended(&vec![[1.0; 3]; points.len()], &faces).is_err());
+    assert!(Surface::repaired(&vec![[1.0; 3]; points.len()], &faces).is_err());
     let n = 20_000;
     let star: Vec<[i64; 3]> = (1..=n).map(|i| [0, i, i % n + 1]).collect();
-    assert!(Surface::mended(&vec![[1.0; 3]; n as usize + 1], &star).is_err());
+    assert!(Surface::repaired(&vec![[1.0; 3]; n as usize + 1], &star).is_err());
     let line: Vec<[f64; 3]> = (0..=n).map(|i| [i as f64, 0.0, 0.0]).collect();
-    assert!(Surface::mended(&line, &star).is_err());
+    assert!(Surface::repaired(&line, &star).is_err());
 }
 
 proptest! {
@@ -188,7 +188,7 @@ proptest! {
         let mut mesh = clean.clone();
         let mut refined = clean.clone();
         let mut is_near = vec![false; clean.0.len()];
-        for &face in &halves { // what the refined sphere is where both sides of the edge have the vertex
+        for &face in &halves { // the refined sphere with the vertex on both sides of the edge
             let [a, b, _] = clean.1[face];
             let other = (0..128).find(|&f| f != face && clean.1[f].contains(&a) && clean.1[f].contains(&b)).unwrap();
             let here: Vec<usize> = clean.1[face].into_iter().chain(clean.1[other]).map(|v| v as usize).collect();
@@ -218,12 +218,12 @@ proptest! {
             }
         }
         let expected = shapes::surface(refined);
-        let (surface, told) = mended(&mesh);
+        let (surface, repairs) = repaired(&mesh);
         prop_assert_eq!(by_numbers(&surface), by_numbers(&expected));
         prop_assert_eq!(surface.points(), expected.points());
-        // every number is there: its own, or merged with one at the same place
-        prop_assert_eq!((told.merged.len(), told.unused), (mesh.0.len() - count, 0));
-        for &[vertex, of] in &told.merged {
+        // every number is kept, or merged with one at the same position
+        prop_assert_eq!((repairs.merged.len(), repairs.unused), (mesh.0.len() - count, 0));
+        for &[vertex, of] in &repairs.merged {
             prop_assert!(surface.ids().binary_search(&of).is_ok() && mesh.0[vertex as usize] == mesh.0[of as usize]);
         }
     }
@@ -235,15 +235,15 @@ proptest! {
     ) {
         let points: Vec<[f64; 3]> = coordinates.chunks_exact(3).map(|p| [0, 1, 2].map(|k| f64::from(p[k]))).collect();
         let faces: Vec<[i64; 3]> = corners.chunks_exact(3).map(|f| [f[0], f[1], f[2]]).collect();
-        if let Ok((surface, told)) = Surface::mended(&points, &faces) {
+        if let Ok((surface, repairs)) = Surface::repaired(&points, &faces) {
             assert_sound(&surface);
             prop_assert!(surface.areas().iter().all(|&area| area > 0.0));
             let mut known: Vec<u32> = surface.ids().to_vec();
             known.dedup();
-            known.extend(told.merged.iter().map(|m| m[0]));
+            known.extend(repairs.merged.iter().map(|m| m[0]));
             known.sort_unstable();
             prop_assert!(known.windows(2).all(|two| two[0] < two[1]));
-            prop_assert_eq!(known.len() + told.unused, points.len());
+            prop_assert_eq!(known.len() + repairs.unused, points.len());
         }
     }
 }

@@ -1,8 +1,9 @@
-//! A map that was made elsewhere, mended so that descent can begin: no triangle is turned over, and the boundary meets itself nowhere.
+//! Repair of a given map, so that it can be optimised: no triangle is flipped, and the boundary does not meet itself.
 //!
-//! Most folds are of a few vertices, which have a place from where all of their triangles are the right way round: the kernel of
-//! their ring. Where a map was made before a cut, the lips of the cut lie on each other; each boundary vertex that shares its place with
-//! another one goes a little into its own triangles, along the bisector of its angle, so that both of its edges do.
+//! Most folds consist of a few vertices, for which there is a position from which all of their triangles have the right
+//! orientation: the kernel of their ring. If a map was made before a cut, the two sides of the cut coincide. Each
+//! boundary vertex that shares its position with another one moves slightly into its own triangles, along the bisector
+//! of its angle, so that both of its edges do.
 
 use crate::embed::Place;
 use nalgebra::Vector2;
@@ -15,21 +16,21 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::place::reinsertion::seeing;
 
-/// Rounds in which vertices of folded triangles are put elsewhere.
+/// The number of rounds in which vertices of folded triangles are moved.
 const ROUNDS: usize = 40;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fault {
-    /// So many triangles are turned over, or have no area.
+    /// This number of triangles are flipped or have no area.
     Folded(usize),
-    /// The boundary crosses or touches itself so many times.
+    /// The boundary crosses or touches itself this number of times.
     Crossing(usize),
-    /// Triangles have hardly any area, and descent does not get on.
+    /// Triangles have hardly any area, and the optimisation makes no progress.
     Stuck,
 }
 
-/// Mends a map; if that cannot be done, says what is wrong with it as it was given.
-pub(super) fn mend(
+/// Repairs a map; if this fails, returns the defect of the given map.
+pub(super) fn repair(
     triangles: &TriangleEnergy,
     outline: &Outline,
     uv: &mut [Place],
@@ -49,7 +50,7 @@ pub(super) fn mend(
     Ok((crossings + touches > 0).then_some(Fault::Crossing(crossings + touches)))
 }
 
-/// Puts vertices of folded triangles, one after the other, where none of their own is; is none left?
+/// Moves vertices of folded triangles, one after the other, to remove the folds; returns whether none is left.
 fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], control: &Control) -> Result<bool> {
     let is_inside = outline.inside(uv.len());
     for _ in 0..ROUNDS {
@@ -62,7 +63,7 @@ fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], contr
         for vertex in vertices {
             let n = vertex as usize;
             let opposite = triangles.around(n).map(|(rest, corner)| {
-                [1, 2].map(|next| uv[rest.corners[(corner + next) % 3] as usize] - uv[n]) // around 0: no digits are lost
+                [1, 2].map(|next| uv[rest.corners[(corner + next) % 3] as usize] - uv[n]) // around 0, to keep digits
             });
             let sides: Vec<_> = opposite.collect();
             if let Some(to) = seeing(&sides, is_inside[n], Vector2::zeros()) {

@@ -1,8 +1,8 @@
-//! What descent remembers of its past steps: L-BFGS (Nocedal 1980) over a factored matrix of springs.
+//! L-BFGS (Nocedal 1980) over a factored matrix of springs.
 //!
-//! The two loops of L-BFGS go through the steps one by one. With the products of all remembered steps and changes of the gradient at
-//! hand they are sums over a few numbers, and each step is read four times instead of eight: together with the others, by
-//! all threads. Steps are kept as 32-bit numbers; sums are of 64 bits, and the same for any number of threads.
+//! The two loops of L-BFGS visit the steps one by one. If the products of all stored steps and gradient changes are
+//! known, the loops become sums over a few numbers. Each step is then read four times instead of eight, together with
+//! the others, by all threads. Steps have 32 bits; sums have 64 bits, and are the same for any number of threads.
 
 use crate::embed::Place;
 use std::collections::VecDeque;
@@ -13,26 +13,26 @@ use rayon::prelude::*;
 
 use super::springs::Factor;
 
-/// Steps that are remembered.
+/// The number of stored steps.
 const MEMORY: usize = 20;
 
-/// Vertices that are visited together.
+/// The number of vertices that are visited together.
 const BATCH: usize = 2048;
 
-/// Vectors whose products are found together.
+/// The number of vectors whose products are computed together.
 const TOGETHER: usize = 4;
 
 #[derive(Debug, Default)]
-pub(super) struct Past {
-    /// How the map moved.
+pub(super) struct History {
+    /// The moves of the map.
     moved: VecDeque<Vec<Vector2<f32>>>,
-    /// How the gradient changed over it.
+    /// The changes of the gradient over them.
     bent: VecDeque<Vec<Vector2<f32>>>,
-    /// Of each change its products with the moves up to its own.
+    /// The products of each change with the moves up to its own.
     products: VecDeque<VecDeque<f64>>,
 }
 
-impl Past {
+impl History {
     pub fn is_empty(&self) -> bool {
         self.moved.is_empty()
     }
@@ -41,7 +41,7 @@ impl Past {
         *self = Self::default();
     }
 
-    /// Remembers a step, and forgets the oldest one if there are too many. The gradient must have changed along the move.
+    /// Stores a step, and drops the oldest one if there are too many. The gradient must have changed along the move.
     pub fn push(&mut self, moved: &[Place], bent: &[Place]) {
         if self.moved.len() == MEMORY {
             self.moved.pop_front();
@@ -57,7 +57,7 @@ impl Past {
         self.products.push_back(products(&self.moved, bent).into());
     }
 
-    /// The direction of descent: the inverse Hessian, as springs and past steps know it, times minus the gradient.
+    /// Returns the direction of descent: minus the gradient times an inverse Hessian from springs and past steps.
     pub fn direction(&self, gradient: &[Place], factor: &Factor) -> Vec<Place> {
         let steps = self.moved.len();
         let mut shares = products(&self.moved, gradient);
@@ -79,7 +79,7 @@ impl Past {
     }
 }
 
-/// The products of each of some vectors and another one.
+/// Returns the products of vectors with another vector.
 fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Place]) -> Vec<f64> {
     let of_batch = |(n, by): (usize, &[Place])| {
         let vectors: Vec<&[Vector2<f32>]> = of.iter().map(|one| &one[n * BATCH..]).collect();
@@ -95,7 +95,7 @@ fn product(one: &[Vector2<f32>], by: &[Place]) -> f64 {
     one.iter().zip(by).map(|(one, by)| one.cast::<f64>().component_mul(by)).sum::<Place>().sum()
 }
 
-/// A few of these products: side by side, for each sum waits for the number before.
+/// Some of these products, interleaved, because each sum waits for its previous term.
 struct Products<'a> {
     of: [&'a [Vector2<f32>]; TOGETHER],
     by: &'a [Place],
@@ -149,7 +149,7 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
     }
 
-    /// The recursion as it is printed (Nocedal, Wright, algorithm 7.4).
+    /// The published recursion (Nocedal, Wright, algorithm 7.4).
     fn two_loops(gradient: &Vectors, steps: &[(Vectors, Vectors)], factor: &Factor) -> Vectors {
         let mut turned = gradient.clone();
         let mut shares = Vec::new();
@@ -185,9 +185,9 @@ mod tests {
             };
             let is_curved = |(moved, bent): &(Vectors, Vectors)| dot(moved, bent) > dot(moved, moved) + 1.0;
             let steps: Vec<_> = steps.iter().map(known).filter(is_curved).collect();
-            let mut past = Past::default();
-            steps.iter().for_each(|(moved, bent)| past.push(moved, bent));
-            let found = past.direction(&vectors(&gradient), &factor);
+            let mut history = History::default();
+            steps.iter().for_each(|(moved, bent)| history.push(moved, bent));
+            let found = history.direction(&vectors(&gradient), &factor);
             let expected = two_loops(&vectors(&gradient), &steps[steps.len().saturating_sub(MEMORY)..], &factor);
             let scale = 1.0 + expected.iter().map(Vector2::norm).fold(0.0, f64::max);
             for (found, expected) in found.iter().zip(&expected) {

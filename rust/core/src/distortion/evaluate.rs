@@ -1,4 +1,4 @@
-//! Maps beside the distances of the surface, measured from reference sources.
+//! Evaluation of maps by geodesic distances from reference sources.
 
 use super::{Distortion, WORK_BYTES, measure};
 use crate::control::Control;
@@ -7,33 +7,39 @@ use crate::geodesic::Solver;
 use crate::rows::{DistanceRows, PassingRows};
 use crate::sources;
 
-/// Reference sources from which the distortion is measured.
+/// The number of reference sources for the distortion.
 pub const REFERENCE_SOURCES: usize = 200;
 
-/// Memory in bytes that rows from reference sources take at most where several maps are judged beside each other.
+/// The maximum memory in bytes for keeping the rows from reference sources when several maps are compared.
 pub const KEPT_BYTES: u64 = 256 << 20;
 
-/// The memory in bytes that judging a map of so many points by [`REFERENCE_SOURCES`] needs at most: rows of four bytes a point,
-/// and what is made of them.
+/// Returns the maximum memory in bytes for evaluating a map of `points` points by [`REFERENCE_SOURCES`], and their
+/// rows.
 pub fn memory_need(points: usize) -> u64 {
     let (rows, of_points) = (4 * points.min(REFERENCE_SOURCES) as u64, 16);
     (rows + of_points) * points as u64 + WORK_BYTES
 }
 
-/// What a map does to the distances from `count` random reference sources.
-pub fn judge<S: Solver>(solver: &S, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
+/// Evaluates a map by the distances from `count` random reference sources.
+pub fn evaluate(
+    solver: &impl Solver,
+    uv: &[[f64; 2]],
+    count: usize,
+    seed: u64,
+    control: &Control,
+) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
-    Ok(judge_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
+    Ok(evaluate_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
 }
 
-/// Random reference sources, other ones than a map of the same seed has.
+/// Returns random reference sources. They differ from the sources of a map with the same seed.
 pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
     sources::random(points, points.min(count), seed.wrapping_add(1))
 }
 
-/// What several maps of the same vertices do to the distances from the same sources. If their rows take more than `kept` bytes,
-/// they are computed twice instead of being kept; the figures are the same.
-pub fn judge_all<S: Solver>(
+/// Evaluates several maps of the same vertices by the distances from the same sources. If the rows take more than
+/// `kept` bytes, they are computed twice instead of being kept; the figures are the same.
+pub fn evaluate_all<S: Solver>(
     solver: &S,
     maps: &[&[[f64; 2]]],
     reference: &[u32],
@@ -63,25 +69,25 @@ mod tests {
         let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
         let reference = [0, 7, 30];
         let exact = Exact::new(&sheet);
-        let judged = |kept| {
+        let evaluated = |kept| {
             let rows = AtomicUsize::new(0);
             let counting = Altered(&exact, |_: &mut [f32]| {
                 rows.fetch_add(1, Ordering::Relaxed);
                 Ok(())
             });
-            let found = judge_all(&counting, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap();
+            let found = evaluate_all(&counting, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap();
             (found, rows.into_inner())
         };
         let all = 4 * 3 * 35; // bytes of three rows to 35 points
-        let (kept, rows) = judged(all);
+        let (kept, rows) = evaluated(all);
         assert_eq!(rows, 3);
         assert!(kept.len() == 2 && kept[0].raw.relative_error < 0.1 && kept[1].raw.relative_error > 0.2);
         for bytes in [all - 1, 4 * 35, 0] {
-            let (passed, rows) = judged(bytes);
+            let (passed, rows) = evaluated(bytes);
             assert_eq!((format!("{passed:?}"), rows), (format!("{kept:?}"), 6), "{bytes}");
         }
-        let alone = judge(&exact, &uv, 3, 3, &control).unwrap();
-        let same = judge_all(&exact, &[&uv], &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
+        let alone = evaluate(&exact, &uv, 3, 3, &control).unwrap();
+        let same = evaluate_all(&exact, &[&uv], &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
         assert_eq!(format!("{alone:?}"), format!("{:?}", same[0]));
     }
 }

@@ -1,52 +1,52 @@
-//! Loose triangles: what is wrong with them, and how they are joined to a surface.
+//! Triangles from files: their defects, and their assembly into a surface.
 
 use nalgebra::Vector3;
 
-use super::mend::{Mending, at_one_place, duplicates, has_no_area, is_soup, mend};
+use super::repair::{Repair, at_one_place, duplicates, has_no_area, is_soup};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
 use crate::adjacency::distinct;
 use crate::error::{Error, Result};
 
-/// What was mended when a mesh was read.
+/// The repairs that were made to a mesh.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Mended {
-    /// Faces that were turned over, so that neighbours agree and closed components point outside.
+pub struct Repairs {
+    /// The number of reversed faces, so that neighbours agree and closed components point outwards.
     pub turned: usize,
-    /// Vertices that no face uses, which were left out.
+    /// The number of vertices without a face, which were dropped.
     pub unused: usize,
-    /// Vertices that became one with another that lies at the same place, and with which: the lowest of them.
+    /// Vertices that were merged with another one at the same position: each with the lowest vertex of its group.
     pub merged: Vec<[u32; 2]>,
-    /// Faces without area that were dropped.
+    /// The number of dropped faces without area.
     pub dropped: usize,
-    /// Faces without area that went as their longest edge was flipped.
+    /// The number of faces without area that were removed by flipping their longest edge.
     pub flipped: usize,
-    /// Faces that were dropped, since others have the same corners.
+    /// The number of dropped faces with the same corners as others.
     pub duplicates: usize,
-    /// Vertices at which several fans of faces touched, and which each of them has now.
+    /// Vertices that were split, because several fans of faces touched there.
     pub split: Vec<u32>,
 }
 
-/// Everything that keeps triangles from being a surface.
+/// All defects that prevent triangles from being a surface.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Defects {
-    /// Faces of which two corners are the same vertex, or all three lie on a line.
+    /// Faces with two equal corners or with collinear corners.
     pub degenerate: Vec<u32>,
-    /// Faces whose corners another face has already.
+    /// Faces with the same corners as an earlier face.
     pub duplicate: Vec<u32>,
-    /// Edges of more than two faces, by their vertices.
+    /// Edges of more than two faces, as pairs of vertices.
     pub crowded_edges: Vec<[u32; 2]>,
-    /// Vertices at which several sheets touch.
+    /// Vertices at which several layers touch.
     pub pinched: Vec<u32>,
-    /// One face of each component that has only one side, like a Möbius strip.
+    /// One face of each component with only one side, like a Möbius strip.
     pub one_sided: Vec<u32>,
-    /// Faces that are turned over against their neighbours; these are mended.
+    /// Faces that are reversed with respect to their neighbours; these are repaired.
     pub turned: Vec<u32>,
-    /// Vertices that lie exactly where another one lies: the mesh may be torn there.
+    /// Vertices at exactly the same position as another one, where the mesh may be torn.
     pub coincident: Vec<u32>,
 }
 
 impl Defects {
-    /// The first reason why the triangles are no surface.
+    /// Returns an error for the first defect that prevents the triangles from being a surface.
     pub fn refuse(&self) -> Result<()> {
         let count = |list: &[u32]| list.len();
         if let Some(&face) = self.degenerate.first() {
@@ -70,44 +70,44 @@ impl Defects {
 }
 
 impl Surface {
-    /// A surface from points (mm) and triangles, with what was done: faces may be turned over, and nothing else.
-    pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
+    /// Creates a surface from points (mm) and triangles, and returns it with the repairs. Faces may only be reversed.
+    pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Repairs)> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();
         let twins = join(points, &mut faces, &mut defects);
         defects.refuse()?;
-        let (surface, mended) = Self::joined(points, &faces, twins, defects, Mending::default());
+        let (surface, repaired) = Self::joined(points, &faces, twins, defects, Repair::default());
         surface.check_scales()?;
-        Ok((surface, mended))
+        Ok((surface, repaired))
     }
 
-    /// The same, with everything mended that has one right answer. Triangles without area are dropped or flipped away and
-    /// vertices merged for that, of which the lowest keeps its number as id; duplicates are dropped; every fan around a
-    /// vertex gets a vertex of its own. Triangles that were good before are the surface that [`Surface::from_triangles`]
-    /// makes of them, bit by bit.
-    pub fn mended(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
+    /// Does the same, but repairs all defects that have exactly one right correction. Triangles without area are
+    /// dropped or flipped away, and vertices merged for it, of which the lowest one keeps its number as id. Duplicates
+    /// are dropped. Every fan around a vertex gets its own vertex. For valid triangles, the surface is bit-identical to
+    /// that of [`Surface::from_triangles`].
+    pub fn repaired(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Repairs)> {
         let given = checked(points, faces)?;
         let mut faces = given.clone();
         let mut defects = Defects::default();
         let mut twins = join(points, &mut faces, &mut defects);
-        let mut mending = Mending { numbers: (0..faces.len() as u32).collect(), ..Mending::default() };
+        let mut repair = Repair { numbers: (0..faces.len() as u32).collect(), ..Repair::default() };
         if !defects.degenerate.is_empty() || !defects.duplicate.is_empty() || is_soup(&given, points.len()) {
-            mending = mend(points, given);
-            if mending.faces.is_empty() {
+            repair = super::repair::repair(points, given);
+            if repair.faces.is_empty() {
                 defects.refuse()?;
             }
-            faces = std::mem::take(&mut mending.faces);
+            faces = std::mem::take(&mut repair.faces);
             defects = Defects::default();
             twins = join(points, &mut faces, &mut defects);
         }
         let split = std::mem::take(&mut defects.pinched);
-        let as_given = |found: &mut Vec<u32>| found.iter_mut().for_each(|f| *f = mending.numbers[*f as usize]);
+        let as_given = |found: &mut Vec<u32>| found.iter_mut().for_each(|f| *f = repair.numbers[*f as usize]);
         [&mut defects.degenerate, &mut defects.duplicate, &mut defects.one_sided].into_iter().for_each(as_given);
         defects.refuse()?;
         defects.pinched = split;
-        let (surface, mended) = Self::joined(points, &faces, twins, defects, mending);
+        let (surface, repaired) = Self::joined(points, &faces, twins, defects, repair);
         surface.check_scales()?;
-        Ok((surface, mended))
+        Ok((surface, repaired))
     }
 
     fn joined(
@@ -115,25 +115,25 @@ impl Surface {
         faces: &[[u32; 3]],
         twins: Vec<u32>,
         defects: Defects,
-        mending: Mending,
-    ) -> (Self, Mended) {
+        repair: Repair,
+    ) -> (Self, Repairs) {
         let points: Vec<Vector3<f64>> = points.iter().map(|&p| p.into()).collect();
         let ids: Vec<u32> = (0..points.len() as u32).collect();
         let surface = Self::assemble(&points, &ids, faces, twins);
-        let known = surface.ids.chunk_by(|a, b| a == b).count() + mending.merged.len(); // ids ascend
-        let mended = Mended {
+        let known = surface.ids.chunk_by(|a, b| a == b).count() + repair.merged.len(); // ids ascend
+        let repaired = Repairs {
             turned: defects.turned.len(),
             unused: points.len() - known,
-            merged: mending.merged,
-            dropped: mending.dropped,
-            flipped: mending.flipped,
-            duplicates: mending.duplicates,
+            merged: repair.merged,
+            dropped: repair.dropped,
+            flipped: repair.flipped,
+            duplicates: repair.duplicates,
             split: defects.pinched,
         };
-        (surface, mended)
+        (surface, repaired)
     }
 
-    /// Everything that is wrong with a mesh.
+    /// Returns all defects of a mesh.
     pub fn defects(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Defects> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();
@@ -143,7 +143,7 @@ impl Surface {
     }
 }
 
-/// The faces with indices in range, where everything is finite.
+/// Returns the faces after checking that indices are in range and points are finite.
 fn checked(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Vec<[u32; 3]>> {
     let most = (u32::MAX / 8) as usize;
     if points.len() > most || faces.len() > most {
@@ -163,7 +163,7 @@ fn checked(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Vec<[u32; 3]>> {
     }
 }
 
-/// Joins faces along their edges and turns them so that neighbours agree; lists what does not fit.
+/// Joins faces along their edges, reverses them so that neighbours agree, and lists defects.
 fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> Vec<u32> {
     defects.degenerate = (0..faces.len() as u32).filter(|&f| has_no_area(points, &faces[f as usize])).collect();
     defects.duplicate = duplicates(faces);
@@ -188,8 +188,7 @@ fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> V
     twins
 }
 
-/// For each half-edge the one that joins the same two vertices, whichever way it leads; [`BORDER`] where there is none,
-/// or more than one.
+/// Returns, for each half-edge, the only other one with the same vertices in either direction, or [`BORDER`].
 fn pair_up(faces: &[[u32; 3]], defects: &mut Defects) -> Vec<u32> {
     let corners = faces.as_flattened();
     let ends = |h: u32| {
@@ -209,8 +208,8 @@ fn pair_up(faces: &[[u32; 3]], defects: &mut Defects) -> Vec<u32> {
     pairs
 }
 
-/// Which faces have to be turned over for all to agree: the fewer of a component, or those that make a closed one point
-/// outside.
+/// Returns which faces must be reversed so that all agree: the smaller group of a component, or that makes it point
+/// outwards if closed.
 fn turn(points: &[[f64; 3]], faces: &[[u32; 3]], pairs: &[u32], defects: &mut Defects) -> Vec<bool> {
     let corners = faces.as_flattened();
     let mut turned = vec![None; faces.len()];
@@ -231,7 +230,7 @@ fn turn(points: &[[f64; 3]], faces: &[[u32; 3]], pairs: &[u32], defects: &mut De
                     is_closed = false;
                     continue;
                 }
-                let disagree = corners[h as usize] == corners[pair as usize]; // both lead the same way
+                let disagree = corners[h as usize] == corners[pair as usize]; // both run in the same direction
                 let wanted = turned[face as usize].map(|here| here ^ disagree);
                 let there = &mut turned[pair as usize / 3];
                 if there.is_none() {
@@ -259,14 +258,14 @@ fn turn(points: &[[f64; 3]], faces: &[[u32; 3]], pairs: &[u32], defects: &mut De
     turned.into_iter().map(|here| here == Some(true)).collect()
 }
 
-/// Six times the signed volume between a face and the first point.
+/// Returns six times the signed volume between a face and the first point.
 fn six_volumes(points: &[[f64; 3]], face: [u32; 3]) -> f64 {
     let origin = Vector3::from(points[0]);
     let [a, b, c] = face.map(|v| Vector3::from(points[v as usize]) - origin);
     a.dot(&b.cross(&c))
 }
 
-/// Vertices that lie where an earlier one lies.
+/// Returns the vertices at the position of an earlier one.
 fn coincident(points: &[[f64; 3]]) -> Vec<u32> {
     let all = (0..points.len() as u32).collect();
     let mut found: Vec<u32> = at_one_place(points, all).into_iter().flat_map(|group| group[1..].to_vec()).collect();

@@ -1,4 +1,4 @@
-//! A sketch: the map of a coarse surface, on which cuts are tried.
+//! A coarse preview map, on which cuts are tried.
 
 use nalgebra::Vector2;
 
@@ -17,14 +17,14 @@ use crate::rows::{DistanceRows, Rows};
 use crate::sources::Sources;
 use crate::surface::Surface;
 
-/// Points from which distances are kept.
+/// The number of points from which distances are kept.
 pub const LANDMARKS: usize = 48;
 
-/// Edges that links cross on so small a surface, many times over.
+/// The number of edges that a link crosses on such a small surface; larger than usual.
 const CROSSED: u32 = 5;
 
-/// What a sketch is made by. Other than in the map that is to be made no triangle counts as an outlier, for a cut is to relieve
-/// those that suffer most, and far distances sooner do, for what a cut cannot mend is not to choose it.
+/// The weights of a preview. Unlike in the final map, no triangle counts as an outlier, because a cut should help the
+/// most distorted triangles. Far distances become outliers sooner, as no cut may reduce them.
 const WORTH: Dials = Dials {
     bands: Bands { outliers: [0.3, 0.05], ..FINAL.bands },
     shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY },
@@ -32,20 +32,20 @@ const WORTH: Dials = Dials {
     patience: 1,
 };
 
-/// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
+/// When the optimisation ends after a trial cut: most of the gain is achieved at once.
 const TRIED: Until = Until { steps: 25, gain: 1e-3, enough: f64::NEG_INFINITY };
 
-/// And when the cut is made.
+/// When the optimisation ends after a permanent cut.
 const SETTLED: Until = Until { steps: 80, gain: 3e-4, enough: f64::NEG_INFINITY };
 
-/// A surface and a map of it that folds nowhere.
+/// A surface and a map of it without folds.
 #[derive(Debug)]
-pub struct Sketch {
+pub struct Preview {
     pub surface: Surface,
     uv: Vec<Vector2<f64>>,
     landmarks: Vec<u32>,
     measured: Measured,
-    /// Of the map, with distances as they are on this surface.
+    /// The energy of the map, with the distances of this surface.
     pub energy: f64,
 }
 
@@ -68,7 +68,7 @@ impl Measured {
     }
 }
 
-impl Sketch {
+impl Preview {
     pub fn new(surface: Surface, control: &Control) -> Result<Self> {
         let quiet = control.part();
         let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
@@ -78,16 +78,16 @@ impl Sketch {
         let mut levels = Levels::new(&surface, &landmarks, &quiet)?;
         let (uv, _) = levels::unfold(&mut levels, &measured.rows, &places, WORTH, &quiet)?;
         let uv = uv.into_iter().map(Into::into).collect();
-        let mut sketch = Self { surface, uv, landmarks, measured, energy: f64::NAN };
-        sketch.settle(control)?;
-        Ok(sketch)
+        let mut preview = Self { surface, uv, landmarks, measured, energy: f64::NAN };
+        preview.settle(control)?;
+        Ok(preview)
     }
 
-    /// What becomes of it by a cut along half-edges. Its lips lie on each other at first.
+    /// Returns the preview after a cut along half-edges. The two sides of the cut coincide at first.
     pub fn with(&self, cut: &[u32], control: &Control) -> Result<Self> {
         let surface = self.surface.cut_open(cut.iter().copied());
         let mut uv = vec![Vector2::zeros(); surface.len()];
-        let mut number = vec![0; self.surface.len()]; // of the two on a cut, one
+        let mut number = vec![0; self.surface.len()]; // one of the two on a cut
         for (&old, &new) in self.surface.faces().as_flattened().iter().zip(surface.faces().as_flattened()) {
             uv[new as usize] = self.uv[old as usize];
             number[old as usize] = new;
@@ -96,16 +96,16 @@ impl Sketch {
         let quiet = control.part();
         let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
         let measured = Measured::new(&surface, &graph, &landmarks, &quiet)?;
-        let mut sketch = Self { surface, uv, landmarks, measured, energy: f64::NAN };
-        sketch.descend(TRIED, control)?;
-        Ok(sketch)
+        let mut preview = Self { surface, uv, landmarks, measured, energy: f64::NAN };
+        preview.descend(TRIED, control)?;
+        Ok(preview)
     }
 
     pub fn settle(&mut self, control: &Control) -> Result<()> {
         self.descend(SETTLED, control)
     }
 
-    /// The mean relative error of its distances, as they are on this surface, at the best scale.
+    /// Returns the mean relative error of its distances at the best scale, compared with this surface.
     pub fn error(&self, control: &Control) -> Result<f64> {
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
         Ok(measure(&[&uv], &self.measured.rows, 0, &control.part())?.remove(0).best_scale.relative_error)

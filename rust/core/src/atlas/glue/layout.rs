@@ -1,7 +1,7 @@
-//! The flat pieces while they are glued: which edges are joined, and where each corner lies.
+//! The layout of flat pieces during gluing: which edges are joined, and the position of each corner.
 //!
-//! Corner `3 f + k` is corner k of facet f, and the side from it to corner k + 1. Corners that are joined around a vertex are
-//! one *place*; its number is that of its first corner. Everything is numbered by [`Facets`]: no number of the input counts.
+//! Corner `3 f + k` is corner k of facet f, and also the side from it to corner k + 1. Joined corners around a vertex
+//! form one *place*, which is numbered by its first corner. All numbers are those of [`Facets`], not of the input.
 
 use std::collections::{HashMap, HashSet};
 
@@ -13,43 +13,43 @@ use crate::atlas::facets::{Facets, NONE};
 use crate::embed::stress::triangles::Rest;
 use crate::surface::mesh::{BORDER, next, previous};
 
-/// Sides of a piece, one after another along its boundary, beyond which lies another piece, or the same one.
+/// Consecutive sides along the boundary of a piece, with another piece, or the same one, on their other side.
 pub(super) type Chain = Vec<u32>;
 
 #[derive(Clone)]
-pub(super) struct Sheet<'a> {
+pub(super) struct Layout<'a> {
     pub facets: &'a Facets<'a>,
-    /// The side beyond each side, or [`BORDER`].
+    /// The side across each side, or [`BORDER`].
     pub twins: Vec<u32>,
-    /// Of each side on the surface, mm.
+    /// The length of each side on the surface in mm.
     pub lengths: Vec<f64>,
-    /// Did the side part two patches?
+    /// Whether each side separated two patches.
     pub seams: Vec<bool>,
-    /// Each facet as it lies on the surface; its corners are places of the facet, by their turn from the first.
+    /// The shape of each facet on the surface. Its corners are the facet's places, beginning with the first.
     pub rests: Vec<Rest>,
     /// The place of each corner.
     pub place: Vec<u32>,
-    /// Where each place is; others' values mean nothing.
+    /// The position of each place; other values are unused.
     pub uv: Vec<Place>,
     /// The piece of each facet.
     pub piece: Vec<u32>,
-    /// The facets of each piece; none where it became part of another.
+    /// The facets of each piece; none if it became part of another.
     pub members: Vec<Vec<u32>>,
     joined: Vec<bool>,
 }
 
-/// What joining changed.
+/// The changes made by joining.
 #[derive(Default)]
 pub(super) struct Joined {
     sides: Vec<u32>,
     places: Vec<(u32, u32)>,
     moved: Vec<(u32, Place)>,
-    /// The places that are joined now.
+    /// The joined places.
     pub at: Vec<u32>,
 }
 
-impl<'a> Sheet<'a> {
-    /// Patches, given by the label and the flat corners of each face of the surface.
+impl<'a> Layout<'a> {
+    /// Creates the layout of patches, given the label and the flat corners of each face of the surface.
     pub fn new(facets: &'a Facets<'a>, labels: &[u32], flat: &[[[f64; 2]; 3]]) -> Self {
         let surface = facets.surface;
         let count = facets.len();
@@ -69,7 +69,7 @@ impl<'a> Sheet<'a> {
         let (piece, members) = components(facets, labels);
         let is_inside = |(side, &twin): (usize, &u32)| twin != BORDER && piece[side / 3] == piece[twin as usize / 3];
         let joined: Vec<bool> = twins.iter().enumerate().map(is_inside).collect();
-        let mut sheet = Self {
+        let mut layout = Self {
             lengths: half_edge.iter().map(|&h| surface.length(h)).collect(),
             seams: twins.iter().zip(&joined).map(|(&twin, &joined)| twin != BORDER && !joined).collect(),
             rests: (0..count as u32).map(|facet| Rest::of(facets.corners(facet), [0, 1, 2], 0.0)).collect(),
@@ -81,11 +81,11 @@ impl<'a> Sheet<'a> {
             members,
             joined,
         };
-        sheet.number_places(&(0..count as u32).collect::<Vec<u32>>());
-        sheet
+        layout.number_places(&(0..count as u32).collect::<Vec<u32>>());
+        layout
     }
 
-    /// Makes the corners of facets that are joined around a vertex one place.
+    /// Unites the joined corners of facets around each vertex into one place.
     fn number_places(&mut self, facets: &[u32]) {
         let corners = || facets.iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
         corners().for_each(|corner| self.place[corner as usize] = BORDER);
@@ -98,8 +98,8 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// A piece falls into the pieces of another sheet of the same surface.
-    pub fn take_apart(&mut self, piece: u32, patches: &Sheet<'_>) {
+    /// Divides a piece into the pieces of another layout of the same surface.
+    pub fn take_apart(&mut self, piece: u32, patches: &Layout<'_>) {
         let facets = std::mem::take(&mut self.members[piece as usize]);
         for number in distinct(facets.iter().map(|&facet| patches.piece[facet as usize])) {
             let members = patches.members[number as usize].clone();
@@ -113,12 +113,12 @@ impl<'a> Sheet<'a> {
         self.number_places(&facets);
     }
 
-    /// Is the side one of a piece's boundary?
+    /// Returns whether a side lies on the boundary of a piece.
     pub fn is_open(&self, side: u32) -> bool {
         !self.joined[side as usize]
     }
 
-    /// Does another piece, or the same, lie beyond the side, unjoined?
+    /// Returns whether a side is not joined with the piece on its other side.
     pub fn is_cut(&self, side: u32) -> bool {
         self.is_open(side) && self.twins[side as usize] != BORDER
     }
@@ -135,7 +135,7 @@ impl<'a> Sheet<'a> {
         [0, 1, 2].map(|k| self.at(3 * facet + k))
     }
 
-    /// The corners that are joined with one around its vertex, counterclockwise; where it is at the boundary, from there.
+    /// Returns the corners that are joined around a corner's vertex, counterclockwise, starting from a boundary.
     pub fn around(&self, corner: u32) -> Vec<u32> {
         let mut first = corner;
         while self.joined[first as usize] {
@@ -156,13 +156,13 @@ impl<'a> Sheet<'a> {
         corners
     }
 
-    /// Does a piece lie all around a place?
+    /// Returns whether a piece surrounds a place.
     pub fn is_inner(&self, place: u32) -> bool {
         let first = self.around(place)[0];
         self.joined[first as usize]
     }
 
-    /// The cuts between a piece and another one (or itself), as chains; `among` are the facets on whose side they are looked for.
+    /// Returns the cuts between a piece and another one (or itself) as chains of sides of the facets `among`.
     pub fn chains(&self, among: &[u32], other: u32) -> Vec<Chain> {
         let sides = among.iter().flat_map(|&facet| [3 * facet, 3 * facet + 1, 3 * facet + 2]);
         let beyond = |side: u32| self.piece[self.twins[side as usize] as usize / 3];
@@ -170,7 +170,7 @@ impl<'a> Sheet<'a> {
         self.chained(cuts)
     }
 
-    /// Cuts as chains, each of them once, from whichever side.
+    /// Returns cuts as chains, each once, from either side.
     pub fn chained(&self, mut cuts: Vec<u32>) -> Vec<Chain> {
         cuts.sort_unstable();
         let from: HashMap<u32, u32> = cuts.iter().map(|&side| (self.ends(side)[0], side)).collect();
@@ -206,12 +206,12 @@ impl<'a> Sheet<'a> {
         chains
     }
 
-    /// The length of sides on the surface, mm.
+    /// Returns the length of sides on the surface in mm.
     pub fn length(&self, sides: &[u32]) -> f64 {
         sides.iter().map(|&side| self.lengths[side as usize]).sum()
     }
 
-    /// The length of the boundary of a piece on the surface, mm.
+    /// Returns the length of a piece's boundary on the surface in mm.
     pub fn boundary(&self, piece: u32) -> f64 {
         let sides = self.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
         sides.filter(|&side| self.is_open(side)).map(|side| self.lengths[side as usize]).sum()
@@ -227,7 +227,7 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// Joins cuts: what lies at their ends comes to the middle between where it was. Slits of no width are closed with them.
+    /// Joins cuts: the ends of their two sides move to the mean of their positions. Slits without width are closed too.
     pub fn join(&mut self, cuts: &[u32]) -> Joined {
         let mut changed = Joined::default();
         let mut left: Vec<u32> = cuts.to_vec();
@@ -252,7 +252,7 @@ impl<'a> Sheet<'a> {
         changed
     }
 
-    /// Makes corners around a vertex one place.
+    /// Unites corners around a vertex into one place.
     fn unify(&mut self, fan: &[u32], changed: &mut Joined) {
         let old = distinct(fan.iter().map(|&corner| self.place[corner as usize]));
         let [first, .., _] = old[..] else { return };
@@ -277,7 +277,7 @@ impl<'a> Sheet<'a> {
         self.members[larger as usize].extend(moved);
     }
 
-    /// The rigid motion of what lies beyond cuts that brings it nearest to them (Procrustes).
+    /// Returns the rigid motion that moves the other sides of cuts closest to them (Procrustes).
     pub fn fit(&self, cuts: &[u32]) -> (Rotation2<f64>, Place) {
         let pairs: Vec<[Place; 2]> = cuts
             .iter()
@@ -298,7 +298,7 @@ impl<'a> Sheet<'a> {
         (turn, shift)
     }
 
-    /// How far the two sides of a cut are apart, at the end where they are farther.
+    /// Returns the distance between the two sides of a cut, at the end where it is larger.
     pub fn gap(&self, side: u32) -> f64 {
         let twin = self.twins[side as usize];
         let gaps: [Vector2<f64>; 2] = [self.at(side) - self.at(next(twin)), self.at(next(side)) - self.at(twin)];
@@ -306,7 +306,7 @@ impl<'a> Sheet<'a> {
     }
 }
 
-/// The connected parts of equal label, numbered by their first facets: the part of each facet, and the facets of each part.
+/// Returns the connected parts with equal labels, numbered by their first facets: a facet's part, and a part's facets.
 fn components(facets: &Facets<'_>, labels: &[u32]) -> (Vec<u32>, Vec<Vec<u32>>) {
     let label = |facet: u32| labels[facets.faces[facet as usize] as usize];
     let mut piece = vec![NONE; facets.len()];

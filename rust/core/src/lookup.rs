@@ -1,24 +1,24 @@
-//! The inverse look-up: which triangle of the plane holds a place, and where in it.
+//! The inverse lookup: the triangle at a position in the plane, and the barycentric coordinates in it.
 
 use nalgebra::Vector2;
 
 use crate::control::Control;
 use crate::error::Result;
 
-/// Of a triangle, by which rounding may put a place on a side that two share beside both.
+/// The tolerance in barycentric coordinates, so that positions on a common side lie in at least one triangle.
 const SLACK: f64 = 1e-9;
 
-/// Places that one worker looks up between two looks at whether it should stop.
+/// The number of positions that one worker looks up between two checks for cancellation.
 const CHUNK: usize = 4096;
 
 /// A triangle, and barycentric coordinates in it.
 pub type InTriangle = (u32, [f64; 3]);
 
-/// Finds the triangles that hold places in the plane, by a grid of about as many cells as triangles.
+/// Finds the triangles that contain positions in the plane, by a grid with about as many cells as triangles.
 ///
 /// # Examples
 /// ```
-/// use voxflat::look_up::TriangleFinder;
+/// use voxflat::lookup::TriangleFinder;
 ///
 /// let finder = TriangleFinder::new(&[[[0.0, 0.0], [4.0, 0.0], [0.0, 4.0]]]);
 /// assert_eq!(finder.find([1.0, 1.0]), Some((0, [0.5, 0.25, 0.25])));
@@ -27,20 +27,20 @@ pub type InTriangle = (u32, [f64; 3]);
 #[derive(Debug, Clone)]
 pub struct TriangleFinder {
     corners: Vec<[Vector2<f64>; 3]>,
-    /// The lowest place, mm.
+    /// The lower corner of the grid, in mm.
     low: Vector2<f64>,
-    /// Side of a cell, mm.
+    /// The side of a cell in mm.
     side: f64,
-    /// Numbers of cells along u and v.
+    /// The numbers of cells along u and v.
     shape: [usize; 2],
-    /// Where each cell's triangles begin, row by row.
+    /// Where the triangles of each cell begin, row by row.
     starts: Vec<usize>,
-    /// The triangles whose boxes reach into each cell, ascending.
+    /// The triangles whose bounding boxes meet each cell, ascending.
     inside: Vec<u32>,
 }
 
 impl TriangleFinder {
-    /// Of triangles by their corners, mm.
+    /// Creates a finder from the corners of triangles in mm.
     pub fn new(corners: &[[[f64; 2]; 3]]) -> Self {
         let corners: Vec<[Vector2<f64>; 3]> = corners.iter().map(|triangle| triangle.map(Vector2::from)).collect();
         let (low, high) = bounds(corners.as_flattened());
@@ -49,7 +49,7 @@ impl TriangleFinder {
         if side == 0.0 {
             side = if size.max() > 0.0 { size.max() } else { 1.0 };
         }
-        let side = side.max(size.max() / (4.0 * count)); // of a long thin map there are no more cells, too
+        let side = side.max(size.max() / (4.0 * count)); // also limits the number of cells of a long thin map
         let shape = [size.x, size.y].map(|size| (size / side).floor() as usize + 1);
         let mut finder = Self { corners, low, side, shape, starts: Vec::new(), inside: Vec::new() };
         finder.sort_into_cells();
@@ -76,7 +76,7 @@ impl TriangleFinder {
         (self.starts, self.inside) = (starts, inside);
     }
 
-    /// The first and the last cell, along u and v, into which a triangle's box reaches.
+    /// Returns the first and the last cell, along u and v, that the bounding box of a triangle meets.
     fn cells_of(&self, triangle: &[Vector2<f64>; 3]) -> [[usize; 2]; 2] {
         let (low, high) = bounds(triangle);
         [low, high].map(|corner| {
@@ -85,7 +85,7 @@ impl TriangleFinder {
         })
     }
 
-    /// The first triangle that holds a place, and its barycentric coordinates there.
+    /// Returns the first triangle that contains a position, and its barycentric coordinates there.
     pub fn find(&self, place: [f64; 2]) -> Option<InTriangle> {
         let place = Vector2::from(place);
         let mut cell = [0; 2];
@@ -93,7 +93,7 @@ impl TriangleFinder {
             let number = ((place[axis] - self.low[axis]) / self.side).floor();
             let cells = self.shape[axis] as f64;
             if !(0.0..=cells).contains(&number) {
-                return None; // what is not finite, too
+                return None; // also if not finite
             }
             cell[axis] = (number as usize).min(self.shape[axis] - 1); // the upper border
         }
@@ -104,18 +104,18 @@ impl TriangleFinder {
         })
     }
 
-    /// As [`find`](Self::find), for many places.
+    /// Calls [`find`](Self::find) for many positions in parallel.
     pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<InTriangle>>> {
-        control.each("looking places up", places, CHUNK, |&place| self.find(place))
+        control.each("looking up positions", places, CHUNK, |&place| self.find(place))
     }
 }
 
-/// Do barycentric coordinates lie in their triangle, or so near its sides that rounding decides?
+/// Returns whether barycentric coordinates lie within their triangle, up to rounding.
 pub(crate) fn is_inside(weights: &[f64; 3]) -> bool {
     weights.iter().all(|&weight| weight >= -SLACK)
 }
 
-/// The barycentric coordinates of a place; NaN in a triangle without area.
+/// Returns the barycentric coordinates of a position; NaN in a triangle without area.
 fn barycentric(triangle: &[Vector2<f64>; 3], place: Vector2<f64>) -> [f64; 3] {
     let [a, b, c] = triangle.map(|corner| corner - place);
     let area = (b - a).perp(&(c - a));

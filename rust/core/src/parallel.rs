@@ -1,17 +1,16 @@
-//! Items that threads take in turn: the way to many independent results that each take long.
+//! Parallel work on many independent items that each take long.
 
 use std::sync::{Mutex, PoisonError};
 use std::thread::Builder;
 
 use crate::error::Result;
 
-/// Works on all items, each thread on the next as soon as it is free; `scratch` is made once a thread.
+/// Processes all items; each thread takes the next item as soon as it is free. `scratch` is created once per thread.
 ///
-/// There are as many threads as the caller's pool has, but, if more than one, new ones that have work from their first
-/// moment. Those of the pool sleep, and where processors are virtual a thread that is woken can wait for 20 ms beside the one
-/// that woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself: it runs outside the
-/// pool.
-/// Errors: The first of `work`, after which no item is begun.
+/// The number of threads is that of the caller's pool. If there are several, new threads are started, because the
+/// threads of the pool sleep: on virtual processors, a thread that is woken can wait for 20 ms beside the thread that
+/// woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself, because it runs
+/// outside the pool. Errors: The first error of `work`, after which no further item is started.
 pub(crate) fn in_turn<I, T>(
     items: I,
     scratch: impl Fn() -> T + Sync,
@@ -40,7 +39,7 @@ where
     std::thread::scope(|scope| {
         let started = (0..others).filter(|_| Builder::new().spawn_scoped(scope, work_on).is_ok()).count();
         if started == 0 {
-            work_on(); // alone, or where the system gives no more threads
+            work_on(); // alone, or where the system starts no more threads
         }
     });
     held().1.clone()

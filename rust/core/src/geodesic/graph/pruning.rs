@@ -1,7 +1,7 @@
-//! Which links a graph needs: a link is dropped where two others that stay together are hardly longer.
+//! Pruning of links: a link is dropped if two other links that are kept are together hardly longer.
 //!
-//! Links come in layers of increasing length. What two links of earlier layers replace is dropped at once, so that few links are
-//! judged beside each other: the rest of a layer, one after the other, shorter ones first.
+//! Links come in layers of increasing length. Links that two links of earlier layers replace are dropped at once, so
+//! that few links remain to be compared: the rest of a layer, one after the other, shorter ones first.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
@@ -13,21 +13,21 @@ use crate::adjacency::{Arc, starts_of};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
-/// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
+/// A link is dropped if two others are together at most this factor longer (docs/decisions/0007).
 pub(super) const DETOUR: f32 = 1.0005;
 
-/// Links that are judged beside each other.
+/// The number of links that are evaluated together.
 const AT_ONCE: usize = 1 << 15;
 
-/// Vertices that one task looks at.
+/// The number of vertices per task.
 const BATCH: usize = 1 << 10;
 
-/// What is known of a link: it is not judged yet, stays, or goes.
+/// The state of a link: it is not evaluated yet, kept, or dropped.
 const OPEN: u8 = 0;
 const STAYS: u8 = 1;
 const GOES: u8 = 2;
 
-/// Stands for the place of a link of an earlier layer: it stays.
+/// Marks the position of a link of an earlier layer, which is kept.
 const EARLIER: u32 = u32::MAX;
 
 /// Straight lines from the vertices of a batch to higher ones.
@@ -45,17 +45,17 @@ impl Lines {
     }
 }
 
-/// Links of some lengths, each from both of its ends, in compressed rows; a vertex's arcs are ordered by neighbour.
+/// Links within a range of lengths, stored at both ends in compressed rows; arcs are ordered by neighbour.
 #[derive(Debug)]
 struct Layer {
-    /// No link is shorter, mm.
+    /// No link is shorter, in mm.
     shortest: f32,
     starts: Vec<u32>,
     arcs: Vec<Arc>,
 }
 
 impl Layer {
-    /// The lines of all batches, from both ends, none shorter than `shortest`.
+    /// Creates a layer from the lines of all batches, from both ends, none shorter than `shortest`.
     fn of(lines: &[Lines], vertices: usize, shortest: f32) -> Result<Self> {
         check_count(2 * lines.iter().map(|lines| lines.arcs.len()).sum::<usize>(), vertices)?;
         let all = || (0u32..).zip(lines.iter().flat_map(|lines| (0..lines.ends.len()).map(|number| lines.of(number))));
@@ -83,8 +83,8 @@ impl Layer {
         &self.arcs[self.places(vertex)]
     }
 
-    /// May one of its links, and another that is as long as `other` at least, be no longer than `most` together? Sums are rounded up
-    /// and down in the same order as they are.
+    /// Returns whether one of its links, plus another that is at least as long as `other`, can be no longer than
+    /// `most`. Rounding preserves the order of sums.
     fn is_short_beside(&self, other: f32, most: f32) -> bool {
         self.shortest + other <= most
     }
@@ -107,22 +107,22 @@ impl Layer {
     }
 }
 
-/// A link that stays unless two others that stay replace it.
+/// A link that is kept unless two other kept links replace it.
 #[derive(Debug, Clone, Copy)]
 struct Open {
     length: f32,
-    /// Its places in its layer, that of its lower end first.
+    /// Its positions in its layer, that of its lower end first.
     places: [u32; 2],
-    /// Which pairs of links are together hardly longer: the first, and how many.
+    /// The pairs of links that are together hardly longer: the first one, and their number.
     first: usize,
     count: u32,
 }
 
-/// What joins a vertex to others: links of all layers and of a new one.
+/// The links of a vertex in all layers and in a new one.
 struct Beside {
-    /// How long its link to each other vertex is; infinite where there is none.
+    /// The length of its link to each other vertex; infinite where there is none.
     lengths: Vec<f32>,
-    /// The place of that link in the new layer, or [`EARLIER`].
+    /// The position of that link in the new layer, or [`EARLIER`].
     places: Vec<u32>,
 }
 
@@ -132,7 +132,7 @@ impl Beside {
     }
 }
 
-/// The links that are needed, as far as they are known.
+/// The links that are kept so far.
 #[derive(Debug)]
 pub(super) struct Needed {
     vertices: usize,
@@ -140,7 +140,7 @@ pub(super) struct Needed {
 }
 
 impl Needed {
-    /// The needed ones among all straight lines of a view, judged in so many layers.
+    /// Returns the links to keep among all straight lines of a view, evaluated in this number of layers.
     pub fn of(view: View, vertices: usize, layers: usize, control: &Control) -> Result<Self> {
         let mut needed = Self { vertices, layers: Vec::new() };
         let lengths = view.layers(layers);
@@ -150,13 +150,13 @@ impl Needed {
             let lacking = needed.still_lacks(&mut lines, ends[1], control)?;
             let layer = Layer::of(&lacking, vertices, ends[0])?;
             drop(lacking);
-            let stays = needed.judge(&layer, control)?;
+            let stays = needed.evaluate(&layer, control)?;
             needed.layers.push(layer.only(&stays));
         }
         Ok(needed)
     }
 
-    /// All of them in compressed rows: where each vertex's begin, and its links, ordered by neighbour.
+    /// Returns all of them in compressed rows: where each vertex's links begin, and its links, ordered by neighbour.
     pub fn joined(self) -> Result<(Vec<u32>, Vec<Arc>)> {
         check_count(self.layers.iter().map(|layer| layer.arcs.len()).sum(), self.vertices)?;
         let mut starts = vec![0u32; self.vertices + 1];
@@ -202,12 +202,12 @@ impl Needed {
                 arcs.extend(&seen.lines);
                 ends.push(arcs.len());
             }
-            Ok(Lines { ends, arcs: arcs.clone() }) // as many as there are: what grows leaves holes in memory
+            Ok(Lines { ends, arcs: arcs.clone() }) // exact capacity: growing vectors leave gaps in memory
         };
         self.batches().collect::<Vec<_>>().into_par_iter().map_init(Default::default, of_batch).collect()
     }
 
-    /// Takes those that are shorter than `longest` from some lines; returned are those that two links do not replace.
+    /// Takes the lines that are shorter than `longest`; returns those that two links do not replace.
     fn still_lacks(&self, lines: &mut [Lines], longest: f32, control: &Control) -> Result<Vec<Lines>> {
         let of_batch = |known: &mut Vec<f32>, (batch, lines): (Range<usize>, &mut Lines)| {
             control.check()?;
@@ -236,8 +236,7 @@ impl Needed {
         batches.into_par_iter().map_init(Vec::new, of_batch).collect()
     }
 
-    /// Calls `work` with the length of a vertex's link to each other vertex, infinite where there is none. `lengths` is kept from one
-    /// vertex to the next.
+    /// Calls `work` with the lengths of a vertex's links to all vertices, infinite if missing. `lengths` is reused.
     fn beside<T>(&self, vertex: u32, lengths: &mut Vec<f32>, work: impl FnOnce(&[f32]) -> T) -> T {
         lengths.resize(self.vertices, f32::INFINITY);
         let links = || self.layers.iter().flat_map(|layer| layer.links_of(vertex));
@@ -247,17 +246,17 @@ impl Needed {
         result
     }
 
-    /// Do two links replace another, that comes from a vertex whose links have these lengths?
+    /// Returns whether two links replace another one, from a vertex whose links have these lengths.
     fn replaces(&self, link: Arc, lengths: &[f32]) -> bool {
         let most = link.length * DETOUR;
         let is_short = |second: &Arc| lengths[second.to as usize] + second.length <= most;
         self.layers.iter().any(|layer| layer.links_of(link.to).iter().any(is_short))
     }
 
-    /// Finds out which links of a new layer stay besides those of earlier ones, so that every other is replaced by two that stay: one
-    /// after the other, shorter ones first. Most verdicts do not depend on links of nearly the same length, and are found by all
-    /// threads.
-    fn judge(&self, layer: &Layer, control: &Control) -> Result<Vec<bool>> {
+    /// Determines which links of a new layer are kept besides those of earlier layers, so that every other one is
+    /// replaced by two that are kept: one after the other, shorter ones first. Most verdicts do not depend on links of
+    /// nearly the same length, and are found by all threads.
+    fn evaluate(&self, layer: &Layer, control: &Control) -> Result<Vec<bool>> {
         let known: Vec<AtomicU8> = layer.arcs.iter().map(|_| AtomicU8::new(OPEN)).collect();
         let of_batch = |beside: &mut Beside, batch: Range<usize>| {
             control.check()?;
@@ -289,8 +288,8 @@ impl Needed {
         Ok(known.into_iter().map(|known| known.into_inner() == STAYS).collect())
     }
 
-    /// Lists the new links from a vertex to higher ones that pairs of others may replace, and these pairs by their places; all other
-    /// new links stay.
+    /// Lists the new links from a vertex to higher ones that pairs of others may replace, and these pairs by their
+    /// positions; all other new links are kept.
     fn pairs_instead(
         &self,
         new: &Layer,
@@ -304,12 +303,12 @@ impl Needed {
         let links = || self.layers.iter().flat_map(|layer| layer.links_of(from)).chain(new.links_of(from));
         links().for_each(|link| beside.lengths[link.to as usize] = link.length);
         new_links().for_each(|(place, link)| beside.places[link.to as usize] = place);
-        beside.lengths[from as usize] = f32::NEG_INFINITY; // so that the way back is found among those that are short
+        beside.lengths[from as usize] = f32::NEG_INFINITY; // so that the return is found among the short ones
         for (place, &arc) in new_links().filter(|(_, arc)| arc.to > from) {
             let (first, mut back) = (pairs.len(), EARLIER);
             let most = arc.length * DETOUR;
             let is_short = |second: &Arc| beside.lengths[second.to as usize] + second.length <= most;
-            // two of earlier layers do not replace it, or it would be no new link
+            // two links of earlier layers do not replace it, or it would not be a new link
             for layer in self.layers.iter().filter(|layer| layer.is_short_beside(new.shortest, most)) {
                 for second in layer.links_of(arc.to).iter().filter(|second| is_short(second)) {
                     pairs.push([beside.places[second.to as usize], EARLIER]);
@@ -341,7 +340,7 @@ fn known_of(pair: &[u32; 2], known: &[AtomicU8]) -> [u8; 2] {
     pair.map(|place| if place == EARLIER { STAYS } else { known[place as usize].load(Relaxed) })
 }
 
-/// Whether a link stays beside pairs of others, as far as it is known without those that are open.
+/// Returns whether a link is kept beside pairs of others, as far as known without those that are open.
 fn verdict(instead: &[[u32; 2]], known: &[AtomicU8]) -> u8 {
     let mut verdict = STAYS;
     for pair in instead {
@@ -354,12 +353,12 @@ fn verdict(instead: &[[u32; 2]], known: &[AtomicU8]) -> u8 {
     verdict
 }
 
-/// Whether it stays if those that are open do not count.
+/// Returns whether it is kept if open links do not count.
 fn verdict_now(instead: &[[u32; 2]], known: &[AtomicU8]) -> u8 {
     if instead.iter().any(|pair| known_of(pair, known) == [STAYS; 2]) { GOES } else { STAYS }
 }
 
-/// Where a vertex's links begin is a number of 32 bits.
+/// Checks that the positions of links fit into 32 bits.
 fn check_count(links: usize, vertices: usize) -> Result<()> {
     if links < u32::MAX as usize { Ok(()) } else { Err(Error::TooManyLinks { links, vertices }) }
 }
