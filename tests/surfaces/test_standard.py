@@ -222,7 +222,7 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
     other = np.random.default_rng(0).permutation(lab.VERTICES)
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere, other[faces])
     for given, reason in (
-        (sphere[:-1], "2561 vertices, the surface 2562"),
+        (sphere[:-1], "2561 vertices, but the surface has 2562"),
         (white, "not a sphere around the origin"),
         (nan, "finite positions"),
         (np.zeros_like(sphere), "not a sphere around the origin"),
