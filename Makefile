@@ -150,7 +150,7 @@ fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those
 	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
 
 docs: setup $(T1PREP) ## the documentation site with its pictures, into build/docs
-	rm -rf docs/_generated/python docs/_generated/cli
+	rm -rf docs/_generated build/docs
 	$(MAKE) -j 2 drawings paper-grossmann paper-zigelman paper-mapmaker paper-saucan
 	VOXFLAT_DOCS_DATA=$(CURDIR)/$(T1PREP) $(SCREEN) $(RUN) --group docs sphinx-build -W --keep-going -q docs build/docs
 	$(RUN) python docs/check_links.py build/docs
