@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import Progress, checked_choice, log, optional_number
 from voxflat.errors import Cancelled, HemisphereError, InputError
 from voxflat.io.grid import Affine, voxel_size
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import note_default, telling
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 
@@ -145,7 +145,8 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
         values = np.unique(data.ravel()[:: max(1, data.size // 100_000)])
         threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
         if len(values) > 2:
-            log.warning("white matter is defined as values above %.4g. Pass threshold= to change this", threshold)
+            log.warning("white matter is defined as values above %.4g. Check this threshold, or set another", threshold)
+        note_default(threshold=threshold)
     white = np.asarray(data > threshold)
     if not white.any():
         said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"
