@@ -8,11 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import nibabel
 import numpy as np
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.files import require
+from voxflat.io.files import installing
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
@@ -31,7 +32,7 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
     """Load the white-matter, T1 and grey-matter templates that are bundled with nilearn."""
     package = importlib.util.find_spec("nilearn")
     if package is None or package.origin is None:
-        raise InputError("the demo needs nilearn. Run pip install 'voxflat[demo]'")
+        raise InputError(f"the demo requires nilearn. Run {installing('nilearn')}")
     folder = Path(package.origin).parent / "datasets" / "data"
     white_matter, t1, grey_matter = (_template(folder, kind) for kind in ("wm", "t1", "gm"))
     return white_matter, t1, grey_matter
@@ -39,7 +40,7 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
 
 def _template(folder: Path, kind: str) -> Volume:
     """Read a template as nilearn does, without importing nilearn, which takes seconds."""
-    image = require("nibabel").load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
+    image = nibabel.load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
     data = np.asarray(image.dataobj, dtype=np.float32)
     return Volume(data / data.max(), image.affine)
 
