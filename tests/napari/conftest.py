@@ -36,13 +36,14 @@ def windows_open_quickly():
     from qtpy.QtWidgets import QProgressBar
     from vispy.app import canvas
 
-    discover, refresh, set_range = PluginManifest.discover, QtWelcomeWidget.refresh, QProgressBar.setRange
+    discover, set_range = PluginManifest.discover, QProgressBar.setRange
     found = cache(lambda paths: list(discover(paths=paths)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PluginManifest, "discover", lambda paths=(): found(tuple(paths)))
         patch.setattr(canvas, "get_dpi", cache(canvas.get_dpi))
         patch.setattr(EventedConfigFileSettings, "_maybe_save", lambda _: None)
-        patch.setattr(QtWelcomeWidget, "refresh", lambda it, _=None: refresh(it) if it.isVisible() else None)
+        if refresh := getattr(QtWelcomeWidget, "refresh", None):  # napari 0.7
+            patch.setattr(QtWelcomeWidget, "refresh", lambda it, _=None: refresh(it) if it.isVisible() else None)
         for module in (qt_activity_dialog, _layer_delegate):
             patch.setattr(module, "LOADING_GIF_PATH", "")
         patch.setattr(QProgressBar, "setRange", lambda bar, low, high: set_range(bar, low, max(high, low + 1)))
