@@ -173,6 +173,7 @@ def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
     np.testing.assert_allclose(nib.load(path).get_qform(), affine, rtol=0, atol=rough)
 
 
+@pytest.mark.skipif(tuple(map(int, nib.__version__.split(".")[:2])) < (5, 4), reason="nibabel matched axes otherwise")
 @settings(max_examples=200)
 @given(rotations, st.permutations(range(3)), st.tuples(*[st.sampled_from([-1, 1])] * 3), st.floats(0, 1))
 def test_orientation_is_nibabels(turn, order, signs, weight):
