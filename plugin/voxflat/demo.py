@@ -8,12 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import nibabel
 import numpy as np
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.files import installing
+from voxflat.io.files import installing, require
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
@@ -40,7 +39,7 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
 
 def _template(folder: Path, kind: str) -> Volume:
     """Read a template as nilearn does, without importing nilearn, which takes seconds."""
-    image = nibabel.load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
+    image = require("nibabel").load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
     data = np.asarray(image.dataobj, dtype=np.float32)
     return Volume(data / data.max(), image.affine)
 

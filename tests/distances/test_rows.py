@@ -266,7 +266,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
         ('{"format": "voxflat rows 2"}', r"store.json is damaged \(it is not complete\)"),
         (
             '{"format": "voxflat rows 1"}',
-            "has the format 'voxflat rows 1', but this version of voxflat reads 'voxflat rows 2'",
+            r"format 'voxflat rows 1', but this version of voxflat reads 'voxflat rows 2'",
         ),
     ],
 )
