@@ -519,7 +519,7 @@ def test_check_of_nan_is_still_json(tmp_path):
 
 
 def test_messages_name_options_in_place_of_keyword_arguments():
-    flatten = cli.main.commands["flatten"]
+    flatten = cli.main.get_command(None, "flatten")
     for text, shown in (
         ("Use relax=False to disable them", "Use --no-relax to disable them"),
         ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),

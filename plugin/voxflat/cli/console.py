@@ -60,7 +60,8 @@ class Program(cloup.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
-            text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")))
+            module = sys.modules.get(f"voxflat.cli.commands.{next(iter(arguments), '')}")  # if it was imported
+            text = in_options(user_message(error), getattr(module, "command", None))
             _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
         return status if isinstance(status, int) else 0
