@@ -1,11 +1,11 @@
 """Whatever is handed over, an error is one line that names the argument and the value; arguments.py says so for all."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from refusals import warnings_as_errors
 
 import voxflat
 from voxflat import figures, io
@@ -199,7 +199,7 @@ def test_backgrounds_that_the_type_of_the_values_holds():
     flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):
-        with warnings.catch_warnings(action="error"):
+        with warnings_as_errors():
             painted = flat_map.paint(values, background)
         assert_array_equal(painted[VOLUME == 0], np.float64(background))
 

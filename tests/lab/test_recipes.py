@@ -122,7 +122,7 @@ def test_what_the_images_have_is_enough():
     assert _version(rust) >= _version(needed)
     assert _version(python) >= _version(re.search(r'requires-python = ">=([\d.]+)"', project)[1])
     extras = re.findall(r"--extra (\w+)", text("build"))
-    assert extras == ["nibabel", "cluster"]
+    assert extras == ["lab"]
     assert all(f"\n{extra} = [" in project for extra in extras)
 
 

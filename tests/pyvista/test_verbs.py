@@ -15,6 +15,8 @@ import voxflat
 from voxflat import InputError
 from voxflat.methods import Voxflat
 
+ALGORITHM = {"algorithm": "dataset_surface"} if pv.version_info >= (0, 47) else {}
+
 
 def saddle(count=16):
     """A structured grid of quads, 20 by 20, that is no plane."""
@@ -178,7 +180,7 @@ def test_a_map_of_ours_is_measured_with_its_cuts(ball, flat_ball):
 def test_a_map_of_another_tool_is_measured():
     grid = saddle()
     grid.point_data["number"] = np.arange(grid.n_points)
-    shadow = grid.extract_surface(algorithm="dataset_surface").project_points_to_plane(normal=(0, 0, 1))
+    shadow = grid.extract_surface(**ALGORITHM).project_points_to_plane(normal=(0, 0, 1))
     measured = grid.voxflat.measure(shadow, sources=20)
     assert_array_equal(measured["number"], measured["vertex_ids"])
     assert_allclose(measured.points[:, :2], grid.points[measured["number"], :2], atol=1e-5)

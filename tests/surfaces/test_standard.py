@@ -324,7 +324,7 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"format": 2}, "format 2"),
+        ({"format": 2}, "newer version"),
         ({"space": "MNI"}, "space is 'MNI'"),
         ({"side": None}, "side is None"),
         ({"cuts": 3}, "cuts is not a list"),
