@@ -20,6 +20,7 @@ from refusals import refused
 import voxflat
 from voxflat import cli, demo
 from voxflat.cli import options as _options
+from voxflat.cli.console import in_options
 from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
@@ -480,3 +481,16 @@ def test_check_of_nan_is_still_json(tmp_path):
     content = json.loads(result.stdout, parse_constant=pytest.fail)
     assert content["contents"]["range"] == [None, None]
     assert "NaN" in content["advice"][0]
+
+
+def test_messages_name_options_in_place_of_keyword_arguments():
+    flatten = cli.main.commands["flatten"]
+    for text, shown in (
+        ("Use relax=False to disable them", "Use --no-relax to disable them"),
+        ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),
+        ("seed_point is given without radius", "--seed-point is given without radius"),
+        ("the relax=3 of lh.max_area_7.gii", "the relax=3 of lh.max_area_7.gii"),
+        ("cannot read /data/seed_point/wm.nii", "cannot read /data/seed_point/wm.nii"),
+    ):
+        assert in_options(text, flatten) == shown
+        assert in_options(text, None) == text

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 CLUSTER = ROOT / "docs" / "cluster"
 DESCRIPTOR = CLUSTER / "voxflat.boutiques.json"
 GIVEN = {"source": str(ROOT), "out": "maps", "level": "participant", "labels": ["01", "02"], "hemis": ["L"]}
-GIVEN |= {"overlays": ["thickness", "curv"], "cuts": "auto", "volume": True, "dry_run": True, "threads": 2}
+GIVEN |= {"overlays": ["thickness", "curv"], "cuts": "automatic", "volume": True, "dry_run": True, "threads": 2}
 GIVEN |= {"memory_limit": "4G", "dask": "local"}
 
 

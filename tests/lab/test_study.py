@@ -212,7 +212,7 @@ def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     nib.save(nib.MGHImage(filled, np.diag([2.0, 2, 2, 1])), mri / "filled.mgz")
     nib.save(nib.MGHImage(i.astype(np.float32), np.diag([2.0, 2, 2, 1])), mri / "i.mgz")
     command = ["bids", tmp_path / "subjects", tmp_path / "out", "participant", "--volume", "--hemi", "R"]
-    succeed(*command, "--cuts", "auto", "--overlay", "mri/i.mgz")
+    succeed(*command, "--cuts", "automatic", "--overlay", "mri/i.mgz")
     made = tmp_path / "out" / "sub-1" / "anat"
     flat = voxflat.load(made / "sub-1_hemi-R_desc-voxflat_flat.npz")
     values = nib.load(made / "sub-1_hemi-R_desc-voxflat_i.shape.gii").agg_data()

@@ -4,6 +4,7 @@ import atexit
 import json
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -55,7 +56,7 @@ class Program(cloup.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
-            text = user_message(error)
+            text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")))
             _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
         return status if isinstance(status, int) else 0
@@ -182,12 +183,30 @@ class Bars:
         self._bar.clear()
 
 
+def in_options(text: str, command: click.Command | None) -> str:
+    """Return a message with options of a command, such as --no-relax, in place of relax=False."""
+    names = {one.name for one in command.params if isinstance(one, click.Option)} if command else set()
+
+    def option(found: re.Match[str]) -> str:
+        name, value = found["name"], found["value"]
+        if name not in names or not (value or "_" in name):
+            return found[0]
+        flag = name.replace("_", "-")
+        if value in ("False", "True"):
+            return f"--{'no-' if value == 'False' else ''}{flag}"
+        return f"--{flag} {value.strip(chr(39))}" if value else f"--{flag}"
+
+    return re.sub(r"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>False|True|'[^']*'))?(?![\w/=(])", option, text)
+
+
 class _Notes(logging.Handler):
     """Print the notes and warnings that the package logs on stderr, above the bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
         kind = "warning: " if record.levelno >= logging.WARNING else ""
-        tqdm.write(f"voxflat: {kind}{record.getMessage()}", file=_STDERR)
+        context = click.get_current_context(silent=True)
+        text = in_options(record.getMessage(), context and context.command)
+        tqdm.write(f"voxflat: {kind}{text}", file=_STDERR)
 
 
 @contextmanager
