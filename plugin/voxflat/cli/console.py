@@ -205,7 +205,7 @@ class _Notes(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         kind = "warning: " if record.levelno >= logging.WARNING else ""
         context = click.get_current_context(silent=True)
-        text = in_options(record.getMessage(), context and context.command)
+        text = in_options(record.getMessage(), context.command if context else None)
         tqdm.write(f"voxflat: {kind}{text}", file=_STDERR)
 
 
