@@ -2,7 +2,6 @@
 
 import gzip
 import io
-import os
 import subprocess
 import sys
 import time
@@ -80,10 +79,10 @@ BIG = {
 
 def most_memory():
     """Return the most bytes that this process has had."""
-    if os.name == "nt":
-        return psutil.Process().memory_info().peak_wset
-    import resource
-
+    try:
+        import resource
+    except ImportError:  # Windows
+        return getattr(psutil.Process().memory_info(), "peak_wset", 0)
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
