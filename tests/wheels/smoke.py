@@ -10,7 +10,6 @@
 import argparse
 import contextlib
 import io
-import os
 import platform
 import shutil
 import sys
@@ -73,12 +72,13 @@ def maps():
 
 def command(*words):
     """Run a command in this process, which an emulator may run; return what it printed."""
-    printed = io.StringIO()
+    printed, status = io.StringIO(), None
     with contextlib.redirect_stdout(printed):
         try:
             cli.main([str(word) for word in words], prog_name="voxflat")
         except SystemExit as done:
-            assert not done.code, printed.getvalue()
+            status = done.code
+    assert not status, printed.getvalue()
     return printed.getvalue()
 
 
