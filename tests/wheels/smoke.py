@@ -98,9 +98,8 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     assert Path(sys.prefix).resolve() in Path(voxflat.__file__).resolve().parents, voxflat.__file__
     assert shutil.which("cargo") is None, "cargo is there: run this without"
-    print(
-        f"voxflat {voxflat.__version__}, Python {platform.python_version()}, {platform.machine()}, {os.name}; ", end=""
-    )
+    system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
+    print(f"voxflat {voxflat.__version__}, {system};", end=" ")
     print(", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "click", "pillow", "matplotlib")))
     print(f"imported in {seconds:.2f} s")
     found = maps()
