@@ -12,7 +12,6 @@ import contextlib
 import io
 import platform
 import shutil
-import sys
 import tempfile
 import time
 from importlib.metadata import version
@@ -96,7 +95,7 @@ if __name__ == "__main__":
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--against", type=Path)
     asked = parser.parse_args()
-    assert Path(sys.prefix).resolve() in Path(voxflat.__file__).resolve().parents, voxflat.__file__
+    assert "plugin" not in Path(voxflat.__file__).parts, f"{voxflat.__file__} is the checkout"
     assert shutil.which("cargo") is None, "cargo is there: run this without"
     system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
     print(f"voxflat {voxflat.__version__}, {system};", end=" ")
