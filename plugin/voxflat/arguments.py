@@ -5,6 +5,7 @@ import logging
 import math
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from numbers import Integral, Real
@@ -199,24 +200,28 @@ def _free_addresses() -> float:
     return limit - process.memory_info().vms - _STACK_ADDRESSES
 
 
+def _has_glibc() -> bool:
+    return sys.platform == "linux" and platform.libc_ver()[0] == "glibc"  # it cannot read Python's file on Windows
+
+
 @lru_cache(maxsize=1)
 def give_back_memory() -> None:
     """Return freed arrays to the system: glibc keeps those up to 32 MiB, a third of all memory for 100,000 vertices."""
-    if platform.libc_ver()[0] == "glibc":
+    if _has_glibc():
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE_ARRAY)
 
 
 @lru_cache(maxsize=1)
 def _share_one_heap() -> None:
     """Let threads share one heap if address space is limited: glibc reserves 64 MiB for the heap of each thread."""
-    if platform.libc_ver()[0] == "glibc":
+    if _has_glibc():
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _free_in_cgroups() -> float:
     """Return the bytes that the control groups of this process (version 1 or 2) leave."""
     try:
-        lines = _OWN_CGROUPS.read_text().splitlines()
+        lines = _OWN_CGROUPS.read_text("utf-8").splitlines()
     except OSError:
         return math.inf
     least = math.inf
@@ -239,9 +244,9 @@ def _free_in_cgroups() -> float:
 def _free_in(group: Path, limit: str, usage: str, reclaimable: str) -> float:
     """Return the bytes that one group leaves; unused pages of the file cache count as free."""
     try:
-        most = int((group / limit).read_text())
-        used = int((group / usage).read_text())
-        words = [line.split() for line in (group / "memory.stat").read_text().splitlines()]
+        most = int((group / limit).read_text("utf-8"))
+        used = int((group / usage).read_text("utf-8"))
+        words = [line.split() for line in (group / "memory.stat").read_text("utf-8").splitlines()]
         return most - used + sum(int(value) for name, value in words if name == reclaimable)
     except (OSError, ValueError):  # the group does not exist here, or has no limit ("max")
         return math.inf

@@ -67,7 +67,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     for name, write in pictures.items():
         write(output / name)
     summary = _summary(flat_map, seconds)
-    (output / "summary.txt").write_text(summary + "\n")
+    (output / "summary.txt").write_text(summary + "\n", encoding="utf-8", newline="\n")
     tell(summary)
     tell(f"\nThe results are in {output.resolve()}:")
     tell("  map.npz, summary.txt, " + ", ".join(pictures))

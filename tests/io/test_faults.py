@@ -3,7 +3,6 @@
 import errno
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from voxflat import figures, io
 from voxflat.maps.raster import FlatImage
 from voxflat.methods import Voxflat
 
+resource = pytest.importorskip("resource", reason="Windows has neither limits of a process nor signals of POSIX")
 pytestmark = pytest.mark.slow
 
 

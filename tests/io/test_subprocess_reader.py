@@ -70,6 +70,7 @@ def found_by_the_child(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
         with pytest.raises(InputError, match=rf"^VTK ended while .* \({name}, memory limit .*\). Copy or .*, or allow"):
@@ -80,6 +81,7 @@ def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not hasattr(psutil, "RLIMIT_AS"), reason="this system limits no memory of a process")
 def test_it_takes_no_more_than_the_limit(path):
     limit = 1 << 28
     with reading(limit):
@@ -130,7 +132,7 @@ def test_threads_and_forks_share_no_answer(path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL, None])
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGKILL", 9), None])
 def test_nothing_is_left_of_it(path, ending, tmp_path):
     """Neither when the caller ends nor when it is ended; modules in the working directory are not taken."""
     (tmp_path / "numpy.py").write_text("raise SystemExit('taken')")
@@ -149,6 +151,7 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_a_call_that_is_broken_off_ends_the_child(path):
     """What the child would have said is not taken for the answer to the next question."""
     size(path)

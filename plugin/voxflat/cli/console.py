@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import importlib
+import io
 import json
 import logging
 import os
@@ -109,7 +110,7 @@ def _sigterm_as_interrupt() -> Iterator[None]:
 
 
 def _replace_closed_files() -> None:
-    """Replace closed standard streams, or a result's file would get their descriptors."""
+    """Replace closed standard streams, or a result's file would get their descriptors; never fail to print a letter."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -117,10 +118,12 @@ def _replace_closed_files() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor, which is this one
     sys.stdout = sys.stdout or _null_stream()
     sys.stderr = sys.stderr or _null_stream()
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr does: pipes of Windows have no Greek letters
 
 
 def _null_stream() -> TextIO:
-    return open(os.devnull, "w")
+    return open(os.devnull, "w", encoding="utf-8", newline="\n")
 
 
 def _failed(arguments: list[str], text: str, status: int, remedy: str = "") -> int:

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,8 @@ from voxflat.io.provenance import check_beside, sidecar_of
 
 FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 """The file name extensions of figures."""
+
+_IGNORES_CASE = sys.platform in ("win32", "darwin")  # whether A.npz and a.npz are usually one file
 
 READ, WRITTEN = "voxflat.read", "voxflat.written"
 """The keys under which the context of a command holds the files that it reads and writes."""
@@ -68,7 +71,8 @@ def _is_same(a: Path, b: Path) -> bool:
     """Return whether two paths are the same file; paths of files that do not exist yet are compared by name."""
     if a.exists() and b.exists():
         return a.samefile(b)
-    return os.path.realpath(a) == os.path.realpath(b)
+    paths = [os.path.realpath(path) for path in (a, b)]
+    return paths[0] == paths[1] or (_IGNORES_CASE and paths[0].casefold() == paths[1].casefold())
 
 
 def print_json(content: dict[str, Any]) -> None:

@@ -118,7 +118,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
             yield Cluster(client)
         return
     try:  # the client would wait for a file forever
-        at = json.loads(Path(address).read_text())["address"] if address.endswith(".json") else address
+        at = json.loads(Path(address).read_text(encoding="utf-8"))["address"] if address.endswith(".json") else address
         client = distributed.Client(at, timeout=_PATIENCE)
     except (OSError, ValueError, KeyError, TypeError) as error:
         why = "Check that it is running and can be reached from this machine"

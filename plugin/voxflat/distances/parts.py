@@ -123,7 +123,7 @@ def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict
 @contextmanager
 def _locked(store: Path) -> Iterator[None]:
     """Hold the lock of a store, as the core does while it computes."""
-    with naming_file(store), (store / "lock").open("r+") as lock:
+    with naming_file(store), (store / "lock").open("r+", encoding="utf-8", newline="\n") as lock:
         if fcntl is not None:
             deadline = time.monotonic() + _PATIENCE
             while True:
@@ -168,7 +168,7 @@ def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
         place = store / "parts" / str(rows[0])
         place.mkdir()
         with atomic_path(place / "rows.json") as temporary:
-            temporary.write_text(json.dumps(rows.tolist()))
+            temporary.write_text(json.dumps(rows.tolist()), encoding="utf-8", newline="\n")
         places.append(place)
     return places
 
@@ -230,7 +230,7 @@ def _part(
     """Compute the rows of a part; return their checksums."""
     store = part.parents[1]
     core = _surface(wanted.surface, store / "parts" / "surface")
-    rows = json.loads((part / "rows.json").read_text())
+    rows = json.loads((part / "rows.json").read_text(encoding="utf-8"))
     need = _core.store_memory_need(len(core), len(rows), threads)
     check_memory(need, memory_limit, "use fewer threads")
     chosen = np.asarray(Table.open(store / "sources.npy")).astype(np.uint32)

@@ -106,7 +106,7 @@ def read_description(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one")
     check_regular_within(path)
     try:
-        described = from_json(file.read_text())
+        described = from_json(file.read_text(encoding="utf-8"))
         named = described["format"]
         wanted = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
         if named == FORMAT and not all(name in described for name in wanted):
@@ -120,7 +120,7 @@ def read_description(path: Path) -> dict[str, Any]:
 def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
     """Write the record of how rows were made into their store."""
     with atomic_path(Path(path) / "provenance.json") as temporary:
-        temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8", newline="\n")
 
 
 def read_provenance(path: Path) -> Record:
@@ -173,7 +173,7 @@ def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]
             save_array(beside / f"{name}.npy", array)
             with (beside / f"{name}.npy").open("r+b") as file:
                 _to_disk(file)
-        with (beside / "store.json").open("x") as text:
+        with (beside / "store.json").open("x", encoding="utf-8", newline="\n") as text:
             text.write(json.dumps(identity, indent=2) + "\n")
             _to_disk(text)
         with suppress(FileNotFoundError):
@@ -244,7 +244,7 @@ def read_journal(store: Path) -> Journal:
     """Read the journal of a store; lines that cannot be read are ignored, and their rows count as unfinished."""
     path = store / "journal.jsonl"
     try:
-        first, *lines = path.read_text(errors="replace").splitlines() or [""]
+        first, *lines = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
         header = from_json(first)
         rows, columns = (header.get(name) for name in ("rows", "columns"))
         if not (isinstance(rows, int) and isinstance(columns, int)):
@@ -279,7 +279,7 @@ def complete(store: Path) -> None:
 
 
 def _append(store: Path, text: str) -> None:
-    with (store / "journal.jsonl").open("a") as journal:
+    with (store / "journal.jsonl").open("a", encoding="utf-8", newline="\n") as journal:
         journal.write(text)
         journal.flush()
         os.fsync(journal.fileno())

@@ -49,7 +49,7 @@ def name_layers(path: Path, drawn: Figure) -> None:
     for layer in reversed([layer for layer in layers.values() if len(layer)]):
         root.insert(place, layer)
     body = ElementTree.tostring(root, encoding="unicode")
-    path.write_text((head[0] if head else "") + body + "\n", encoding="utf-8")
+    path.write_text((head[0] if head else "") + body + "\n", encoding="utf-8", newline="\n")
 
 
 def _layer(name: str) -> Any:

@@ -11,11 +11,12 @@ import re
 import shutil
 import stat
 import textwrap
+import time
 import uuid
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,6 +38,7 @@ SAVED_ENDINGS = (".npz", ".voxflat")
 AGAIN = "Copy or download the file again"  # what to do with a file that was cut short
 
 _BLOCK = 1 << 20
+_WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
 _LONGEST_NAME = 255  # bytes, on all common file systems
 
 _LONGEST_ERROR = 2000  # characters
@@ -338,12 +340,23 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         try:
             temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
             yield temporary
-            temporary.replace(path)
+            _replace(temporary, path)
         except Exception:
             _probe(temporary)
             raise
         finally:
-            temporary.unlink(missing_ok=True)
+            with suppress(PermissionError):  # Windows deletes no file that is open, such as after an error
+                temporary.unlink(missing_ok=True)
+
+
+def _replace(temporary: Path, path: Path) -> None:
+    """Rename a complete file; on Windows, wait a moment for programs such as virus scanners that have it open."""
+    for seconds in _WAITS:
+        with suppress(PermissionError):
+            temporary.replace(path)
+            return
+        time.sleep(seconds)
+    temporary.replace(path)
 
 
 @contextmanager

@@ -257,4 +257,4 @@ def saving(
     yield path
     if sidecar:
         with atomic_path(sidecar_of(path)) as temporary:
-            temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8")
+            temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8", newline="\n")

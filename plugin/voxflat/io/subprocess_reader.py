@@ -4,7 +4,8 @@ ITK and VTK trust the files that they read, and so do the decoders of Zarr chunk
 the process, take all its memory, print messages, or never finish. Therefore they read in a child process, which is
 started on first use, kept, and restarted after a crash. The system limits its memory and time for each file, its output
 is discarded, and its answers are JSON and the bytes of arrays, which are checked here. In every case the caller gets an
-error of one line. On systems without such limits (Windows), a file may take long and use much memory.
+error of one line. On systems without such limits (Windows, and for memory macOS), a file may
+take long and use much memory.
 """
 
 import atexit
@@ -121,7 +122,7 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict
     assert child.stdin is not None
     assert child.stdout is not None
     line = b""
-    with contextlib.suppress(BrokenPipeError):
+    with contextlib.suppress(OSError):  # the pipe is broken: EPIPE, or EINVAL on Windows
         child.stdin.write(json.dumps(asked).encode() + b"\n")
         line = child.stdout.readline()
     if not line.endswith(b"\n"):
@@ -262,7 +263,8 @@ def _limit_addresses(most: int | None) -> None:
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     soft = hard if most is None else min(psutil.Process().memory_info().vms + most, sys.maxsize)
-    resource.setrlimit(resource.RLIMIT_AS, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
+    with contextlib.suppress(ValueError):  # macOS takes no limit below what a process has reserved
+        resource.setrlimit(resource.RLIMIT_AS, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

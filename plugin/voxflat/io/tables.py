@@ -35,7 +35,7 @@ class PointTable:
         writer.writerow([*(self.header or [*"xyz", *(f"column{n}" for n in range(4, len(self.rows[0]) + 1))]), *more])
         writer.writerows([*row, *(column[n] for column in columns)] for n, row in enumerate(self.rows))
         with atomic_path(path) as temporary:
-            temporary.write_text(text.getvalue(), encoding="utf-8")
+            temporary.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:

@@ -95,7 +95,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
         overlays[_USUAL_OVERLAY] = usual
     for text in parameters.overlays:
         name = _name_of(text)
-        if name in overlays:
+        if name.lower() in map(str.lower, overlays):  # files of the results are named by it
             raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
         overlays[name] = find.one(text) or _given(find, text, "the overlay")
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None

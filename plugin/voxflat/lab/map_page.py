@@ -84,7 +84,7 @@ class MapPage:
         if path.suffix.lower() not in (".html", ".htm"):
             raise InputError(f"{path.name}: cannot save a page in this format. Use a name that ends in .html")
         with atomic_path(path) as beside:
-            beside.write_text(self.html, encoding="utf-8")
+            beside.write_text(self.html, encoding="utf-8", newline="\n")
 
 
 def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:

@@ -334,7 +334,7 @@ class WorstPlaces(Recorded):
             content["drop"] = np.setdiff1d(np.arange(self.flat_map.metadata["vertices"]), self.flat_map.ids).tolist()
         content["provenance"] = self.provenance
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(as_text(content) + "\n", encoding="utf-8")
+            beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of all regions, ready for JSON.
@@ -445,7 +445,7 @@ class WorstPlaces(Recorded):
             cells = [["n/a" if row[name] is None else _cell(row[name]) for name in columns] for row in rows]
             text = "\n".join("\t".join(row) for row in [columns, *cells])
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(text + "\n", encoding="utf-8")
+            beside.write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
 def _row(place: WorstPlace) -> list[str]:

@@ -287,7 +287,7 @@ class CutSurface(Generic[_Surface]):
         content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
         content["provenance"] = self.provenance
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(as_text(content) + "\n", encoding="utf-8")
+            beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
     def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the cuts, and the border of the excluded region, as a template.
@@ -336,7 +336,7 @@ class CutSurface(Generic[_Surface]):
         template = replace(template_of(self.whole, kept, cuts, self.sphere), name=Path(path).stem)
         template = replace(template, provenance=self.provenance)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(template.as_json(), encoding="utf-8")
+            beside.write_text(template.as_json(), encoding="utf-8", newline="\n")
 
     def _vertices(self, cut: Cut) -> NDArray[np.int64]:
         """Return the vertices of the whole surface along a cut."""

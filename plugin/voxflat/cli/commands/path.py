@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 import cloup
-import numpy as np
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
@@ -64,7 +63,7 @@ def command(
         found = whole.path(*stops, geodesic=given["geodesic"], link_lengths=given["link_lengths"])
     if output is not None:
         with saving(output, found.provenance, **writing), atomic_path(output) as beside:
-            np.savetxt(beside, found.ids, fmt="%d")
+            beside.write_text("".join(f"{one}\n" for one in found.ids), encoding="utf-8", newline="\n")
     if as_json:
         points = {"points": found.points.tolist(), "space": found.space._described()}
         content = {"length": found.length, "ids": found.ids.tolist(), **points}

@@ -191,7 +191,7 @@ def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.floa
     shown = "".join(letter if letter.isprintable() else "_" for letter in name)
     rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]
     text = f"#!ascii label {shown}, from voxflat vox2ras=TkReg\n{len(vertices)}\n" + "".join(rows)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:

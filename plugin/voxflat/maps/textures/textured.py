@@ -222,7 +222,7 @@ def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
     lines = ["# voxflat", "newmtl texture", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 1", f"map_Kd {picture}"]
     if surface.picture.shape[2] == 4:
         lines.append(f"map_d {picture}")
-    files[1].write_text("\n".join(lines) + "\n", encoding="utf-8")
+    files[1].write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     obj.write_obj(files[0], surface.points, surface.faces, surface.texture_coordinates, library, surface.texture_faces)
     files[2].write_bytes(_png(surface))
 

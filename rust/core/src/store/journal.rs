@@ -74,7 +74,7 @@ impl Journal {
         let beside = path.with_extension("new");
         let write = || {
             fs::write(&beside, text)?;
-            File::open(&beside)?.sync_all()?;
+            OpenOptions::new().write(true).open(&beside)?.sync_all()?; // Windows cannot do so of a file to be read
             fs::rename(&beside, &path)?;
             OpenOptions::new().append(true).open(&path)
         };

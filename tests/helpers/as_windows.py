@@ -1,0 +1,72 @@
+"""A pytest plugin (`pytest -p as_windows`) that takes away what Windows lacks, as far as another system can.
+
+Modules and signals of POSIX do not exist, a file that this process has open is neither renamed, replaced nor deleted,
+a broken pipe is EINVAL, and text files without a stated encoding are warned of. What it cannot simulate: paths with
+drives, device names, exclusive locks, and what other processes have open.
+"""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+MODULES = ("fcntl", "grp", "pty", "pwd", "resource", "termios")
+NAMES = {
+    os: ("fork", "geteuid", "mkfifo", "register_at_fork", "statvfs", "killpg"),
+    signal: (
+        "SIGALRM",
+        "SIGHUP",
+        "SIGKILL",
+        "SIGPROF",
+        "alarm",
+        "pthread_kill",
+        "setitimer",
+        "ITIMER_PROF",
+        "ITIMER_REAL",
+    ),
+}
+
+
+def pytest_configure():
+    for module, names in NAMES.items():
+        for name in names:
+            if hasattr(module, name):
+                delattr(module, name)
+    for name in MODULES:
+        sys.modules[name] = None
+    for name in ("rename", "replace", "unlink", "remove", "rmdir"):
+        setattr(os, name, refusing(getattr(os, name)))
+    subprocess.Popen.kill = subprocess.Popen.terminate
+
+
+def refusing(usual):
+    """Return a function of the system that refuses files that are open."""
+
+    def call(path, *others, **more):
+        for one in (path, *others[:1]):
+            if isinstance(one, str | bytes | os.PathLike) and (number := descriptor_of(one)) is not None:
+                raise PermissionError(errno.EACCES, f"descriptor {number} has it open", os.fspath(one))
+        return usual(path, *others, **more)
+
+    return call
+
+
+def descriptor_of(path):
+    """Return a descriptor of this process by which a file, or one in a directory, is open; None if there is none."""
+    wanted = os.path.realpath(os.fspath(path))
+    for number in os.listdir("/proc/self/fd"):
+        try:
+            found = os.readlink(f"/proc/self/fd/{number}")
+        except OSError:  # that of listdir itself
+            continue
+        if found == wanted or (os.path.isdir(wanted) and found.startswith(wanted + os.sep)):
+            return number
+    return None
+
+
+@pytest.fixture(autouse=True)
+def _nothing_waits(monkeypatch):
+    monkeypatch.setattr("voxflat.io.files._WAITS", ())

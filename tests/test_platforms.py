@@ -1,0 +1,163 @@
+"""What differs between systems, simulated on this one: Windows, macOS, and processes that are started afresh."""
+
+import ast
+import errno
+import io
+import multiprocessing
+import platform
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from command_line import fail
+from refusals import refused
+
+import voxflat
+from voxflat import arguments, cli
+from voxflat.cli import output
+from voxflat.io import files, subprocess_reader
+from voxflat.lab.inputs import Parameters, found_in
+from voxflat.methods import Voxflat
+
+PACKAGE = Path(voxflat.__file__).parent
+
+
+def sheet():
+    return np.ones((9, 9, 1), np.uint8)
+
+
+def calls_of_methods():
+    """Yield each call of a method in the package: where it is, its name, first constant and names of arguments."""
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                first = next((str(one.value) for one in node.args if isinstance(one, ast.Constant)), "")
+                yield f"{path.name}:{node.lineno}", node.func.attr, first, {one.arg for one in node.keywords}
+
+
+def test_text_files_have_the_same_bytes_on_every_system():
+    """Windows would write another encoding and other ends of lines."""
+    wanted = {"write_text": {"encoding", "newline"}, "open": {"encoding", "newline"}, "read_text": {"encoding"}}
+    seen = set()
+    for place, name, first, given in calls_of_methods():
+        if name in wanted and (name != "open" or (first[:1] in set("wxar") and "b" not in first)):
+            assert given >= wanted[name] or first == "utf-8", place
+            seen.add(name)
+    assert seen == set(wanted)
+
+
+@pytest.mark.parametrize("encoding", ["cp932", "cp1252"])
+def test_help_is_printed_to_pipes_without_greek_letters(monkeypatch, encoding):
+    printed = io.TextIOWrapper(io.BytesIO(), encoding)
+    monkeypatch.setattr(sys, "stdout", printed)
+    with pytest.raises(SystemExit) as done:
+        cli.main(["patches", "--help"], prog_name="voxflat")
+    assert done.value.code == 0
+    printed.seek(0)
+    text = printed.read()
+    assert "θ" in text or "\\u03b8" in text
+
+
+def test_a_file_that_another_program_holds_for_a_moment_is_replaced(tmp_path, monkeypatch):
+    usual, asked = Path.replace, []
+
+    def replace(one, other):
+        asked.append(one)
+        if len(asked) < 3:
+            raise PermissionError(errno.EACCES, "used by another process")
+        return usual(one, other)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    monkeypatch.setattr(files, "_WAITS", (0.01, 0.01))
+    with voxflat.io.atomic_path(tmp_path / "a.txt") as beside:
+        beside.write_bytes(b"new")
+    assert ([path.name for path in tmp_path.iterdir()], len(asked)) == (["a.txt"], 3)
+    asked.clear()
+    monkeypatch.setattr(files, "_WAITS", (0.01,))
+    with (
+        pytest.raises(PermissionError, match="used by another process") as told,
+        voxflat.io.atomic_path(tmp_path / "b"),
+    ):
+        pass
+    assert told.value.filename == str(tmp_path / "b")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_an_open_file_that_cannot_be_deleted_hides_no_error(tmp_path, monkeypatch):
+    def unlink(path, missing_ok=False):
+        raise PermissionError(errno.EACCES, "used by this process")
+
+    monkeypatch.setattr(Path, "unlink", unlink)
+    with pytest.raises(ZeroDivisionError), voxflat.io.atomic_path(tmp_path / "a.txt"):
+        raise ZeroDivisionError
+
+
+def test_a_broken_pipe_is_the_end_of_the_reader(monkeypatch):
+    def write(line):
+        raise OSError(errno.EINVAL, "Invalid argument")  # as Windows says it
+
+    monkeypatch.setattr(subprocess_reader, "_stop", lambda patience: None)
+    child = SimpleNamespace(stdin=SimpleNamespace(write=write), stdout=io.BytesIO(), returncode=3221225477)
+    asked = {"package": "PIL", "seconds": 5, "memory": 1 << 20}
+    refused(r"Pillow ended while it read the file \(status 3221225477", subprocess_reader._answer, child, asked)
+
+
+def test_limits_that_a_system_refuses_are_left_out(monkeypatch):
+    resource = pytest.importorskip("resource")
+    told = []
+
+    def refuses(kind, limits):
+        told.append(kind)
+        if kind == resource.RLIMIT_AS:
+            raise ValueError("current limit exceeds maximum limit")  # macOS
+
+    monkeypatch.setattr(resource, "setrlimit", refuses)
+    subprocess_reader._limit_addresses(1 << 30)
+    assert told == [resource.RLIMIT_AS, resource.RLIMIT_CORE]
+    monkeypatch.setitem(sys.modules, "resource", None)  # Windows
+    subprocess_reader._limit_addresses(1 << 30)
+
+
+def test_glibc_is_looked_for_on_linux_alone(monkeypatch):
+    def unreadable():
+        raise OSError(errno.EINVAL, "python.exe of the Microsoft Store is no file that can be read")
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(platform, "libc_ver", unreadable)
+    arguments.give_back_memory.__wrapped__()
+    arguments._share_one_heap.__wrapped__()
+
+
+def test_names_that_differ_in_case_are_one_file_where_the_system_says_so(tmp_path, monkeypatch):
+    paths = [tmp_path / "Map.npz", tmp_path / "map.npz"]
+    monkeypatch.setattr(output, "_IGNORES_CASE", False)
+    assert not output._is_same(*paths)
+    monkeypatch.setattr(output, "_IGNORES_CASE", True)
+    assert output._is_same(*paths)
+    np.save(tmp_path / "v.npy", sheet())
+    monkeypatch.chdir(tmp_path)
+    fail(
+        1, "twice. Choose another name", "surface", "v.npy", "--repair", "voxels", "--repaired", "A.vtp", "-o", "a.vtp"
+    )
+
+
+def test_overlays_whose_names_differ_in_case_are_refused(tmp_path):
+    (tmp_path / "surf").mkdir()
+    for name in ("lh.white", "lh.pial", "lh.sphere.reg", "lh.area", "lh.Area"):
+        (tmp_path / "surf" / name).touch()
+    parameters = Parameters(overlays=("surf/{hemi}.area", "surf/{hemi}.Area"))
+    refused("two overlays have the name Area", found_in, tmp_path, "lh", parameters)
+
+
+@pytest.mark.slow
+def test_a_process_that_is_started_afresh_has_the_same_map():
+    """By spawn, as on Windows and macOS; nothing is inherited from this process."""
+    expected = voxflat.flatten(sheet(), Voxflat(sources=20))
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        found = pool.submit(voxflat.flatten, sheet(), Voxflat(sources=20)).result()
+        again = pool.submit(np.asarray, expected.uv).result()
+    np.testing.assert_array_equal(found.uv, expected.uv)
+    np.testing.assert_array_equal(again, expected.uv)
