@@ -72,6 +72,7 @@ class Program(cloup.Group):
         if cmd_name not in self.commands:
             return None
         command: click.Command = importlib.import_module(f"voxflat.cli.commands.{cmd_name}").command
+        command.context_settings = {**self.context_settings, **command.context_settings}  # -h, whoever parses
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
