@@ -4,8 +4,8 @@
 An atlas with names
 ===================
 
-Borders, colours and names come from the label file. Names that have no room in their parcel are left out; a wider
-figure has room for more. In an SVG the names are text, and ``curvature``, ``parcels``, ``names`` and ``marks`` are
+Borders, colours and names come from the label file. Names that do not fit in their parcel are omitted; a wider figure
+fits more names. In an SVG file the names are text, and ``curvature``, ``parcels``, ``names`` and ``marks`` are
 layers.
 
 .. code-block:: console

@@ -3,9 +3,9 @@ A statistic on both hemispheres, straight from a volume
 =======================================================
 
 No surfaces are needed: both hemispheres are extracted from the white-matter probability of the MNI152 template,
-registered by their folds, and cut along standard cuts. The statistic is sampled 2 mm outside white matter, in the
-grey matter. The template's file has values up to 255, which ``demo.demo_cortex`` divides by 255. A threshold of 0.5 in
-Python is therefore 127.5 on the command line.
+registered by their folds, and cut along standard cuts. The statistic is sampled 2 mm outside the white matter, in the
+grey matter. The template file has values up to 255, which ``demo.demo_cortex`` divides by 255. A threshold of 0.5 in
+Python therefore corresponds to 127.5 on the command line.
 
 .. code-block:: console
 

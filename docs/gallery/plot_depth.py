@@ -4,8 +4,8 @@
 Three depths
 ============
 
-The same patch of cortex in a T1 image, at three distances from the border of white matter: 1 mm inside, in white
-matter; 1 mm outside, in grey matter; 3 mm outside, at the outer border. With a white and a pial surface,
+The figures show the same patch of cortex in a T1 image at three distances from the white-matter border: 1 mm inside,
+in white matter; 1 mm outside, in grey matter; and 3 mm outside, at the outer border. With a white and a pial surface,
 ``fraction=0.5`` is the middle of the cortex instead.
 
 .. code-block:: console

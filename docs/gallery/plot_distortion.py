@@ -2,7 +2,7 @@
 Distortion of a map
 ===================
 
-The heat map shows for each place the mean relative error of the distances from there. Dark places are reliable.
+The heat map shows the mean relative error of the distances from each point. Dark regions are reliable.
 
 .. code-block:: console
 
@@ -18,11 +18,11 @@ flat_map = surface.disk(demo.SEED_POINT, radius=45).flatten()
 figures.heat_map(flat_map)
 
 # %%
-# The same colours on the folded surface.
+# Show the same colours on the folded surface.
 
 figures.patch_3d(flat_map)
 
 # %%
-# Each pair of points: the distance on the surface, and on the map. Without distortion all would lie on the diagonal.
+# Compare distances on the surface and on the map. Without distortion, all pairs would lie on the diagonal.
 
 figures.scatter(flat_map)

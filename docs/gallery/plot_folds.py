@@ -3,7 +3,7 @@ Folds
 =====
 
 Without data, a figure shows the folds: gyri are light, sulci are dark. The default is the mean curvature of the
-surface before it was cut. ``underlay="sulcal depth"`` shows how deep each place lies.
+surface before it was cut. ``underlay="sulcal depth"`` shows the depth of each point.
 
 .. code-block:: console
 

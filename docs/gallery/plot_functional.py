@@ -2,8 +2,8 @@
 Movies and phases
 =================
 
-A series becomes a movie, in one colour scale and with the time. The data are simulated: a wedge turns around the
-visual field once in 32 s, and the visual cortex responds with noise.
+A time series becomes a movie with a fixed colour scale and the time. The data are simulated: a wedge rotates through
+the visual field once every 32 s, and the visual cortex gives a noisy response.
 
 .. code-block:: console
 
@@ -32,8 +32,8 @@ look = {"threshold": 0.8, "limits": (-3, 3), "label": "signal change (%), simula
 figures.movie(flat_map, figures.Overlay(series[:, :16], **look, time_step=2), rate=8, size=480)
 
 # %%
-# A phase has a period, a cyclic colour map, and a wheel in place of the colour bar. Only places with a coherence
-# greater than 0.4 are shown.
+# A phase map has a period, a cyclic colour map, and a colour wheel instead of a colour bar. Only points with a
+# coherence above 0.4 are shown.
 
 spectrum = np.fft.rfft(series, axis=1)[:, 1:]
 phase = np.degrees(-np.angle(spectrum[:, 3])) % 360

@@ -4,9 +4,9 @@
 In PyVista
 ==========
 
-Once voxflat is installed, every PyVista mesh has ``mesh.voxflat``. Here a hemisphere is flattened, and shown beside
-its map. In a window, a click on either side marks the same place on both. ``"areal"`` is log2 of the area on the map
-over the area on the surface: 0 is no change, 1 is twice as large.
+Once voxflat is installed, every PyVista mesh has the accessor ``mesh.voxflat``. Here a hemisphere is flattened and
+shown next to its map. In an interactive window, a click on either side marks the same point on both. ``"areal"`` is
+log2 of the area on the map over the area on the surface: 0 means no change, and 1 means twice as large.
 """
 
 from pathlib import Path
@@ -29,10 +29,10 @@ flat.voxflat.plot("areal", window_size=(1400, 700)).image
 mesh.voxflat.patches(bound=1.5).voxflat.plot("patch", window_size=(1400, 700)).image
 
 # %%
-# Distances along the surface from a vertex.
+# The next figure shows distances along the surface from one vertex.
 
 mesh.voxflat.geodesic(0).plot(scalars="geodesic_distance", cpos="yz", return_img=True, window_size=(900, 600))
 
 # %%
 # ``flat.voxflat.morph(40).save("unfold.gif")`` writes a movie that unfolds the surface into its map, and
-# ``flat.voxflat.export_html("map.html")`` writes a page for browsers that shows both.
+# ``flat.voxflat.export_html("map.html")`` writes a web page that shows both.

@@ -4,9 +4,9 @@
 From a FreeSurfer study to a group report
 =========================================
 
-You have a study whose subjects FreeSurfer's ``recon-all`` has finished. Two commands flatten every hemisphere, write
-a report for each subject, and compare all subjects on one page. This tutorial runs both and looks at what they write.
-It takes about half a minute.
+Suppose you have processed all subjects of a study with FreeSurfer's ``recon-all``. Two commands flatten every
+hemisphere, write a report for each subject, and compare all subjects on one page. This tutorial runs both and
+examines their output. It runs in about half a minute.
 """
 
 import base64
@@ -26,16 +26,16 @@ from PIL import Image
 # %%
 # A small study
 # -------------
-# The study has to come from somewhere. We write three subjects in FreeSurfer's layout: fsaverage5 from nilearn, each
-# time with another size and gently bent, so that no two brains are alike. With data of your own, skip this step and
-# point ``study`` to the folder that holds ``sub-01/surf/lh.white`` and so on.
+# First, we create a small study with three subjects in FreeSurfer's layout: copies of fsaverage5 from nilearn, each
+# with a different size and slightly bent, so that no two brains are alike. With your own data, skip this step and set
+# ``study`` to the folder that contains ``sub-01/surf/lh.white`` and so on.
 
 fsaverage5 = Path(datasets.__file__).parent / "data" / "fsaverage5"
 study = Path(tempfile.mkdtemp()) / "study"
 
 
 def write_subject(folder, seed):
-    """Write the files of a subject that voxflat reads: white, pial and registered sphere, and the thickness."""
+    """Write the subject files that voxflat reads: white and pial surfaces, registered sphere and thickness."""
     random = np.random.default_rng(seed)
     size, waves, phases = random.uniform(0.94, 1.06, 3), random.normal(scale=0.04, size=(3, 3)), random.uniform(0, 6, 3)
     surf = folder / "surf"
@@ -56,14 +56,14 @@ for number in (1, 2, 3):
 # %%
 # Flatten all subjects
 # --------------------
-# ``voxflat bids STUDY OUTPUT participant`` finds the subjects and flattens both hemispheres of each one. All maps
-# have the same standard cuts. If one subject fails, for example because a file is missing, the others are still
-# processed, and the report gives the reason. ``--participant-label 01`` restricts the work to one subject, as a
-# cluster job does.
+# ``voxflat bids STUDY OUTPUT participant`` finds the subjects and flattens both hemispheres of each. All maps have
+# the same standard cuts. If one subject fails, for example because a file is missing, the others are still processed,
+# and the report gives the reason. ``--participant-label 01`` processes only one subject, for example in a cluster
+# job.
 
 
 def voxflat(*arguments):
-    """Run a voxflat command, as a terminal does, and show what it prints."""
+    """Run a voxflat command as in a terminal, and print its output."""
     command = [sys.executable, "-m", "voxflat.cli", *map(str, arguments)]
     print(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
@@ -72,22 +72,22 @@ maps = study / "maps"
 voxflat("bids", study, maps, "participant")
 
 # %%
-# Each line is one hemisphere: the number of points on its map, and the mean relative error of the distances. Run the
-# command again, and it does only what is missing or out of date:
+# Each line describes one hemisphere: the number of points on its map and the mean relative error of distances. If you
+# run the command again, it processes only missing or outdated results:
 
 voxflat("bids", study, maps, "participant")
 
 # %%
 # What was written
 # ----------------
-# The folder is a BIDS derivative. For each hemisphere there are
+# The output folder is a BIDS derivative. For each hemisphere it contains
 #
 # * ``*_flat.surf.gii``, the map as a flat surface, which Workbench and nilearn open;
 # * ``*_flat.npz``, the complete map, which :func:`voxflat.load` and ``voxflat figure`` open;
 # * ``*.shape.gii``, values at the vertices: thickness, curvature, sulcal depth, and how much the map distorts;
-# * ``*_flat.json``, the distortion figures, warnings, parameters, and the checksums of all files that were read.
+# * ``*_flat.json``, the distortion figures, warnings, parameters, and the checksums of all input files.
 #
-# ``sub-01.html`` is the report of one subject. It is a single file that works without a network.
+# ``sub-01.html`` is the report of one subject. It is a single file that works offline.
 
 for path in sorted((maps / "sub-01" / "anat").glob("*hemi-L*")):
     print(path.name)
@@ -100,10 +100,10 @@ for path in sorted((maps / "sub-01" / "anat").glob("*hemi-L*")):
 voxflat("bids", study, maps, "group")
 
 # %%
-# ``group.html`` shows all maps at one scale, plots each figure of each hemisphere, and marks outliers. Its maps are
-# embedded in the page; here we take them out and show them, left hemispheres above and right hemispheres below.
-# Because the cuts are the same, the maps of one side look alike, and a subject with a bad surface or registration
-# stands out.
+# ``group.html`` shows all maps at the same scale, plots each distortion figure for each hemisphere, and marks
+# outliers. The maps are embedded in the page; here we extract and display them, with left hemispheres above and right
+# hemispheres below. Because the cuts are the same, the maps of one side look alike, so a subject with a poor surface
+# or registration stands out.
 
 page = (maps / "group.html").read_text()
 pictures = [
@@ -118,9 +118,9 @@ for ax, picture, title in zip(axes.ravel(), pictures, 2 * ("sub-01", "sub-02", "
 # %%
 # The mean of the group
 # ---------------------
-# The same level writes the mean and the standard deviation of every overlay, as images on the map with one pixel per
-# mm. Points that correspond between subjects lie 5 to 10 mm apart on standard maps, so the mean is blurred by that
-# much.
+# The ``group`` level also writes the mean and the standard deviation of every overlay as images with one pixel per
+# mm. Corresponding points of different subjects lie 5 to 10 mm apart on standard maps, so the mean is blurred by this
+# distance.
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 for ax, letter, side in zip(axes, "LR", ("left", "right"), strict=True):
@@ -131,11 +131,11 @@ for ax, letter, side in zip(axes, "LR", ("left", "right"), strict=True):
 figure.colorbar(image, ax=axes, label="mm", shrink=0.7)
 
 # %%
-# ``group_desc-voxflat_measures.tsv`` has all figures, one row per hemisphere; its column ``outliers`` names those that
-# deviate from the group.
+# ``group_desc-voxflat_measures.tsv`` lists all figures, with one row per hemisphere; its column ``outliers`` names
+# the figures that deviate from the group.
 #
 # Where to go next
 # ----------------
-# * ``voxflat freesurfer sub-01`` writes the maps of one subject into the subject's own FreeSurfer folder.
+# * ``voxflat freesurfer sub-01`` writes the maps of one subject to its FreeSurfer folder.
 # * :ref:`tutorial-hcp`: surfaces and data of the Human Connectome Project.
-# * The page on clusters shows how to run one job per subject.
+# * The job-array guide shows how to run one job per subject.

@@ -4,9 +4,9 @@
 A closed organ in microscopy
 ============================
 
-voxflat is made for the cortex, but it flattens any surface. This tutorial takes a microscopy stack of an embryo,
-flattens the layer of cells at its surface, and shows the pattern on it: a map of the whole surface at once, instead
-of hundreds of sections. All lengths are in µm. It takes about twenty seconds.
+voxflat is designed for the cortex, but it flattens any surface. This tutorial takes a microscopy stack of an embryo,
+flattens the layer of cells at its surface, and shows their pattern on a single map instead of hundreds of sections.
+All lengths are in µm. The tutorial runs in about twenty seconds.
 """
 
 import tempfile
@@ -23,9 +23,9 @@ from voxflat import figures
 # %%
 # A stack to try it on
 # --------------------
-# No package carries a stack of an embryo, so we make one: a bent ellipsoid, 470 µm long, whose surface is covered by
-# 2000 nuclei. Nuclei shine brighter in seven stripes, like those of a pair-rule gene in *Drosophila*. The stack is
-# saved as an ImageJ TIFF with voxels of 4 µm. With your own stack, start at the next step.
+# No package includes such a stack, so we make one: a bent ellipsoid, 470 µm long, whose surface is covered by 2000
+# nuclei. The nuclei are brighter in seven stripes, like those of a pair-rule gene in *Drosophila*. The stack is saved
+# as an ImageJ TIFF with voxels of 4 µm. With your own stack, start at the next step.
 
 STEP = 4.0  # µm
 random = np.random.default_rng(0)
@@ -54,9 +54,9 @@ for ax, title in zip(axes, ("a page of the stack", "a section across the pages")
 # %%
 # Read it in µm
 # -------------
-# A path is enough for :func:`voxflat.surface`: it reads the size of the voxels from the TIFF and converts it to mm.
-# To see all results in µm, read the pages yourself and give ``spacing`` and ``unit``. The threshold separates tissue
-# from background, and the surface is the border between the two.
+# If you pass a path, :func:`voxflat.surface` reads the voxel size from the TIFF file and converts it to mm. To obtain
+# all results in µm, read the pages yourself and pass ``spacing`` and ``unit``. The threshold separates tissue from
+# background, and the surface is the border between the two.
 
 stack = tifffile.imread(path).transpose(2, 1, 0)
 surface = voxflat.surface(stack, threshold=35, spacing=(STEP, STEP, STEP), unit="µm")
@@ -65,10 +65,9 @@ print(surface)
 # %%
 # Choose a cut
 # ------------
-# The surface is closed, like a balloon, so it must be cut before it can lie flat. Without instructions, voxflat
-# chooses the cut. In an embryo you know better: cut along one side, from pole to pole, and the rest stays in one
-# piece. :meth:`voxflat.Surface.path` finds the shortest way along the surface through points that you name by their
-# voxels.
+# The surface is closed, so it must be cut before it can be flattened. By default, voxflat chooses the cut. For an
+# embryo, it is better to cut along one side, from pole to pole, so that the rest stays in one piece.
+# :meth:`voxflat.Surface.path` finds the shortest path along the surface through points given by their voxels.
 
 ids = surface.ids
 side = ids[np.abs(ids[:, 2] - 32) < 1]  # the middle page
@@ -80,8 +79,8 @@ print(f"the cut is {cut.length:.0f} µm long")
 # %%
 # Flatten it
 # ----------
-# An egg is curved everywhere, so no map of it is free of distortion. Further cuts at its rim reduce it:
-# ``relax=900`` lets voxflat extend the cuts until they are 900 µm long in total.
+# An embryo is curved everywhere, so no map of it is free of distortion. Further cuts at the border of the map reduce
+# the distortion: ``relax=900`` lets voxflat extend the cuts until they are 900 µm long in total.
 
 flat_map = surface.flatten(cuts=[cut.ids], relax=900)
 print(flat_map)
@@ -90,9 +89,9 @@ print(*flat_map.distortion.table().splitlines()[1:3], sep="\n")
 # %%
 # See the map
 # -----------
-# The nuclei lie about 10 µm below the surface, so the stack is sampled at a depth of -10 µm; negative depths are
-# inside. The seven stripes cross the map from side to side. The scale bar and all figures are in µm. The arrows name
-# the axes of the stack: R is x, A is y, and S is z.
+# The nuclei lie about 10 µm below the surface, so the stack is sampled at a depth of -10 µm; negative depths lie
+# inside the surface. The seven stripes cross the map from side to side. The scale bar and all figures are in µm. The
+# arrows name the axes of the stack: R is x, A is y, and S is z.
 
 overlay = figures.Overlay(stack.astype(float), colour_map="magma", limits=(60, 180), label="intensity")
 figures.flat_map(flat_map, overlay, depth=-10, width=120)
@@ -100,16 +99,16 @@ figures.flat_map(flat_map, overlay, depth=-10, width=120)
 # %%
 # How far can you trust distances?
 # --------------------------------
-# The heat map shows at each place the mean error of the distances from there. Bright places are those to be careful
-# with: measure them on the surface, with :meth:`voxflat.Surface.geodesic`.
+# The heat map shows the mean error of the distances from each point. Be careful with distances from bright regions:
+# measure them on the surface, with :meth:`voxflat.Surface.geodesic`.
 
 figures.heat_map(flat_map)
 
 # %%
 # Measure along the surface
 # -------------------------
-# Intensity along the long axis, averaged over the map: seven peaks. Each point of the map knows its place in the
-# stack.
+# Each map point stores its position in the stack. The intensity along the long axis, averaged over the map, has seven
+# peaks.
 
 values = ndimage.map_coordinates(stack.astype(float), (flat_map.points - 10 * flat_map.normals).T / STEP, order=1)
 bins = np.digitize(flat_map.points[:, 0], np.arange(0, STEP * shape[0], 8))
@@ -118,7 +117,7 @@ ax.plot(*zip(*((8 * n, values[bins == n].mean()) for n in np.unique(bins)), stri
 ax.set(xlabel="position along the embryo (µm)", ylabel="mean intensity")
 
 # %%
-# On the command line, where lengths of a TIFF are in mm:
+# On the command line, lengths in a TIFF file are in mm:
 #
 # .. code-block:: console
 #

@@ -4,9 +4,9 @@
 A picture on a scanned surface
 ==============================
 
-To put a picture on a mesh, a renderer needs to know which part of the picture belongs to which triangle: *texture
-coordinates*. A flat map is exactly that. Since it preserves distances, the picture is not stretched. This tutorial
-covers the scan of a skull with a chequered pattern and puts a logo on its forehead. It takes about ten seconds.
+To put a picture on a mesh, a renderer needs *texture coordinates*, which assign a part of the picture to each
+triangle. A flat map provides them. Since it preserves distances, the picture is hardly stretched. This tutorial
+covers the scan of a skull with a chequered pattern and puts a logo on its forehead. It runs in about ten seconds.
 """
 
 import tempfile
@@ -27,8 +27,8 @@ folder = Path(tempfile.mkdtemp())
 # %%
 # Read the scan
 # -------------
-# The skull is a mesh in the repository of voxflat: 5,154 vertices, closed, with two handles, the cheek bones. A PLY
-# file does not name its unit, so we do. (This scan is a small model: it is 14 cm high.)
+# The skull is a closed mesh in the voxflat repository, with 5,154 vertices and two handles (the cheek bones). A PLY
+# file does not store a unit, so we pass it. (The scan shows a small model, 14 cm high.)
 
 surface = voxflat.surface(Path("../../tests/data/skull.ply"), unit="cm")
 print(surface)
@@ -37,15 +37,15 @@ print(np.round(np.ptp(surface.points, axis=0), 1), "cm")
 # %%
 # Flatten it
 # ----------
-# A closed surface with handles must be cut open, and voxflat does so automatically. The map's metadata list the cuts,
-# and the reason for each.
+# A closed surface with handles must be cut open, and voxflat does so automatically. The map's metadata list each cut
+# and the reason for it.
 
 flat_map = surface.flatten()
 for cut in flat_map.metadata["automatic_cuts"]:
     print(f"{cut['length']:.1f} cm: {cut['reason']}")
 
 # %%
-# Below is the map, coloured by the height above the chin. Its border is where the surface was cut.
+# The figure shows the map coloured by the height above the chin. The surface was cut along the border of the map.
 
 height = figures.Overlay(surface.points[:, 1], limits=(0, 14), label="height (cm)")
 flat_map.plot(height, underlay="none", width=60)
@@ -53,9 +53,8 @@ flat_map.plot(height, underlay="none", width=60)
 # %%
 # A pattern all over
 # ------------------
-# :meth:`voxflat.FlatMap.textured` lays a picture over the map and carries it to the surface. ``texel_size`` is the
-# side of a pixel of the picture on the surface, and ``repeat`` continues the picture beyond its borders. Here a
-# square is 0.5 cm wide.
+# :meth:`voxflat.FlatMap.textured` places a picture on the map and transfers it to the surface. ``texel_size`` is the
+# width of a picture pixel on the surface, and ``repeat`` tiles the picture. Here each square is 0.5 cm wide.
 
 tone = np.kron([[0, 1], [1, 0]], np.ones((16, 16), dtype=int))
 chequers = np.array([[226, 214, 190], [60, 92, 128]], dtype=np.uint8)[tone]
@@ -63,12 +62,12 @@ textured = flat_map.textured(chequers, texel_size=0.5 / 16, repeat=True)
 print(textured)
 
 # %%
-# To show it in PyVista, pass the points, the triangles and the texture coordinates. Follow the rows of squares: they
-# keep their size over bumps and hollows. They do not match where the surface is cut.
+# To show it in PyVista, pass the points, the triangles and the texture coordinates. The squares keep their size over
+# bumps and hollows, but the rows do not match across cuts.
 
 
 def show(textured, direction, rest=None):
-    """Render a textured surface with PyVista, and the rest of a surface in one colour."""
+    """Render a textured surface with PyVista and, if given, the rest of the surface in one colour."""
     mesh = pv.PolyData.from_regular_faces(textured.points, textured.faces)
     mesh.active_texture_coordinates = textured.texture_coordinates
     texture = pv.Texture(textured.picture)
@@ -92,16 +91,16 @@ for ax, direction in zip(axes, ((0.5, 0.2, 1), (-1, 0.5, -0.6)), strict=True):
 # %%
 # A picture at one place
 # ----------------------
-# For a single picture, flatten only the place where it goes. A disk of 4 cm around the top of the forehead has little
-# curvature, so it needs no cut and is hardly distorted.
+# For a single picture, flatten only its target region. A disk with a radius of 4 cm around the top of the forehead
+# has little curvature, so it needs no cut and is hardly distorted.
 
 forehead = int(np.linalg.norm(surface.points - [0, 10.5, 5.5], axis=1).argmin())
 cap = surface.disk(forehead, radius=4.0).flatten()
 print(cap)
 
 # %%
-# We paste the logo of PyVista on a square of the colour of bone. Maps are turned such that z points up, but in this
-# scan y does, and the map of the forehead stands on its head. So does the picture before it is laid over the map.
+# We paste the PyVista logo on a bone-coloured square. Maps are oriented with z pointing up, but in this scan y points
+# up, so the map of the forehead is upside down. We therefore rotate the picture by 180° before placing it on the map.
 
 logo = Image.open(examples.logofile)
 square = Image.new("RGBA", (1800, 1800), (226, 214, 190, 255))
@@ -109,15 +108,15 @@ square.alpha_composite(logo, ((1800 - logo.width) // 2, (1800 - logo.height) // 
 branded = cap.textured(square.rotate(180))
 
 # %%
-# The rest of the skull is drawn without a texture, slightly smaller, so that the cap lies on top.
+# The rest of the skull is drawn without a texture and slightly smaller, so that the disk lies on top.
 
 show(branded, (0.2, 0.5, 1), surface)
 
 # %%
 # Save it
 # -------
-# ``.obj`` comes with its picture and a material file, ``.glb`` is one file for web pages and game engines, ``.vtp``
-# is for ParaView. ``.ply`` holds colours at the vertices instead, and gets more vertices where the picture needs
+# ``.obj`` comes with its picture and a material file, ``.glb`` is a single file for web pages and game engines, and
+# ``.vtp`` is for ParaView. ``.ply`` stores vertex colours instead, with additional vertices where the picture needs
 # them.
 
 textured.save(folder / "skull.obj")

@@ -4,9 +4,9 @@
 A large surface: unrolling a scroll
 ===================================
 
-Segmentations of scrolls, leaves or whole organs have millions of vertices. This tutorial rolls up a page of text,
-dents it, and flattens the mesh of a million vertices until the text can be read again. On two cores it takes about
-two minutes and three gigabytes of memory.
+Segmentations of scrolls, leaves or whole organs can have millions of vertices. This tutorial rolls up and dents a
+page of text, then flattens the resulting mesh of a million vertices so that the text can be read again. On two cores
+it takes about two minutes and three gigabytes of memory.
 """
 
 import resource
@@ -25,7 +25,7 @@ pv.OFF_SCREEN = True
 # %%
 # A page of text
 # --------------
-# The page is an image of 500 by 2,000 pixels. Each pixel will be a vertex, which makes a million vertices.
+# The page is an image of 500 by 2,000 pixels. Each pixel becomes one of a million vertices.
 
 ROWS, COLUMNS = 500, 2000
 page = Figure(figsize=(COLUMNS / 100, ROWS / 100), dpi=100)
@@ -39,8 +39,8 @@ ink = 255 - np.asarray(canvas.buffer_rgba())[::-1, :, 0]
 # %%
 # Roll it up
 # ----------
-# The page measures 400 by 100 mm. It becomes a spiral whose layers are 3 mm apart, and whose layers are dented by up
-# to 0.6 mm. The result is a mesh of points and triangles, as a segmentation of a real scroll would be.
+# The page measures 400 by 100 mm. It becomes a spiral whose layers are 3 mm apart and dented by up to 0.6 mm. The
+# result is a mesh of points and triangles, like the segmentation of a real scroll.
 
 SIZE = 0.2  # mm per pixel
 turn = np.linspace(0, 40, 20_000)  # radians
@@ -65,8 +65,9 @@ plotter.screenshot()
 # %%
 # Flatten it
 # ----------
-# The spiral has a boundary and no handle: it is a disk already, and needs no cut. Memory is checked before the work
-# begins. ``memory_limit`` sets a limit of your own, and ``progress`` takes a function that reports the progress.
+# The spiral has one boundary and no handles, so it is already a disk and does not need a cut. voxflat checks the
+# required memory before it starts. ``memory_limit`` sets a custom limit, and ``progress`` accepts a function that
+# reports progress.
 
 start = time.perf_counter()
 surface = voxflat.surface((points, faces), unit="mm")
@@ -77,8 +78,8 @@ print(f"{time.perf_counter() - start:.0f} s; {resource.getrusage(resource.RUSAGE
 # %%
 # How good is the map?
 # --------------------
-# A rolled page can be laid flat without any distortion, so errors should be tiny. What remains is due to the dents,
-# which stretch the page here and there. No triangle is flipped, and no part of the map covers another.
+# A rolled page can be flattened without distortion, so errors should be tiny. The remaining errors are due to the
+# dents, which stretch the page locally. No triangle is flipped, and no part of the map covers another.
 
 print(*flat_map.distortion.table().splitlines()[1:6], sep="\n")
 triangles = flat_map.distortion.triangles
@@ -87,9 +88,9 @@ print(f"{triangles.flipped} flipped triangles, {triangles.covering} that cover a
 # %%
 # Read the page
 # -------------
-# :meth:`voxflat.FlatMap.image` samples values at the vertices onto the pixels of the map. For the volume of a real
-# scroll, pass its path instead, and a depth: ``flat_map.image("scroll.zarr", depth=0.1)``. Only the chunks that the
-# surface meets are read.
+# :meth:`voxflat.FlatMap.image` resamples vertex values to map pixels. For the volume of a real scroll, pass its path
+# and a depth instead: ``flat_map.image("scroll.zarr", depth=0.1)``. Only the chunks that the surface intersects are
+# read.
 
 image = flat_map.image(ink.ravel().astype(float), pixel_size=0.25)
 figure, ax = plt.subplots(figsize=(9, 2.6), layout="constrained")
@@ -98,7 +99,7 @@ ax.axis("off")
 
 # %%
 # Time and memory grow a little faster than the number of vertices. For a first look at a large surface, flatten a
-# coarser mesh of it, for example from PyVista's ``mesh.decimate(0.9)``.
+# coarser mesh, for example from PyVista's ``mesh.decimate(0.9)``.
 #
 # On the command line:
 #
