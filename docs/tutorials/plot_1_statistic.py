@@ -5,7 +5,7 @@ One fMRI statistic on a flat map
 ================================
 
 Suppose you have a statistical volume, such as a z map from a group analysis, and the white and pial surfaces of a
-brain. This tutorial flattens both hemispheres and shows the statistic on them. It runs in about ten seconds.
+brain. In about ten seconds, this tutorial flattens both hemispheres and shows the statistic on them.
 
 The surfaces are from fsaverage5, and the statistic is a motor contrast; both come with nilearn. For your own subject,
 replace the files with FreeSurfer's ``lh.white``, ``lh.pial`` and ``lh.sphere.reg``.
@@ -46,8 +46,8 @@ print(left)
 
 # %%
 # Every map reports its distortion. The table compares distances on the map with distances along the surface. The
-# first line gives the mean relative error of distances in per cent. The last lines count errors that must not occur,
-# such as flipped triangles or overlapping parts of the map. They should all be zero.
+# first line gives the mean relative error of distances in per cent. The last lines count errors such as flipped
+# triangles or overlapping parts of the map. They should all be zero.
 
 print(left.distortion.table())
 
@@ -86,8 +86,8 @@ figures.flat_map([left, right], statistic, fraction=0.5)
 # %%
 # From the map back to the brain
 # ------------------------------
-# Each point of a map keeps its position in the brain. The code below prints the peak of the contrast on each map, in
-# mm; right, anterior and superior are positive.
+# Each map point keeps its position in the brain. This code prints the peak of the contrast on each map, in mm; right,
+# anterior and superior are positive.
 
 for side, flat_map in (("left", left), ("right", right)):
     values = flat_map.image(contrast, pixel_size=1.0, fraction=0.5).data

@@ -5,8 +5,8 @@ From a FreeSurfer study to a group report
 =========================================
 
 Suppose you have processed all subjects of a study with FreeSurfer's ``recon-all``. Two commands flatten every
-hemisphere, write a report for each subject, and compare all subjects on one page. This tutorial runs both and
-examines their output. It runs in about half a minute.
+hemisphere, write a report for each subject, and compare all subjects on one page. This tutorial runs both in about
+half a minute and examines their output.
 """
 
 import base64
@@ -87,7 +87,7 @@ voxflat("bids", study, maps, "participant")
 # * ``*.shape.gii``, values at the vertices: thickness, curvature, sulcal depth, and how much the map distorts;
 # * ``*_flat.json``, the distortion figures, warnings, parameters, and the checksums of all input files.
 #
-# ``sub-01.html`` is the report of one subject. It is a single file that works offline.
+# ``sub-01.html`` is the report of one subject. This single file works offline.
 
 for path in sorted((maps / "sub-01" / "anat").glob("*hemi-L*")):
     print(path.name)

@@ -89,8 +89,8 @@ print(mask.shape, f"{int(mask.get_fdata().sum())} voxels")
 # grid of a 1 mm T1 image. The mask follows the cortical ribbon around the central sulcus. It lies between the white
 # and the pial surface, so it does not leak across the sulcus, as a sphere around the same point would. (The surfaces
 # are from fsaverage and the image is from MNI152, so they match only approximately.) With a depth instead of a pial
-# surface, the mask has the same thickness everywhere. It then contains voxels of the opposite bank where the banks
-# are closer than the depth.
+# surface, the mask has the same thickness everywhere, and contains voxels of the opposite bank where the banks are
+# closer than the depth.
 
 template = data / "mni_icbm152_t1_tal_nlin_sym_09a_converted.nii.gz"
 fine = regions.volume(template)

@@ -54,8 +54,8 @@ for ax, title in zip(axes, ("a page of the stack", "a section across the pages")
 # %%
 # Read it in µm
 # -------------
-# If you pass a path, :func:`voxflat.surface` reads the voxel size from the TIFF file and converts it to mm. To obtain
-# all results in µm, read the pages yourself and pass ``spacing`` and ``unit``. The threshold separates tissue from
+# If you pass a path, :func:`voxflat.surface` reads the voxel size from the TIFF file and converts it to mm. For
+# results in µm, read the pages yourself and pass ``spacing`` and ``unit``. The threshold separates tissue from
 # background, and the surface is the border between the two.
 
 stack = tifffile.imread(path).transpose(2, 1, 0)

@@ -37,15 +37,14 @@ print(np.round(np.ptp(surface.points, axis=0), 1), "cm")
 # %%
 # Flatten it
 # ----------
-# A closed surface with handles must be cut open, and voxflat does so automatically. The map's metadata list each cut
-# and the reason for it.
+# voxflat automatically cuts a closed surface with handles. The map's metadata list each cut and the reason for it.
 
 flat_map = surface.flatten()
 for cut in flat_map.metadata["automatic_cuts"]:
     print(f"{cut['length']:.1f} cm: {cut['reason']}")
 
 # %%
-# The figure shows the map coloured by the height above the chin. The surface was cut along the border of the map.
+# The figure shows the map coloured by the height above the chin. The border of the map consists of the cuts.
 
 height = figures.Overlay(surface.points[:, 1], limits=(0, 14), label="height (cm)")
 flat_map.plot(height, underlay="none", width=60)

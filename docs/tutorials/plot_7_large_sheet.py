@@ -78,7 +78,7 @@ print(f"{time.perf_counter() - start:.0f} s; {resource.getrusage(resource.RUSAGE
 # %%
 # How good is the map?
 # --------------------
-# A rolled page can be flattened without distortion, so errors should be tiny. The remaining errors are due to the
+# A rolled page can be flattened without distortion, so errors should be tiny. The remaining errors come from the
 # dents, which stretch the page locally. No triangle is flipped, and no part of the map covers another.
 
 print(*flat_map.distortion.table().splitlines()[1:6], sep="\n")
