@@ -1,4 +1,7 @@
-"""The program `voxflat`. Exit status: 0 success, 1 failure, 2 wrong usage, 130 cancelled, 143 terminated."""
+"""Define the program `voxflat`.
+
+The exit status is 0 for success, 1 for failure, 2 for wrong usage, 130 if cancelled, and 143 if terminated.
+"""
 
 import click
 import cloup

@@ -288,7 +288,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     Parameters
     ----------
     path : path
-        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: one without an ending, or such as ``lh.white``.
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name without an ending or such as ``lh.white``.
     mesh : Mesh
         The mesh. GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` stores the
         structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and ``.obj`` the texture

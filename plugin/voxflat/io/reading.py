@@ -25,7 +25,7 @@ _now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
 
 @contextmanager
 def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
-    """Record the files that are read, with their SHA-256, and limit the readers' memory, in bytes, also in nested calls."""
+    """Record the files that are read and their SHA-256, and limit memory in bytes; nested calls inherit the limit."""
     around = _now.get()
     checked_limit(memory_limit)
     limit = memory_limit if memory_limit is not None or around is None else around.limit

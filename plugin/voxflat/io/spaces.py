@@ -1,13 +1,14 @@
 """Define coordinate spaces: scanner RAS, the space of volumes, and tkRAS, in which FreeSurfer stores its surfaces.
 
-The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are the axes that the volume
-would have if it were conformed (left, inferior, anterior). Let D be the direction cosines of the volume's axes (with
-columns xras, yras, zras), L those of a conformed volume, and c_ras the centre in scanner RAS. Then
+The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are
+defined as if the volume were conformed, with voxel axes that point left, inferior and anterior. Let D be the direction
+cosines of the volume's axes (columns xras, yras, zras), L those of a conformed volume, and c_ras the centre in scanner
+RAS. Then
 
     scanner RAS = D Lᵀ tkRAS + c_ras
 
-This equals vox2ras · inv(vox2ras_tkr) for any size and number of voxels. For a conformed volume, D = L, so only c_ras is
-added. FreeSurfer writes D and c_ras to the surface file as its volume geometry.
+The matrix equals vox2ras · inv(vox2ras_tkr) for any size and number of voxels. For a conformed volume, D = L, so only
+c_ras is added. FreeSurfer writes D and c_ras to the surface file as its volume geometry.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ class VolumeGeometry:
         Returns
         -------
         VolumeGeometry
-            Geometry of the volume itself if its axes point left, inferior and anterior; otherwise of the conformed volume.
+            Geometry of the volume itself if its axes point left, inferior and anterior, otherwise of the conformed one.
 
         See Also
         --------

@@ -168,7 +168,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
 def write_annot(
     path: Path, labels: NDArray[np.int64], keys: Sequence[int], names: Sequence[str], colours: NDArray[np.uint8]
 ) -> None:
-    """Write the labels of all points (0 for no label) with names and colours; colours identify labels in this format."""
+    """Write the labels of all points (0 for no label), with names and with the colours that identify the labels."""
     table = np.zeros((len(keys) + 1, 5), dtype=np.int64)
     rows, taken = [(25, 5, 25), *map(tuple, colours.tolist())], set()
     for n, (red, green, blue) in enumerate(rows):

@@ -47,9 +47,7 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         groups = list(_groups(root, svg))
         found = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)
         if found is None:
-            layers = [
-                group for group in groups if _own(group, _MODE) == "layer"
-            ] or groups  # "layer" is Inkscape's mode
+            layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else not from Inkscape
             names = ", ".join(repr(_name(group)) for group in layers) or "none"
             raise InputError(f"has no layer {layer!r}; its layers are {names}. Draw the regions in a layer {layer!r}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
