@@ -39,7 +39,7 @@ class Program(cloup.Group):
         arguments = list(sys.argv[1:] if args is None else args)
         try:
             status = self._status(arguments, *further, **more)
-        except KeyboardInterrupt:  # while the outcome was being printed
+        except KeyboardInterrupt:  # raised while the outcome is being printed
             status = CANCELLED
         atexit.unregister(_ignore_interrupts)
         atexit.register(_ignore_interrupts)
@@ -72,7 +72,7 @@ class Program(cloup.Group):
         if cmd_name not in self.commands:
             return None
         command: click.Command = importlib.import_module(f"voxflat.cli.commands.{cmd_name}").command
-        command.context_settings = {**self.context_settings, **command.context_settings}  # -h, whoever parses
+        command.context_settings = {**self.context_settings, **command.context_settings}  # accept -h in all parsers
         return command
 
     def invoke(self, ctx: click.Context) -> Any:

@@ -136,10 +136,10 @@ class _File(click.Path):
 
 
 FILE = _File(READ)
-"""The type of options and arguments that name a file to read."""
+"""Type of options and arguments that name a file to read."""
 
 OUT = _File(WRITTEN)
-"""The type of options that name a file to write."""
+"""Type of options that name a file to write."""
 
 
 def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _Command]:

@@ -21,7 +21,7 @@ FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 _IGNORES_CASE = sys.platform in ("win32", "darwin")  # whether A.npz and a.npz are usually one file
 
 READ, WRITTEN = "voxflat.read", "voxflat.written"
-"""The keys under which the context of a command holds the files that it reads and writes."""
+"""Keys under which the context of a command stores the files that the command reads and writes."""
 
 
 def check_output(

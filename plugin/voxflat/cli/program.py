@@ -32,7 +32,7 @@ COMMANDS = {
     "texture": "Map a picture onto a surface as a texture.",
     "worst": "List the regions of highest area distortion.",
 }
-"""The commands with the first sentences of their help. A command's module has its name and is imported on use."""
+"""Commands with the first sentences of their help. Each command's module has the same name and is imported on use."""
 
 
 @cloup.group(

@@ -59,7 +59,7 @@ map_options = options.section(
         multiple=True,
     ),
 )
-"""The options that say how the map of each hemisphere is made."""
+"""The options that define how the map of each hemisphere is created."""
 
 
 def parameters_of(given: dict[str, Any]) -> Parameters:

@@ -279,7 +279,7 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
         if not file.is_file():
             continue
         try:
-            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which some programs write
+            content = json.loads(file.read_text(encoding="utf-8"))  # accepts NaN, which some programs write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
         except (ValueError, AttributeError, RecursionError):

@@ -59,7 +59,7 @@ EXTRAS = {
     **dict.fromkeys(("pyvista", "vtkmodules"), "pyvista"),
     **dict.fromkeys(("distributed", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr"), "lab"),
 }
-"""The optional packages, by the name under which they are imported, and the extra that installs each."""
+"""Optional packages, keyed by import name, with the extra that installs each of them."""
 
 
 def require(module: str) -> Any:

@@ -17,9 +17,9 @@ _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
 _LONGEST = 2**31 - 1  # voxels along an axis: indices have 32 bits
 
 FARTHEST = _core.FARTHEST
-"""Largest distance from the origin, mm: enough for brains in nm and the Earth in m; squares and volumes stay finite."""
+"""Largest distance from the origin in mm; it suffices for brains in nm and the Earth in m, and keeps volumes finite."""
 
-SMALLEST = _core.SMALLEST  # mm, least voxel size, and least extent of a surface
+SMALLEST = _core.SMALLEST  # mm, smallest voxel size and smallest surface extent
 
 
 def voxel_size(affine: ArrayLike) -> float:

@@ -32,7 +32,7 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Store a surface of triangles.
+    """Store a triangle surface.
 
     Creating a mesh checks its arrays; an invalid array raises an `InputError`.
 
@@ -49,7 +49,7 @@ class Mesh:
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, keyed by name.
     texture_coordinates : ndarray of float64, shape (N, 2), or None
-        Position of each point in a picture; NaN for points without one.
+        Position of each point in a picture; NaN for points without a position.
     face_data : dict of str to ndarray, shape (F,)
         Values of the triangles, keyed by name.
     remarks : tuple of str
@@ -86,7 +86,7 @@ class Mesh:
     def has_unknown_unit(self) -> bool:
         """Whether the unit of the coordinates is unknown.
 
-        Only GIFTI and FreeSurfer files define the unit. It also counts as unknown if the mesh is smaller than 1 mm.
+        Only GIFTI and FreeSurfer files define the unit. It is also considered unknown if the mesh is smaller than 1 mm.
 
         See Also
         --------
@@ -173,7 +173,7 @@ class Mesh:
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
-    """Read a surface of triangles from a file.
+    """Read a triangle surface from a file.
 
     The ending of the name determines the format; if the ending is not known, the content does.
 
@@ -191,7 +191,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     Raises
     ------
     InputError
-        The file is damaged, is in another format than its ending specifies, or is not a surface of triangles.
+        The file is damaged, its format differs from the one that its ending specifies, or it is not a triangle surface.
     FileNotFoundError, PermissionError
         The file cannot be opened.
 

@@ -19,7 +19,7 @@ SUPPORTED = (
     "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or ITK; a "
     "mesh of nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
 )
-"""Input that `voxflat.surface` accepts, for messages."""
+"""Description of the input that `voxflat.surface` accepts, for use in messages."""
 
 _STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
 _REMEDY = "convert it to a file or to arrays"

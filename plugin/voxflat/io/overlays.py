@@ -31,8 +31,8 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     path : path
         GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), CIFTI (``.dscalar.nii``, ``.dtseries.nii``,
         ``.dlabel.nii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``, ...; ``.annot``, whose labels are
-        numbers from 0, or −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
-        ``.txt`` with one line per point.
+        numbers from 0, or −1 for unlabelled points; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K),
+        ``.npy``, or ``.txt`` with one line per point.
     points : int
         Number of points of the surface.
     structure : str, optional
@@ -42,7 +42,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     Returns
     -------
     ndarray, shape (points,), or (points, K) for K maps
-        The values, in the type of the file.
+        The values, with the data type of the file.
 
     Raises
     ------

@@ -207,7 +207,7 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
     Returns
     -------
     ndarray of int64, shape (G, 3)
-        Faces as rows of the patch, 0 to k − 1; together with ``patch.points`` they form a mesh.
+        Faces, whose corners are rows of the patch (0 to k − 1); together with ``patch.points``, they form a mesh.
 
     Raises
     ------

@@ -30,7 +30,7 @@ from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
 
 Record = dict[str, Any]
-"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; for maps also ``figures``."""
+"""``voxflat`` (the version), ``function``, ``parameters``, ``files`` (SHA-256 by path), and, for maps, ``figures``."""
 
 _UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
 _MARKED = 4096  # voxflat's files contain its name in these first bytes
@@ -110,7 +110,7 @@ class Recorded:
     """Provide a field ``provenance`` that holds a provenance record."""
 
     _used: ClassVar[tuple[str, ...]] = ()
-    """Fields with the values used for parameters that were not given."""
+    """Fields that hold the values used for parameters that were not given."""
 
     def _with_provenance(self: _Own, record: Record) -> _Own:
         """Return the same object with a provenance record."""

@@ -369,7 +369,7 @@ def from_itk(image: Any) -> Read:
         return voxels, None  # not a volume, unless it is a NIfTI image with its own affine
     affine = np.eye(4)
     affine[:3, :3] = itk.array_from_matrix(image.GetDirection()) * np.array(image.GetSpacing())
-    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 for a region of an image
+    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 if the image is a region of another image
     affine[:3, 3] = np.array(image.GetOrigin()) + affine[:3, :3] @ start
     return voxels, LPS_TO_RAS @ affine
 

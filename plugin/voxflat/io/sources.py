@@ -61,8 +61,8 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     spacing : sequence of 3 floats, optional
         Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
     affine : array_like, shape (4, 4), optional
-        Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has an
-        affine of its own.
+        Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has its
+        own affine.
 
     Returns
     -------

@@ -189,7 +189,7 @@ class Space:
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str
-        Reason to doubt this space, for messages; empty if there is none.
+        Reason why this space is doubtful, for use in messages; empty if there is none.
 
     See Also
     --------

@@ -27,7 +27,7 @@ VOLUME_ENDINGS = tuple(READERS)
 
 @dataclass(frozen=True, eq=False)
 class Volume(Recorded):
-    """Store voxels and their position.
+    """Store voxels and their position in space.
 
     Creating a volume checks its arrays; an invalid array or affine raises an `InputError`.
 
@@ -42,7 +42,7 @@ class Volume(Recorded):
     is_placed : bool
         Whether an affine was given; if not, the affine is the identity.
     provenance : dict or None
-        Record of how voxflat made the volume, if it did.
+        Record of how voxflat created the volume; None if it did not.
 
     See Also
     --------

@@ -207,7 +207,7 @@ def _transform(points: Any) -> NDArray[np.float64]:
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
         raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. Copy or download it again")
-    return matrix.reshape(4, 4)  # nibabel returns a flat matrix if it was on one line
+    return matrix.reshape(4, 4)  # nibabel returns a 1-D array if the matrix is on one line
 
 
 def _space(points: Any) -> Space:

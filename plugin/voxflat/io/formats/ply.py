@@ -68,7 +68,7 @@ class _UnevenError(InputError):
 
 
 _Properties: TypeAlias = list[tuple[str, str, str]]
-"""Name, type, and type of a list's length (or '') of each property."""
+"""Name, type, and type of the list length ('' if it is not a list) of each property."""
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
