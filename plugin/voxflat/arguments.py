@@ -1,4 +1,4 @@
-"""Checks of arguments that many functions share: types, numbers, voxel indices and memory."""
+"""Check arguments that many functions share: types, numbers, voxel indices and memory."""
 
 import ctypes
 import logging
@@ -19,7 +19,7 @@ from voxflat.errors import InputError
 
 Progress = Callable[[str, int, int], bool | None]  # called as ``progress(stage, done, total)``; returning False cancels
 
-_PIXELS = (16, 16384)  # limits of the side of a picture; graphics cards do not draw larger ones
+_PIXELS = (16, 16384)  # limits of a picture's side length; graphics cards do not draw larger pictures
 _MOST_THREADS = 256  # starting many more threads takes minutes, and they would wait for the cores
 _LINE = 80  # characters of a value in a message
 
@@ -27,7 +27,7 @@ log = logging.getLogger("voxflat")  # reports the memory that a computation need
 
 
 def shown(value: object) -> str:
-    """Return the representation of a value, as one short line for a message."""
+    """Return the representation of a value as one short line for a message."""
     try:
         line = " ".join(repr(value).split())
     except ValueError:  # integers with too many digits
@@ -36,7 +36,7 @@ def shown(value: object) -> str:
 
 
 def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
-    """Return a path, after checking that the file system accepts it."""
+    """Return a path after checking that the file system accepts it."""
     text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
     try:
         is_name = isinstance(text, str) and text and b"\0" not in os.fsencode(text)
@@ -54,7 +54,7 @@ def checked_kind(value: object, name: str, attribute: str, kind: str) -> None:
 
 
 def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
-    """Return a value, after checking that it is one of the choices."""
+    """Return a value after checking that it is one of the choices."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         *others, last = map(repr, known)
@@ -63,14 +63,14 @@ def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
 
 
 def checked_switch(value: object, name: str) -> bool:
-    """Return a boolean of Python or NumPy as a bool."""
+    """Return a Python or NumPy boolean as a bool."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name} is {shown(value)}; give True or False")
     return bool(value)
 
 
 def checked_text(value: object, name: str) -> str:
-    """Return a string; None becomes an empty one."""
+    """Return a string; None becomes an empty string."""
     if value is not None and not isinstance(value, str):
         raise InputError(f"the {name} is {shown(value)}; give text")
     return value or ""
@@ -87,7 +87,7 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 
 def checked_seed(seed: int) -> int:
-    """Return a seed, after checking that the core accepts it."""
+    """Return a seed after checking that the core accepts it."""
     if not is_whole(seed) or not 0 <= seed < 2**64:
         raise InputError(f"the seed is {shown(seed)}; give a whole number from 0 to 2**64 - 1")
     return int(seed)
@@ -101,7 +101,7 @@ def checked_pixels(value: object, name: str) -> int:
 
 
 def checked_threads(threads: int | None) -> int | None:
-    """Return a number of threads that can be started; None means one for each core."""
+    """Return a number of threads that can be started; None means one thread per core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
         raise InputError(
@@ -111,7 +111,7 @@ def checked_threads(threads: int | None) -> int | None:
 
 
 def workers(threads: int | None) -> int:
-    """Return the number of threads that work."""
+    """Return the number of worker threads."""
     return threads or os.cpu_count() or 1
 
 
@@ -136,7 +136,7 @@ def as_float(value: float) -> float:
 
 
 def array_of(values: object, name: str) -> NDArray[Any]:
-    """Return values as an array of any type, after checking that its rows have equal length."""
+    """Return values as an array of any type after checking that its rows have equal lengths."""
     try:
         return np.asarray(values)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
@@ -144,7 +144,7 @@ def array_of(values: object, name: str) -> NDArray[Any]:
 
 
 def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return values as an array of floats, after checking that they are numbers in rows of equal length."""
+    """Return values as an array of floats after checking that they are numbers in rows of equal length."""
     try:
         array = np.asarray(values)
         if array.dtype.kind in "biuf" or array.size == 0:
@@ -165,7 +165,7 @@ def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
 
 
 def refuse(method: str, **options: object) -> None:
-    """Raise an error if an option is not None that a method, or a kind of distance, does not have."""
+    """Raise an error if an option that a method or a kind of distance does not have is not None."""
     for name, value in options.items():
         if value is not None:
             raise InputError(f"{name} is given, but the method {method!r} does not have this option; leave it out")
@@ -180,7 +180,7 @@ _OWN_CGROUPS = Path("/proc/self/cgroup")
 
 
 def free_memory() -> int:
-    """Return the bytes available to this process on the machine, within its limit (`ulimit -v`) and its containers."""
+    """Return the bytes available to this process, given the machine, its own limit (`ulimit -v`) and its containers."""
     import psutil
 
     return int(max(0, min(psutil.virtual_memory().available, _free_addresses(), _free_in_cgroups())))
@@ -190,7 +190,7 @@ def _free_addresses() -> float:
     """Return the address space that RLIMIT_AS leaves, in bytes."""
     import psutil
 
-    if not hasattr(psutil, "RLIMIT_AS"):  # does not exist on every system
+    if not hasattr(psutil, "RLIMIT_AS"):  # the limit does not exist on every system
         return math.inf
     process = psutil.Process()
     limit, _ = process.rlimit(psutil.RLIMIT_AS)
@@ -201,25 +201,25 @@ def _free_addresses() -> float:
 
 
 def _has_glibc() -> bool:
-    return sys.platform == "linux" and platform.libc_ver()[0] == "glibc"  # it cannot read Python's file on Windows
+    return sys.platform == "linux" and platform.libc_ver()[0] == "glibc"  # libc_ver() fails on Windows
 
 
 @lru_cache(maxsize=1)
 def give_back_memory() -> None:
-    """Return freed arrays to the system: glibc keeps those up to 32 MiB, a third of all memory for 100,000 vertices."""
+    """Return freed arrays to the system; glibc keeps arrays up to 32 MiB (a third of memory for 100,000 vertices)."""
     if _has_glibc():
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE_ARRAY)
 
 
 @lru_cache(maxsize=1)
 def _share_one_heap() -> None:
-    """Let threads share one heap if address space is limited: glibc reserves 64 MiB for the heap of each thread."""
+    """Let threads share one heap if address space is limited, because glibc reserves 64 MiB for each thread's heap."""
     if _has_glibc():
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _free_in_cgroups() -> float:
-    """Return the bytes that the control groups of this process (version 1 or 2) leave."""
+    """Return the bytes that the control groups (version 1 or 2) of this process leave available."""
     try:
         lines = _OWN_CGROUPS.read_text("utf-8").splitlines()
     except OSError:
@@ -242,7 +242,7 @@ def _free_in_cgroups() -> float:
 
 
 def _free_in(group: Path, limit: str, usage: str, reclaimable: str) -> float:
-    """Return the bytes that one group leaves; unused pages of the file cache count as free."""
+    """Return the bytes that one group leaves available; inactive pages of the file cache count as free."""
     try:
         most = int((group / limit).read_text("utf-8"))
         used = int((group / usage).read_text("utf-8"))
@@ -262,7 +262,7 @@ def checked_limit(limit: int | None) -> int | None:
 
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:
-    """Raise an error, before the computation, if it needs more memory than is available."""
+    """Raise an error before a computation if it needs more memory than is available."""
     limit = checked_limit(limit)
     allowed = free_memory() if limit is None else limit
     if need > allowed:

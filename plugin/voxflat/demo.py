@@ -1,4 +1,4 @@
-"""The demo: flatten the left cerebral hemisphere of the MNI152 template that is bundled with nilearn."""
+"""Run the demo, which flattens the left cerebral hemisphere of the MNI152 template bundled with nilearn."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 THRESHOLD = 0.5  # voxels with a greater probability are white matter
 SEED_POINT = (136, 112, 127)  # voxel indices of the patch's centre: the right central cortex, at (38, −22, 55) mm
 RADIUS = 45.0  # radius of the patch along the surface, in mm
-DEPTH = 2.0  # distance outside white matter at which T1 is sampled, in mm: within grey matter
+DEPTH = 2.0  # distance outside white matter at which T1 is sampled, in mm; this is within grey matter
 
 
 def demo_cortex() -> tuple[Volume, Volume, Volume]:
@@ -38,14 +38,14 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
 
 
 def _template(folder: Path, kind: str) -> Volume:
-    """Read a template as nilearn does, without importing nilearn, which takes seconds."""
+    """Read a template as nilearn does, but without importing nilearn, which takes seconds."""
     image = require("nibabel").load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
     data = np.asarray(image.dataobj, dtype=np.float32)
     return Volume(data / data.max(), image.affine)
 
 
 def run(output: Path, progress: Progress | None = None, tell: Callable[[str], None] = print) -> FlatMap:
-    """Flatten the hemisphere, and write the map, pictures of it and a summary of its distortion."""
+    """Flatten the hemisphere, and write the map, pictures of the map and a summary of its distortion."""
     from voxflat import figures  # imports matplotlib
 
     output.mkdir(parents=True, exist_ok=True)

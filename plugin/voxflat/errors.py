@@ -1,4 +1,4 @@
-"""The exceptions that voxflat raises on purpose."""
+"""Define the exceptions that voxflat raises deliberately."""
 
 import importlib
 import re
@@ -6,9 +6,9 @@ from typing import Any
 
 
 class VoxflatError(Exception):
-    """Base class of all exceptions that voxflat raises on purpose.
+    """Base class of all exceptions that voxflat raises deliberately.
 
-    Catch it, together with `OSError`, to handle every foreseen failure.
+    Catch it together with `OSError` to handle all expected failures.
 
     See Also
     --------
@@ -26,13 +26,13 @@ class VoxflatError(Exception):
 
     @property
     def remedy(self) -> str:
-        """Return how to fix the error, as the message says; empty if the message does not say it.
+        """Return the part of the message that explains how to fix the error, or an empty string if there is none.
 
-        This is the part of the message after its first sentence, or else after its last semicolon or colon.
+        This part follows the first sentence of the message, or else its last semicolon or colon.
 
         See Also
         --------
-        InputError : Its messages name the value and the remedy.
+        InputError : Exception whose message names the value and the remedy.
 
         Examples
         --------
@@ -48,7 +48,7 @@ class VoxflatError(Exception):
 class InputError(VoxflatError, ValueError):
     """Exception for an input or an argument that cannot be used.
 
-    The message names the value, and the file if there is one, and says how to fix the error.
+    The message names the value and, if there is one, the file, and explains how to fix the error.
 
     See Also
     --------
@@ -68,12 +68,12 @@ class InputError(VoxflatError, ValueError):
 class AreaBoundError(InputError):
     """Exception for a map whose area changes cannot be kept within ``Voxflat(max_area=...)``.
 
-    It carries the best map that was found, and cuts that would reduce its area distortion.
+    It contains the best map that was found, and cuts that would reduce its area distortion.
 
     Parameters
     ----------
     message : str
-        The error and its remedy.
+        Description of the error and its remedy.
     best : FlatMap
         The map that was found with the smallest maximum change of area.
     places : WorstPlaces
@@ -82,7 +82,7 @@ class AreaBoundError(InputError):
     See Also
     --------
     voxflat.worst_places : Find the regions of a map whose areas change most.
-    voxflat.methods.Voxflat : The method that takes the bound.
+    voxflat.methods.Voxflat : The method that accepts the bound.
 
     Examples
     --------
@@ -106,18 +106,18 @@ class AreaBoundError(InputError):
 class HemisphereError(InputError):
     """Exception for a volume in which no cerebral hemisphere was found.
 
-    It carries the voxels that were taken for white matter, which `figure` shows.
+    It contains the voxels that were identified as white matter, which `figure` shows.
 
     Parameters
     ----------
     message : str
-        The step that failed and the remedy.
+        Description of the step that failed and the remedy.
     white : ndarray of bool, shape (X, Y, Z)
-        The voxels that were taken for white matter.
-    affine : ndarray, shape (4, 4)
+        The voxels that were identified as white matter.
+        affine : ndarray, shape (4, 4)
         The affine from voxel indices to RAS+ coordinates in mm.
     template : ndarray of bool, shape (X, Y, Z), or None
-        The white matter of MNI152, aligned on the same grid, or None if no alignment was tried.
+        The white matter of the MNI152 template, aligned and on the same grid, or None if no alignment was attempted.
 
     See Also
     --------
@@ -140,9 +140,9 @@ class HemisphereError(InputError):
         return type(self), (str(self), self.white, self.affine, self.template)
 
     def figure(self) -> Any:
-        """Draw three sections through the voxels that were taken for white matter.
+        """Draw three sections through the voxels that were identified as white matter.
 
-        The outline of the template is drawn over them if an alignment was tried.
+        The outline of the template is drawn over the sections if an alignment was attempted.
 
         Returns
         -------
@@ -170,7 +170,7 @@ class Cancelled(VoxflatError):  # noqa: N818  (it is not an error: the user aske
 
     See Also
     --------
-    voxflat.flatten : Its parameter `progress` takes the function.
+    voxflat.flatten : Flatten a surface; its parameter `progress` accepts the function.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Small surfaces and volumes for examples and for trying out voxflat."""
+"""Create small surfaces and volumes for examples and for trying out voxflat."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,11 @@ def hill() -> Surface:
     Returns
     -------
     Surface
-        A surface of a mesh, with one boundary loop.
+        A mesh surface with one boundary loop.
 
     See Also
     --------
-    ball : A label volume, for closed surfaces.
+    ball : Return a label volume, whose surface is closed.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def hill() -> Surface:
 def ball() -> NDArray[np.uint8]:
     """Return a label volume of a ball.
 
-    The volume has 24 voxels of 1 mm along each axis, and the ball has a radius of 8 mm and the label 3.
+    The volume has 24 voxels of 1 mm along each axis. The ball has a radius of 8 mm and the label 3.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def ball() -> NDArray[np.uint8]:
 
     See Also
     --------
-    hill : A surface with a boundary.
+    hill : Return a surface with a boundary.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`python -m voxflat.cli`."""
+"""Run the command line with `python -m voxflat.cli`."""
 
 from voxflat.cli import main
 

@@ -1,4 +1,4 @@
-"""The terminal: how errors, progress, notes and warnings are shown."""
+"""Show errors, progress, notes and warnings in the terminal."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from voxflat.errors import Cancelled, user_message
 if TYPE_CHECKING:
     from voxflat.arguments import Progress
 
-CANCELLED, TERMINATED = 130, 143  # the statuses of programs that SIGINT and SIGTERM end
+CANCELLED, TERMINATED = 130, 143  # exit statuses of programs ended by SIGINT and SIGTERM
 
 
 class Program(cloup.Group):
-    """A group of commands that reports every error as one line on stderr, and as a JSON object with ``--json``.
+    """Group of commands that reports every error as one line on stderr and, with ``--json``, as a JSON object.
 
     The exit status is 1 if the input cannot be used or the computation failed, 2 for wrong usage, and 130 if cancelled.
     """
@@ -39,7 +39,7 @@ class Program(cloup.Group):
         arguments = list(sys.argv[1:] if args is None else args)
         try:
             status = self._status(arguments, *further, **more)
-        except KeyboardInterrupt:  # while the outcome was being printed
+        except KeyboardInterrupt:  # raised while the outcome is being printed
             status = CANCELLED
         atexit.unregister(_ignore_interrupts)
         atexit.register(_ignore_interrupts)
@@ -68,11 +68,11 @@ class Program(cloup.Group):
         return status if isinstance(status, int) else 0
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; `commands` holds only the names and summaries."""
+        """Import a command; `commands` holds only the names and summaries of commands."""
         if cmd_name not in self.commands:
             return None
         command: click.Command = importlib.import_module(f"voxflat.cli.commands.{cmd_name}").command
-        command.context_settings = {**self.context_settings, **command.context_settings}  # -h, whoever parses
+        command.context_settings = {**self.context_settings, **command.context_settings}  # accept -h in all parsers
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -84,13 +84,13 @@ class Program(cloup.Group):
 
 
 def _ignore_interrupts() -> None:
-    """Ignore Ctrl-C once the work is done, or it would interrupt Python's clean-up with a traceback."""
+    """Ignore Ctrl-C when the work is done, because it would interrupt Python's clean-up with a traceback."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class _Terminated(KeyboardInterrupt):
-    """SIGTERM was received, which is handled as Ctrl-C is."""
+    """Report that SIGTERM was received, which is handled like Ctrl-C."""
 
 
 @contextmanager
@@ -111,7 +111,7 @@ def _sigterm_as_interrupt() -> Iterator[None]:
 
 
 def _replace_closed_files() -> None:
-    """Replace closed standard streams, or a result's file would get their descriptors; never fail to print a letter."""
+    """Replace closed standard streams, whose descriptors output files would get; escape unprintable characters."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -141,7 +141,7 @@ def _print(text: str) -> None:
 
 
 def _ignoring_errors(show: Callable[[], None]) -> None:
-    """Write to stderr; a failure to do so must not lose the result."""
+    """Write to stderr, and ignore failures to do so, which must not lose the result."""
     try:
         show()
     except (OSError, ValueError):  # the disk is full, or the stream is closed
@@ -149,7 +149,7 @@ def _ignoring_errors(show: Callable[[], None]) -> None:
 
 
 class _Stderr:
-    """Stderr, on which failures to write are ignored."""
+    """Stderr stream that ignores failures to write."""
 
     def write(self, text: str) -> None:
         _ignoring_errors(lambda: print(end=text, file=sys.stderr))
@@ -165,7 +165,7 @@ _STDERR = _Stderr()
 
 
 class Bars:
-    """A progress bar on stderr for each stage, which disappears when the stage is finished."""
+    """Progress bars on stderr, one for each stage, which disappear when the stage is finished."""
 
     def __init__(self, hidden: bool) -> None:
         from tqdm import tqdm
@@ -202,7 +202,7 @@ class Bars:
 
 
 def in_options(text: str, command: click.Command | None) -> str:
-    """Return a message with options of a command, such as --no-relax, in place of relax=False."""
+    """Return a message with Python arguments, such as relax=False, replaced by command options, such as --no-relax."""
     names = {one.name for one in command.params if isinstance(one, click.Option)} if command else set()
 
     def option(found: re.Match[str]) -> str:
@@ -218,7 +218,7 @@ def in_options(text: str, command: click.Command | None) -> str:
 
 
 class _Notes(logging.Handler):
-    """Print the notes and warnings that the package logs on stderr, above the bars."""
+    """Print the package's log notes and warnings on stderr, above the progress bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
         from tqdm import tqdm
@@ -231,7 +231,7 @@ class _Notes(logging.Handler):
 
 @contextmanager
 def bars(quiet: bool = False, *, notes: bool = True) -> Iterator[Bars]:
-    """Show progress, and the notes and warnings that the package logs, while a command works."""
+    """Show progress, and the notes and warnings that the package logs, while a command runs."""
     log = logging.getLogger("voxflat")
     shown = Bars(hidden=quiet or not sys.stderr.isatty())
     handler = _Notes() if notes and not quiet else logging.NullHandler()

@@ -1,4 +1,4 @@
-"""Make the surface, and the part of it, that a command works on."""
+"""Create the surface, or the part of a surface, that a command processes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +18,7 @@ _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repa
 
 
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
-    """Make the surface of an input; its options are removed from those of the command."""
+    """Create the surface of an input, and remove the surface options from the command's options."""
     how, side = {name: given.pop(name) for name in _MAKING}, given.pop("hemisphere")
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
     if side is None:
@@ -38,7 +38,7 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
         try:
             check_beside(output, picture)
             figures.save(error.figure(), picture, {"voxflat": __version__})
-        except (InputError, OSError):  # the reason why the hemisphere was not found matters more
+        except (InputError, OSError):  # the reason why the hemisphere was not found is more important
             raise error from None
         raise InputError(
             f"{str(error).rstrip('.')}. {picture} shows the voxels that were taken for white matter."
@@ -47,7 +47,7 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
 
 
 def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:
-    """Return a function that cuts out the part of a surface; its options are removed from those of the command."""
+    """Return a function that cuts out a part of a surface, and remove its options from the command's options."""
     keep, drop, polygon = (given.pop(name) for name in ("keep", "drop", "polygon"))
     seed_point, radius = given.pop("seed_point"), given.pop("radius")
     if (seed_point is None) != (radius is None):

@@ -1,4 +1,4 @@
-"""Options that several commands of the command line share."""
+"""Define the options that several commands share."""
 
 import functools
 import re
@@ -86,7 +86,7 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about empty files, which are reported below
+            warnings.simplefilter("ignore")  # warnings about empty files, which are reported below
             words = np.loadtxt(value, dtype=np.str_, ndmin=1)  # NumPy before 2.3 would read 1.5 as the integer 1
         vertices = words.astype(np.int64)
     except (OSError, ValueError) as error:
@@ -97,7 +97,7 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
 
 
 def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | str | None:
-    """Convert the values of --cuts: a keyword, a file of cuts, or one vertex list per file."""
+    """Convert the values of --cuts: a keyword, a cuts file, or vertex lists (one per file)."""
     words = {str(file) for file in value} & {STANDARD, AUTOMATIC}
     if words:
         if len(value) > 1:
@@ -121,7 +121,7 @@ def numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 
 
 class _File(click.Path):
-    """A path that is recorded in the context of the command as read or written."""
+    """Path parameter that is recorded in the command's context as read or written."""
 
     def __init__(self, key: str) -> None:
         super().__init__(path_type=Path)
@@ -136,10 +136,10 @@ class _File(click.Path):
 
 
 FILE = _File(READ)
-"""The type of options and arguments that name a file to read."""
+"""Type of options and arguments that name a file to read."""
 
 OUT = _File(WRITTEN)
-"""The type of options that name a file to write."""
+"""Type of options that name a file to write."""
 
 
 def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _Command]:
@@ -193,7 +193,7 @@ def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[st
 
 
 def output(help_: str, *further: Callable[..., Any], required: bool = True) -> Callable[[_Command], _Command]:
-    """Return the section of options for the output file and the files beside it."""
+    """Return the section of options for the output file and its companion files."""
     return section(
         "Output",
         cloup.option("-o", "--output", type=OUT, required=required, metavar="OUT", help=help_),
@@ -265,7 +265,7 @@ _surface_options = section(
 
 
 def surface_options(command: _Command) -> _Command:
-    """Add the options that say how the surface of INPUT is made."""
+    """Add the options that define how the surface of INPUT is created."""
     return _surface_options(_for_each_side(command))  # type: ignore[return-value]
 
 
@@ -343,7 +343,7 @@ def link_lengths(of: Any) -> Callable[[_Command], _Command]:
 
 
 def _of_methods(option: str) -> str:
-    """Return the defaults of an option that several methods share, as text."""
+    """Return, as text, the defaults of an option that several methods share."""
     usual = {name: getattr(method(), option) for name, method in METHODS.items() if hasattr(method, option)}
     first = usual["voxflat"]
     return "; ".join([str(first), *(f"{name}: {value}" for name, value in usual.items() if value != first)])
@@ -390,7 +390,7 @@ _OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
 
 
 def method_of(given: dict[str, Any]) -> Method:
-    """Remove the method and its options from those of a command, and return the method."""
+    """Remove the method and its options from the command's options, and return the method."""
     name = given.pop("method")
     chosen = {option: value for option in _OPTIONS if (value := given.pop(option)) is not None}
     for option in chosen:

@@ -21,7 +21,7 @@ FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 _IGNORES_CASE = sys.platform in ("win32", "darwin")  # whether A.npz and a.npz are usually one file
 
 READ, WRITTEN = "voxflat.read", "voxflat.written"
-"""The keys under which the context of a command holds the files that it reads and writes."""
+"""Keys under which the context of a command stores the files that the command reads and writes."""
 
 
 def check_output(
@@ -35,11 +35,11 @@ def check_output(
     """Check that a result can be written before it is computed.
 
     An output must not be an input under any name, or the same file as another output. An existing file that the user
-    named is replaced; files beside it are replaced only if voxflat wrote them, or with ``--overwrite``.
+    named is replaced; its companion files are replaced only if voxflat wrote them or ``--overwrite`` is given.
 
-    `path`: the result. `endings`: the allowed file name extensions, any by default. `beside`: the files that are
-    written beside it. `sidecar`: whether its record is written beside it, too. `overwrite`: whether existing files
-    beside it are replaced.
+    `path`: the result. `endings`: the allowed file name extensions, any by default. `beside`: the companion files that
+    are written. `sidecar`: whether the record is also written as a companion file. `overwrite`: whether existing
+    companion files are replaced.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
         raise InputError(
@@ -68,7 +68,7 @@ def check_output(
 
 
 def _is_same(a: Path, b: Path) -> bool:
-    """Return whether two paths are the same file; paths of files that do not exist yet are compared by name."""
+    """Return whether two paths refer to the same file; paths of files that do not exist yet are compared by name."""
     if a.exists() and b.exists():
         return a.samefile(b)
     paths = [os.path.realpath(path) for path in (a, b)]

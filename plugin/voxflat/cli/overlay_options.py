@@ -1,4 +1,4 @@
-"""Options of commands that draw data over the folds: how the data are sampled and how they are shown."""
+"""Define options of commands that draw data over the folds; they set how the data are sampled and shown."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> 
 
 
 def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
-    """Return the options for the depth at which volumes are sampled; `several` explains what several depths do."""
+    """Return the options for the depth at which volumes are sampled; `several` explains the use of several depths."""
     depth = "Distance outside the surface at which volumes are sampled, in mm; negative values lie inside."
     fraction = (
         "Cortical depth from 0 (white surface) to 1 (pial surface), instead of --depth, for maps made with --pial."
@@ -51,7 +51,7 @@ def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
 
 
 def data_section(overlay: Any, *further: Any, interpolation: str) -> Callable[[_Command], _Command]:
-    """Return the section of options that name the data and say how they are sampled."""
+    """Return the section of options that specify the data and how they are sampled."""
     help_ = f"Interpolation between voxels.  [default: {interpolation}]"
     between = options.choice("--interpolation", ["linear", "nearest"], help_)
     return options.section(
@@ -94,7 +94,7 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
 
 
 def page_section(*further: Any) -> Callable[[_Command], _Command]:
-    """Return the section of options for everything around the data."""
+    """Return the section of options for the background, the title and other elements of the page."""
     return options.section(
         "Page",
         options.choice(
@@ -118,7 +118,7 @@ def one_or_all(files: tuple[Path, ...]) -> Any:
 
 
 def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
-    """Remove the overlay's options from those of a command, and return the overlay of the files `data`."""
+    """Remove the overlay options from the command's options, and return the overlay of the files `data`."""
     from voxflat.figures import Overlay  # imports matplotlib
 
     check_depth(given)

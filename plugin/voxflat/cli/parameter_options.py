@@ -1,4 +1,4 @@
-"""Build command-line options from Python parameters: the help is the first sentences of the parameter's docstring."""
+"""Build command-line options from Python parameters, with the first sentences of their descriptions as help."""
 
 import inspect
 import re
@@ -16,7 +16,7 @@ _PARAMETER = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : .*$", re.MULTILINE)
 
 @lru_cache
 def _descriptions(of: Callable[..., Any]) -> dict[str, str]:
-    """Return the descriptions of the parameters in a docstring, by parameter name."""
+    """Return the descriptions of the parameters in a docstring, keyed by parameter name."""
     doc = inspect.getdoc(of) or ""  # python -OO removes docstrings
     section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n[A-Z][\w ]+\n-+\n|\Z)", doc, re.DOTALL)
     text = "" if section is None else section[1]
@@ -30,7 +30,7 @@ def _descriptions(of: Callable[..., Any]) -> dict[str, str]:
 
 
 def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
-    """Return the first sentences that the docstring of a function or of a dataclass has on a parameter."""
+    """Return the first sentences of a parameter's description in the docstring of a function or a dataclass."""
     found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _descriptions(of).get(name, ""))
     text = re.sub(r":\w+:(?=`)", "", " ".join(found[:sentences]))  # without roles
     others = "|".join(_descriptions(of).keys() - {name})
@@ -39,7 +39,7 @@ def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str
 
 
 def default_of(of: Callable[..., Any], name: str) -> Any:
-    """Return the default of a parameter, or None if it has none."""
+    """Return the default of a parameter, or None if it does not have one."""
     if is_dataclass(of):
         return next(one.default for one in fields(of) if one.name == name)
     default = inspect.signature(of).parameters[name].default
@@ -60,8 +60,8 @@ def option_of(
     """Return the option for a parameter, with its name, its default and the first `sentences` of its description.
 
     `like`: a function with a parameter of the same name whose description is used instead. `until`: a clause of the
-    description that is left out with all that follows. `note`: a sentence that is added. `default`: the default in
-    words; without it, the value, or a clause "by default ..." of the description.
+    description that is omitted together with the text after it. `note`: a sentence that is added. `default`: the
+    default in words; if it is omitted, the default value or a clause "by default ..." of the description is shown.
     """
     usual = default_of(of, name)
     shown = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)

@@ -1,4 +1,7 @@
-"""The program `voxflat`. Exit status: 0 success, 1 failure, 2 wrong usage, 130 cancelled, 143 terminated."""
+"""Define the program `voxflat`.
+
+The exit status is 0 for success, 1 for failure, 2 for wrong usage, 130 if cancelled, and 143 if terminated.
+"""
 
 import click
 import cloup
@@ -29,7 +32,7 @@ COMMANDS = {
     "texture": "Map a picture onto a surface as a texture.",
     "worst": "List the regions of highest area distortion.",
 }
-"""The commands with the first sentences of their help. A command's module has its name and is imported on use."""
+"""Commands with the first sentences of their help. Each command's module has the same name and is imported on use."""
 
 
 @cloup.group(

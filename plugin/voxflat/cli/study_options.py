@@ -1,4 +1,4 @@
-"""Shared parts of `voxflat freesurfer` and `voxflat bids`: options for the maps, and how outcomes are printed."""
+"""Define map options and print outcomes for `voxflat freesurfer` and `voxflat bids`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,10 +12,10 @@ from voxflat.lab.inputs import GEOMETRIES, Parameters
 
 
 class MultipleValuesCommand(cloup.Command):
-    """A command whose repeatable options also accept several values after one flag, as BIDS Apps do."""
+    """Command whose repeatable options also accept several values after one flag, as in BIDS Apps."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Repeat the option's name before each further value, as long as the value is one of its choices."""
+        """Repeat the option's name before each additional value, as long as the value is one of its choices."""
         several = {name: own for own in self.params if getattr(own, "multiple", False) for name in own.opts}
         words: list[str] = []
         option = ""
@@ -59,11 +59,11 @@ map_options = options.section(
         multiple=True,
     ),
 )
-"""The options that say how the map of each hemisphere is made."""
+"""The options that define how the map of each hemisphere is created."""
 
 
 def parameters_of(given: dict[str, Any]) -> Parameters:
-    """Remove the options for maps from those of a command, and return them as parameters."""
+    """Remove the map options from the command's options, and return them as parameters."""
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
     return Parameters(cuts=cuts, overlays=overlays, **own)

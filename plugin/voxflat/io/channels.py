@@ -1,4 +1,4 @@
-"""Read files with several maps, values at points or volumes (GIFTI, CIFTI, MGH, NIfTI), one map at a time."""
+"""Read files that contain several maps or volumes (GIFTI, CIFTI, MGH, NIfTI), one at a time."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 @dataclass(frozen=True)
 class Timing:
-    """Store the times of the frames of a series, s."""
+    """Store the times of the frames of a series, in seconds."""
 
     step: float  # interval between frames
     start: float = 0.0  # time of the first frame
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
-        """Return the duration in a header, s; None if it is not valid."""
+        """Return the duration stored in a header, in seconds, or None if it is not valid."""
         values = np.array([step, start], dtype=np.float64)
         if not (np.isfinite(values).all() and values[0] > 0):
             return None
@@ -45,7 +45,7 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Store one or more arrays of the same shape, which are read on demand."""
+    """Store one or more arrays of the same shape that are read on demand."""
 
     names: tuple[str, ...]  # one per channel; empty if the file has none
     read: Callable[[int], NDArray[Any]]  # argument: number of a channel, from 0
@@ -59,13 +59,13 @@ class Channels:
         return f"<Channels: {len(self)}, {self.listed()}>"
 
     def listed(self) -> str:
-        """Return the shortened names, for messages."""
+        """Return the names, shortened for use in messages."""
         if not any(self.names):
             return f"0 to {len(self) - 1}"
         return textwrap.shorten(", ".join(name or str(n) for n, name in enumerate(self.names)), 300, placeholder=" ...")
 
     def find(self, channel: int | str | None) -> int:
-        """Find a channel by its number (from 0, or negative from the end) or name; None selects the only channel."""
+        """Find a channel by its name or number (from 0, or negative from the end); None selects the only channel."""
         count = len(self)
         if channel is None:
             if count > 1:
@@ -87,11 +87,11 @@ class Channels:
         return int(channel) % count
 
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
-        """Return the same channels, with a function applied when each is read."""
+        """Return the same channels, with a function that is applied to each channel when it is read."""
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     def of_file(self, path: Path | None) -> Channels:
-        """Return the same channels; their errors name the file, because they are read long after it was opened."""
+        """Return the same channels with errors that name the file, because they are read long after it is opened."""
         if path is None:
             return self
 
@@ -109,7 +109,7 @@ class Channels:
 
 
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
-    """Return a NIfTI or MGH series of volumes (I, J, K, T) and its affine to RAS+ mm; None for other input."""
+    """Return a NIfTI or MGH series of volumes (I, J, K, T) and its affine to RAS+ mm, or None for other input."""
     image, path = opened(obj)
     if image is None or is_cifti(image):
         return None
@@ -133,7 +133,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
-    """Return values at points from a NIfTI, MGH or CIFTI file; NaN or 0 outside a CIFTI structure; None for volumes."""
+    """Return values at points from NIfTI, MGH or CIFTI (NaN or 0 outside a CIFTI structure), or None for volumes."""
     image, path = opened(obj)
     if image is None:
         return None
@@ -160,7 +160,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
 
 
 def opened(obj: object) -> tuple[Any, Path | None]:
-    """Return the nibabel image of an object or file, with its data on disk, and the file; None for other input."""
+    """Return the nibabel image of an object or file, with its data on disk, and the file, or None for other input."""
     if hasattr(obj, "dataobj") and hasattr(obj, "get_data_dtype") and hasattr(obj, "shape"):
         return obj, None
     if not isinstance(obj, str | Path) or not str(obj).lower().endswith(_NIFTI_OR_MGH) or not Path(obj).is_file():
@@ -186,12 +186,12 @@ def is_cifti(image: Any) -> bool:
 
 
 def _shape(image: Any) -> tuple[int, ...]:
-    """Return a shape as Python integers, because products of MGH's 32-bit integers overflow."""
+    """Return a shape as Python integers, because products of the 32-bit integers in MGH headers overflow."""
     return tuple(int(length) for length in image.shape)
 
 
 def _timing(header: Any) -> Timing | None:
-    """Return the times of the frames along the fourth axis; None if the header has no unit of time."""
+    """Return the times of the frames along the fourth axis, or None if the header does not define a unit of time."""
     if not hasattr(header, "get_xyzt_units"):  # MGH stores ms
         return Timing.told(float(header["tr"]) / 1000) if "tr" in header else None
     second = _SECONDS.get(header.get_xyzt_units()[1])
@@ -201,7 +201,7 @@ def _timing(header: Any) -> Timing | None:
 
 
 def _check_complete(path: Path | None, image: Any, values: int) -> None:
-    """Check the length of a file before nibabel reads it, and that its values fit into memory."""
+    """Check that a file is complete and that its values fit into memory, before nibabel reads it."""
     proxy = image.dataobj
     if path is not None and hasattr(proxy, "offset"):
         check_length(path, proxy.offset + math.prod(_shape(proxy)) * proxy.dtype.itemsize)
@@ -213,7 +213,7 @@ def _check_complete(path: Path | None, image: Any, values: int) -> None:
 
 
 def _cifti(image: Any, points: int, structure: str | None) -> Channels:
-    """Return the maps of a CIFTI file on one structure."""
+    """Return the maps that a CIFTI file contains for one structure."""
     axes = [image.header.get_axis(n) for n in range(image.ndim)]
     if len(axes) != 2 or type(axes[1]).__name__ != "BrainModelAxis":
         kinds = ", ".join(type(axis).__name__ for axis in axes)
@@ -281,7 +281,7 @@ def _short(name: str) -> str:
 
 
 def _map_names(axis: Any) -> tuple[tuple[str, ...], bool]:
-    """Return the names of a CIFTI file's maps, and whether they contain labels."""
+    """Return the names of the maps in a CIFTI file, and whether the maps contain labels."""
     kind = type(axis).__name__
     if kind in ("ScalarAxis", "LabelAxis"):
         return tuple(str(name) for name in axis.name), kind == "LabelAxis"

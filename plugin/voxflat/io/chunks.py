@@ -1,4 +1,4 @@
-"""Read volumes in chunks, larger than memory (dask, zarr, OME-Zarr); each required chunk is read once."""
+"""Read volumes that are larger than memory in chunks (dask, zarr, OME-Zarr); each required chunk is read once."""
 
 import json
 import math
@@ -37,7 +37,7 @@ _ORIENTED = {  # RFC-4: RAS axis and its direction
 
 
 class _Grid:
-    """Store the chunks along an axis: all of one size, or a list of sizes."""
+    """Store the sizes of the chunks along an axis: one size for all chunks, or a list of sizes."""
 
     def __init__(self, length: int, of: Any) -> None:
         self._length = length
@@ -52,7 +52,7 @@ class _Grid:
         return index // self._size
 
     def span(self, number: int) -> tuple[int, int]:
-        """Return the first index of a chunk and the index after its last one."""
+        """Return the first index of a chunk and the index after the last one."""
         if self._size is None:
             return int(self._edges[number]), min(int(self._edges[number + 1]), self._length)
         return number * self._size, min((number + 1) * self._size, self._length)
@@ -70,7 +70,7 @@ class Chunked:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Numbers of voxels along i, j, k."""
+        """Number of voxels along each of i, j and k."""
         return tuple(int(self.array.shape[axis]) for axis in self.axes)
 
     @property
@@ -86,11 +86,11 @@ class Chunked:
 
     @property
     def grids(self) -> list[_Grid]:
-        """Chunks along i, j and k."""
+        """Chunk sizes along i, j and k."""
         return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
-        """Read a box of voxels, given the first index and the index after the last one along i, j and k."""
+        """Read a box of voxels, given the first index and the index after the last one along each of i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
@@ -106,7 +106,7 @@ class Chunked:
 
 @dataclass(frozen=True, eq=False)
 class _ZarrArray:
-    """Represent an array of a zarr directory, whose chunks are decompressed by C code in a child process."""
+    """Represent an array in a zarr directory, whose chunks are decompressed by C code in a child process."""
 
     path: Path
     shape: tuple[int, ...]
@@ -121,13 +121,13 @@ class _ZarrArray:
 
 
 def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
-    """Read a box of an array of a zarr directory: along each axis an index, or the first and the end index."""
+    """Read a box from an array in a zarr directory, given one index, or a start and an end index, for each axis."""
     array = require("zarr").open_array(str(path), mode="r")
     return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
 
 
 def is_chunked(obj: object) -> bool:
-    """Return whether an object is a chunked array, which is not completely in memory."""
+    """Return whether an object is a chunked array, which is not held completely in memory."""
     named = all(hasattr(obj, name) for name in ("shape", "dtype", "chunks", "__getitem__"))
     return named and not isinstance(obj, np.ndarray) and bool(getattr(obj, "chunks", None))
 
@@ -141,7 +141,7 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return voxels at `low` (P, 3) plus `offsets` (K, 3), clipped to the volume, (P, K); each chunk is read once."""
+    """Return the voxels (P, K) at `low` (P, 3) plus `offsets` (K, 3), clipped to the volume; read each chunk once."""
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
     if not isinstance(data, Chunked):
@@ -174,7 +174,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Return a chunked array or an OME-Zarr path as `Chunked` channels, with affine and file; None for other input."""
+    """Return the `Chunked` channels, affine and file of a chunked array or OME-Zarr path, or None for other input."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
     if not is_chunked(obj):
@@ -210,7 +210,7 @@ def _channels(each: list[Chunked], names: list[str]) -> Channels:
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
-    """Open the finest image of an OME-Zarr, or the image that the path selects within it."""
+    """Open the finest image of an OME-Zarr directory, or the image within it that the path selects."""
     zarr = require("zarr")
     wanted = None
     told, about = _multiscales(path)
@@ -273,13 +273,13 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
-    """Return the first multiscales metadata of a zarr group, and the file that contains it."""
+    """Return the first multiscales entry in the metadata of a zarr group, and the file that contains it."""
     for name in ("zarr.json", ".zattrs"):
         file = path / name
         if not file.is_file():
             continue
         try:
-            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which some programs write
+            content = json.loads(file.read_text(encoding="utf-8"))  # accepts NaN, which some programs write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
         except (ValueError, AttributeError, RecursionError):

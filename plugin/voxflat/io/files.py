@@ -1,4 +1,4 @@
-"""Provide what all readers and writers share: atomic writing, optional packages, errors that name the file."""
+"""Provide functions shared by readers and writers: atomic writing, optional imports, and errors that name the file."""
 
 import errno
 import gzip
@@ -35,7 +35,7 @@ REMEDY = "Check that the file is complete and that its ending matches its format
 SAVED_ENDINGS = (".npz", ".voxflat")
 """Endings of complete maps and atlases, which are NumPy archives; only voxflat uses the second ending."""
 
-AGAIN = "Copy or download the file again"  # what to do with a file that was cut short
+AGAIN = "Copy or download the file again"  # remedy for a truncated file
 
 _BLOCK = 1 << 20
 _WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
@@ -59,11 +59,11 @@ EXTRAS = {
     **dict.fromkeys(("pyvista", "vtkmodules"), "pyvista"),
     **dict.fromkeys(("distributed", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr"), "lab"),
 }
-"""The optional packages, by the name under which they are imported, and the extra that installs each."""
+"""Optional packages, keyed by import name, with the extra that installs each of them."""
 
 
 def require(module: str) -> Any:
-    """Import a package that is optional, or that is imported only when it is used."""
+    """Import a package that is optional, or whose import is deferred until it is used."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -78,7 +78,7 @@ def installing(*modules: str) -> str:
 
 
 def check_format(path: str | os.PathLike[str], found: object, known: str | int, remedy: str) -> None:
-    """Raise an error if the format of a file, a version or a name and a version, is not the known one."""
+    """Raise an error if the format of a file (a version, or a name and a version) is not the supported one."""
     name, _, version = str(known).rpartition(" ")
     its_name, _, its_version = str(found).rpartition(" ")
     if its_name == name and its_version.isdecimal() and int(its_version) > int(version):
@@ -91,7 +91,7 @@ _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
 
 
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
-    """Load an image with nibabel; nibabel's warnings about the header go to the log, with the name of the file."""
+    """Load an image with nibabel, and log nibabel's warnings about the header together with the file name."""
     nibabel = require("nibabel")
     check_regular(Path(path))
     try:
@@ -106,7 +106,7 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
 
 @contextmanager
 def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
-    """Redirect another package's log messages to voxflat's log, with the name of the file."""
+    """Redirect another package's log messages to voxflat's log, and add the file name."""
     logging.getLogger(logger).addFilter(_to_own_log)
     token = _loading.set(path)
     try:
@@ -122,17 +122,17 @@ def _to_own_log(record: logging.LogRecord) -> bool:
 
 
 def one_line(error: Exception) -> str:
-    """Shorten an error message to one line, in particular ITK's, which contain source positions and addresses."""
+    """Shorten an error message to one line; ITK's messages, for example, contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
-    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows patterns down
+    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows down pattern matching
     text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", told)
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
 
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Convert all errors except the system's to one line that begins with the name of a file or object."""
+    """Convert all errors except system errors to one line that begins with the name of a file or an object type."""
     name = name if isinstance(name, str | os.PathLike) else type(name).__name__
     try:
         yield
@@ -173,7 +173,7 @@ def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 
 def check_regular(path: Path) -> os.stat_result:
-    """Raise an error if a file is not regular, because reading it could block forever; return its status."""
+    """Return the status of a file; raise an error if it is not regular, because reading it could block forever."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError("is a directory. Pass the name of a file")
@@ -190,7 +190,7 @@ def check_regular_within(folder: Path) -> None:
 
 
 def from_json(text: str | bytes) -> Any:
-    """Parse JSON; raise ValueError for too deep nesting and for numbers that JSON does not define."""
+    """Parse JSON; raise ValueError for nesting that is too deep and for numbers that JSON does not define."""
     try:
         return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:
@@ -204,11 +204,11 @@ def _finite(number: str) -> float:
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
-    """Compare the arrays of one file with each other.
+    """Check that the arrays of a file have the expected types and consistent shapes.
 
-    `layout` gives the NumPy type of each array after loading (`in_types`), of which only the kind is checked, and its
-    axes, separated by spaces. An axis is a number, its length, or a name; axes of the same name have equal lengths, and
-    "?" stands for any length.
+    `layout` gives the NumPy type of each array after loading (`in_types`) and its axes, separated by spaces. Only the
+    kind of the type is checked. An axis is given as its length or as a name; axes with the same name must have equal
+    lengths, and "?" stands for any length.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, (wanted_type, axes) in layout.items():
@@ -224,7 +224,7 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[
 
 
 def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> dict[str, NDArray[Any]]:
-    """Return arrays in the types of a layout; raise an error for whole numbers out of range."""
+    """Convert arrays to the types of a layout; raise an error for integers that are out of range."""
     made = dict(arrays)
     for name in made.keys() & layout.keys():
         array, wanted = made[name], np.dtype(layout[name][0])
@@ -241,21 +241,21 @@ def _is_of_kind(array: NDArray[Any], wanted: np.dtype[Any]) -> bool:
 
 
 def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:
-    """Check that arrays of row numbers, by name, refer to existing rows."""
+    """Check that arrays of row numbers, keyed by name, refer to existing rows."""
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
             raise InputError(f"its array {name} refers to rows outside the {limit} available ones. {AGAIN}")
 
 
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Check that arrays of coordinates, by name, are finite and in the range that the core accepts."""
+    """Check that arrays of coordinates, keyed by name, are finite and within the range that the core accepts."""
     for name, array in arrays.items():
         if not (np.abs(array.astype(np.float64)) <= FARTHEST).all():
             raise InputError(f"its array {name} has coordinates that are not finite or exceed {FARTHEST:g} mm. {AGAIN}")
 
 
 def contents(path: Path) -> bytes:
-    """Return the bytes of a file, decompressed if gzipped; raise an error beyond a quarter of the memory."""
+    """Return the bytes of a file, decompressed if gzipped; raise an error if they exceed a quarter of the memory."""
     status = check_regular(path)
     limit = allowed_memory() // 4
     with path.open("rb") as file:
@@ -283,7 +283,7 @@ def _unpacked(stream: IO[bytes]) -> bytes:
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
-    """Compare the length of a file to the length that its header specifies."""
+    """Compare the length of a file with the length that its header specifies."""
     if need < 0:
         raise InputError(f"its header is damaged: it specifies {what}. {AGAIN}")
     if len(data) < need:
@@ -293,7 +293,7 @@ def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> 
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a new name in the same directory with the same ending, not longer than file systems allow."""
+    """Return a new name in the same directory, with the same ending and no longer than file systems allow."""
     name = path.name
     while len(os.fsencode(name)) > _LONGEST_NAME - 10:
         name = name[1:]
@@ -338,19 +338,19 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         try:
-            temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
+            temporary.open("xb").close()  # open(), unlike mkstemp(), applies the user's usual permissions
             yield temporary
             _replace(temporary, path)
         except Exception:
             _probe(temporary)
             raise
         finally:
-            with suppress(PermissionError):  # Windows deletes no file that is open, such as after an error
+            with suppress(PermissionError):  # Windows cannot delete an open file, for example after an error
                 temporary.unlink(missing_ok=True)
 
 
 def _replace(temporary: Path, path: Path) -> None:
-    """Rename a complete file; on Windows, wait a moment for programs such as virus scanners that have it open."""
+    """Rename a complete file; on Windows, wait briefly for programs that have it open, such as virus scanners."""
     for seconds in _WAITS:
         with suppress(PermissionError):
             temporary.replace(path)
@@ -381,7 +381,7 @@ def check_new(path: Path) -> None:
 
 
 def _probe(path: Path) -> None:
-    """Raise the system's own error if nothing more can be written, because some packages' writers hide it."""
+    """Raise the system's own error if nothing more can be written, because the writers of some packages hide it."""
     if path.exists():
         with path.open("ab") as file:
             file.write(bytes(_BLOCK))
@@ -395,5 +395,5 @@ def save_array(path: Path, array: NDArray[Any]) -> None:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the path of a surface's companion file; its name has no spaces, because OBJ readers would cut it there."""
+    """Return the path of a surface's companion file, without spaces, because OBJ readers would cut the name there."""
     return path.with_name(re.sub(r"[\s#]+", "_", path.stem) + ending)

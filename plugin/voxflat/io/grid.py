@@ -1,4 +1,4 @@
-"""Define grids of voxels: their shape, and an affine to RAS+ mm without shear."""
+"""Define voxel grids, which have a shape and an affine to RAS+ mm without shear."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
 _LONGEST = 2**31 - 1  # voxels along an axis: indices have 32 bits
 
 FARTHEST = _core.FARTHEST
-"""Largest distance from the origin, mm: enough for brains in nm and the Earth in m; squares and volumes stay finite."""
+"""Largest distance from the origin in mm; it suffices for brains in nm and the Earth in m, and keeps volumes finite."""
 
-SMALLEST = _core.SMALLEST  # mm, least voxel size, and least extent of a surface
+SMALLEST = _core.SMALLEST  # mm, smallest voxel size and smallest surface extent
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the three voxel spacings, mm; for cubes exactly the spacing, on every machine."""
+    """Return the geometric mean of the three voxel spacings in mm; for cubes it equals the spacing on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
     # the cube root of 1 is exactly 1 on every machine, that of 0.125 is not exactly 0.5
@@ -63,7 +63,7 @@ def check_affine(affine: ArrayLike) -> Affine:
 
 
 def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> Affine | None:
-    """Return the affine that the caller passed as an affine or as a spacing."""
+    """Return the affine that the caller passed, either directly or as a spacing."""
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
@@ -119,7 +119,7 @@ def named_unit(unit: object) -> str:
 
 
 def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
-    """Return a text about mm in the unit of a surface or map; without a unit if it is unknown."""
+    """Return a text that mentions mm with the unit of a surface or map instead, or without a unit if it is unknown."""
     unit = metadata.get("unit", "mm")
     if metadata.get("napari", {}).get("unit", "").startswith("pixel"):
         unit = "unknown"
@@ -140,7 +140,7 @@ def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
 
 
 def millimetres(unit: str) -> float:
-    """Return the length of a unit in mm; mm is the default, and an unknown unit raises an `InputError`."""
+    """Return the length of a unit in mm; the default unit is mm, and an unknown unit raises an `InputError`."""
     found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
     if found is None:
         raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
@@ -148,7 +148,7 @@ def millimetres(unit: str) -> float:
 
 
 def in_millimetres(affine: Affine, unit: str) -> Affine:
-    """Convert an affine in a unit to mm, and log the conversion."""
+    """Convert an affine from a given unit to mm, and log the conversion."""
     factor = millimetres(unit)
     if factor == 1:
         return affine

@@ -1,4 +1,4 @@
-"""Read names and colours of labels, from files of labels and from separate lookup tables."""
+"""Read the names and colours of labels from label files and from separate lookup tables."""
 
 import csv
 import io
@@ -50,7 +50,7 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
-    """Read the names and colours stored in a file of labels or a nibabel image; for CIFTI those of a channel."""
+    """Read the names and colours stored in a label file or a nibabel image; for CIFTI, read those of one channel."""
     if is_gifti(labels):
         return _of_gifti(labels)
     if is_cifti(labels):

@@ -1,4 +1,4 @@
-"""Read and write surfaces, with points in RAS+ mm and triangles: with nibabel, VTK, or parsed here (PLY, OBJ, STL)."""
+"""Read and write triangle surfaces with points in RAS+ mm, using nibabel, VTK or voxflat's own parsers."""
 
 import os
 import re
@@ -32,7 +32,7 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Store a surface of triangles.
+    """Store a triangle surface.
 
     Creating a mesh checks its arrays; an invalid array raises an `InputError`.
 
@@ -47,13 +47,13 @@ class Mesh:
     structure : str or None
         Brain structure in the notation of GIFTI's AnatomicalStructurePrimary: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
-        Values at the points, by name.
+        Values at the points, keyed by name.
     texture_coordinates : ndarray of float64, shape (N, 2), or None
-        Position of each point in a picture; NaN for points without one.
+        Position of each point in a picture; NaN for points without a position.
     face_data : dict of str to ndarray, shape (F,)
-        Values of the triangles, by name.
+        Values of the triangles, keyed by name.
     remarks : tuple of str
-        What the reader noticed or changed.
+        Remarks on properties that the reader noticed or changed.
     space : Space
         Coordinate space of the points: scanner RAS, FreeSurfer's tkRAS, or unknown.
     has_unit : bool
@@ -86,7 +86,7 @@ class Mesh:
     def has_unknown_unit(self) -> bool:
         """Whether the unit of the coordinates is unknown.
 
-        Only GIFTI and FreeSurfer files define the unit. It also counts as unknown if the mesh is smaller than 1 mm.
+        Only GIFTI and FreeSurfer files define the unit. It is also considered unknown if the mesh is smaller than 1 mm.
 
         See Also
         --------
@@ -119,7 +119,7 @@ class Mesh:
 
     @property
     def unit_remark(self) -> str | None:
-        """Remark on a mesh that is probably not in mm, or None.
+        """Remark that the mesh is probably not in mm, or None.
 
         A mesh is suspicious if the longest side of its bounding box is below 1.
 
@@ -173,25 +173,25 @@ class Mesh:
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
-    """Read a surface of triangles from a file.
+    """Read a triangle surface from a file.
 
-    The ending of the name determines the format; without a known ending, the content does.
+    The ending of the name determines the format; if the ending is not known, the content does.
 
     Parameters
     ----------
     path : path
-        GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...; in
-        ASCII ``.asc``), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` or ``.glb``.
+        GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...; or
+        ``.asc`` in ASCII), VTK (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``, ``.off`` or ``.glb``.
 
     Returns
     -------
     Mesh
-        The points as stored and in their order. STL files store corners instead of points; equal corners become one.
+        The mesh, with its points in the order of the file. In STL files, which store corners, equal corners become one.
 
     Raises
     ------
     InputError
-        The file is damaged, is in another format than its ending specifies, or is not a surface of triangles.
+        The file is damaged, its format differs from the one that its ending specifies, or it is not a triangle surface.
     FileNotFoundError, PermissionError
         The file cannot be opened.
 
@@ -213,7 +213,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 
 def is_mesh_name(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a mesh according to its ending or, without a known ending, to its first bytes."""
+    """Return whether a file is a mesh according to its ending or, if the ending is not known, its first bytes."""
     path = checked_path(path)
     name = path.name.lower()
     if name.endswith(tuple(formats.ENDINGS)):
@@ -225,7 +225,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
 
 
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file contains triangles, and not values at points or a patch."""
+    """Return whether a file contains triangles rather than values at points or a patch."""
     path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
@@ -234,7 +234,7 @@ def holds_mesh(path: str | os.PathLike[str]) -> bool:
 
 
 def _format(path: Path, data: bytes) -> str:
-    """Return the format of a surface file; ending and content must agree."""
+    """Return the format of a surface file; its ending and content must agree."""
     named, found = formats.by_name(path), formats.by_content(data)
     if named and found and named != found:
         raise InputError(f"its name ends as {named}, but its content is {found}. Rename the file")
@@ -248,7 +248,7 @@ def _format(path: Path, data: bytes) -> str:
 
 
 def parsed(path: Path, data: bytes) -> Mesh:
-    """Return the surface in a file, with what its name and its size reveal."""
+    """Return the surface in a file, with the structure that its name indicates and a remark if its unit is doubtful."""
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
@@ -288,7 +288,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     Parameters
     ----------
     path : path
-        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or such as ``lh.white``.
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name without an ending or such as ``lh.white``.
     mesh : Mesh
         The mesh. GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` stores the
         structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and ``.obj`` the texture
@@ -322,7 +322,7 @@ _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
 
 
 def check_mesh_name(path: Path) -> _Write:
-    """Return the writer for a file name; raise an error if no format of surfaces matches."""
+    """Return the writer for a file name; raise an error if no surface format matches."""
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
     with naming(path, "check that this format can hold it"):
@@ -334,7 +334,7 @@ def check_mesh_name(path: Path) -> _Write:
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
-    """Transform points to tkRAS and return the volume, by default a conformed one at their centre."""
+    """Transform points to tkRAS, and return them with the volume, by default a conformed volume."""
     if space.name != "scanner":
         return points, space.volume
     volume = space.volume or VolumeGeometry.conformed()

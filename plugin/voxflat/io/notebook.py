@@ -9,7 +9,7 @@ _DPI = 150  # dpi of pictures, 85 mm wide on paper
 
 
 def page(value: object, text: str = "", figure: Any = None, about: str = "") -> str:
-    """Return HTML for a value: its `repr`, a picture with a description, and text aligned in columns."""
+    """Return HTML for a value: its `repr`, a picture with a description, and text in aligned columns."""
     parts = [f"<p><code>{html.escape(repr(value))}</code></p>"]
     if figure is not None:
         drawn = io.BytesIO()

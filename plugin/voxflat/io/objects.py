@@ -1,4 +1,4 @@
-"""Read surfaces and values from objects of nilearn, nibabel, trimesh, meshio and VTK without importing these."""
+"""Read surfaces and values from nilearn, nibabel, trimesh, meshio and VTK objects without importing these packages."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,14 +19,14 @@ SUPPORTED = (
     "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or ITK; a "
     "mesh of nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
 )
-"""Input that `voxflat.surface` accepts, for messages."""
+"""Description of the input that `voxflat.surface` accepts, for use in messages."""
 
 _STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
 _REMEDY = "convert it to a file or to arrays"
 
 
 def mesh_of_object(given: object) -> Mesh | None:
-    """Return the surface in an object of another package; None for other objects."""
+    """Return the surface in an object of another package, or None for other objects."""
     for is_one, of in _MESHES:
         if is_one(given):
             with naming(type(given).__name__, _REMEDY):
@@ -35,7 +35,7 @@ def mesh_of_object(given: object) -> Mesh | None:
 
 
 def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
-    """Return the values at a surface's vertices in an object of another package; None for other objects."""
+    """Return the values at a surface's vertices in an object of another package, or None for other objects."""
     if isinstance(given, np.ndarray | list | tuple):
         return None
     with naming(type(given).__name__, "pass the values of this surface"):
@@ -60,7 +60,7 @@ def is_values(given: object) -> bool:
 
 
 def is_gifti(given: object) -> bool:
-    """Return whether an object is a GIFTI image of nibabel."""
+    """Return whether an object is a nibabel GIFTI image."""
     return hasattr(given, "darrays") and hasattr(given, "agg_data")
 
 
@@ -74,7 +74,7 @@ def _has_parts(given: object) -> bool:
 
 
 def _of_nilearn(mesh: Any) -> Mesh:
-    path = getattr(mesh, "file_path", None)  # a FileMesh: its file contains more
+    path = getattr(mesh, "file_path", None)  # the file of a FileMesh contains more information
     return Mesh(np.asarray(mesh.coordinates), np.asarray(mesh.faces)) if path is None else read_mesh(path)
 
 
@@ -130,7 +130,7 @@ _MESHES: tuple[_Reader, ...] = (
 
 
 def _value_parts(given: object) -> Mapping[str, Any] | None:
-    """Return the values of each hemisphere of a nilearn SurfaceImage or PolyData."""
+    """Return the values of each hemisphere in a nilearn SurfaceImage or PolyData, or None for other objects."""
     data = getattr(given, "data", None) if hasattr(given, "mesh") else given
     parts = getattr(data, "parts", None)
     if not isinstance(parts, Mapping) or not all(hasattr(part, "shape") for part in parts.values()):
@@ -139,7 +139,7 @@ def _value_parts(given: object) -> Mapping[str, Any] | None:
 
 
 def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> NDArray[Any]:
-    """Return the values of a surface's hemisphere."""
+    """Return the values of the hemisphere that matches a surface."""
     fitting = {side: part for side, part in parts.items() if len(part) == points}
     known = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
     if known:

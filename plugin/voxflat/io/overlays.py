@@ -1,4 +1,4 @@
-"""Read values at the points of a surface, and regions of it, from files."""
+"""Read values at the points of a surface, and regions of a surface, from files."""
 
 import io
 import os
@@ -24,15 +24,15 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
     """Read values at the points of a surface.
 
-    The ending of the name determines the format; FreeSurfer's files of values need none.
+    The ending of the name determines the format; FreeSurfer files such as ``lh.curv`` do not need one.
 
     Parameters
     ----------
     path : path
         GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), CIFTI (``.dscalar.nii``, ``.dtseries.nii``,
         ``.dlabel.nii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``, ...; ``.annot``, whose labels are
-        numbers from 0, or −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
-        ``.txt`` with one line per point.
+        numbers from 0, or −1 for unlabelled points; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K),
+        ``.npy``, or ``.txt`` with one line per point.
     points : int
         Number of points of the surface.
     structure : str, optional
@@ -42,12 +42,12 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     Returns
     -------
     ndarray, shape (points,), or (points, K) for K maps
-        The values, in the type of the file.
+        The values, with the data type of the file.
 
     Raises
     ------
     InputError
-        The file is damaged, has another number of values, or has more maps than fit into memory.
+        The file is damaged, has a different number of values, or has more maps than fit into memory.
     FileNotFoundError, PermissionError
         The file cannot be opened.
 
@@ -72,7 +72,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 
 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
-    """Read values at the points of a surface like `read_overlay`, but NIfTI and CIFTI maps on demand."""
+    """Read values at the points of a surface as `read_overlay` does, but read NIfTI and CIFTI maps on demand."""
     path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
@@ -90,7 +90,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a volume according to its ending, and not values at points with the same ending."""
+    """Return whether a file is a volume according to its ending, rather than values at points with the same ending."""
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False
@@ -101,7 +101,7 @@ def holds_volume(path: str | os.PathLike[str]) -> bool:
 
 
 def _dimensions(path: Path) -> int | None:
-    """Return the number of dimensions of an array in a file, or None."""
+    """Return the number of dimensions of the array in a file, or None."""
     try:
         check_regular(path)
         return readers.dimensions(path)
@@ -114,7 +114,7 @@ def _dimensions(path: Path) -> int | None:
 def read_region(
     path: str | os.PathLike[str], points: int, *, name: str | None = None, structure: str | None = None
 ) -> NDArray[np.bool_]:
-    """Read which points of a surface belong to a region.
+    """Return which points of a surface belong to a region that is stored in a file.
 
     The region can be stored as a label, an annotation, a patch, a part of the surface, or as values.
 
@@ -122,7 +122,7 @@ def read_region(
     ----------
     path : path
         A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface whose faces use only points of the region;
-        or a file for `read_overlay`, whose region consists of the points with a value other than 0 and NaN.
+        or a file for `read_overlay`, in which the points of the region have values other than 0 and NaN.
     points : int
         Number of points of the surface.
     name : str, optional
@@ -138,7 +138,7 @@ def read_region(
     Raises
     ------
     InputError
-        The file is damaged, belongs to another surface, or has no label of that name.
+        The file is damaged, belongs to another surface, or does not contain a label with that name.
     FileNotFoundError, PermissionError
         The file cannot be opened.
 
@@ -177,7 +177,7 @@ def read_region(
 
 
 def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
-    """Raise an error for values of the other hemisphere; GIFTI's own metadata override the file name."""
+    """Raise an error if the values belong to the other hemisphere; GIFTI metadata override the file name."""
     if structure not in (LEFT, RIGHT):
         return
     path = checked_path(path)
@@ -193,7 +193,7 @@ def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> No
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
-    """Return where the only map of some channels is neither 0 nor NaN, shape (points,)."""
+    """Return a mask (points,) of the points where the only map of the channels is neither 0 nor NaN."""
     if len(channels) > 1:
         raise InputError(f"has {len(channels)} maps. Pass a file with one map")
     values = _fitting(channels.read(0), points)
@@ -201,7 +201,7 @@ def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
 
 
 def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:
-    """Return the values in a file, and the names of its maps if there are any."""
+    """Return the values in a file, and the names of its maps if they have names."""
     name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
     if name.endswith(".npy") or kind == "a NumPy array":
         if kind != "a NumPy array":
@@ -235,7 +235,7 @@ def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
 
 
 def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
-    """Return which points are selected."""
+    """Return a mask of the selected points."""
     if chosen.max() >= points:
         raise InputError(f"refers to point {chosen.max()}, but the surface has the points 0 to {points - 1}")
     mask = np.zeros(points, dtype=bool)
@@ -244,7 +244,7 @@ def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
 
 
 def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDArray[np.bool_]:
-    """Return which points have the label of a given name."""
+    """Return a mask of the points whose label has a given name."""
     keys = [key for key, label in names.items() if label == name]
     if not keys:
         known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")

@@ -1,9 +1,9 @@
-"""Read and write FreeSurfer's patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
+"""Read and write FreeSurfer patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
 
-A patch lists some points of a surface with positions of their own. Its faces are not in the file: they are the faces of
-the surface whose corners are all listed. FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), pycortex and autoflatten
-use this rule; the border flag is only for display. The format is big-endian: int32 −1, int32 number of points, then
-for each point an int32, v + 1 for point v inside and −(v + 1) at the border, and three float32.
+A patch lists some points of a surface and their positions in the patch. Its faces are not stored in the file: they are
+the faces of the surface whose corners are all listed. FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), pycortex and
+autoflatten use this rule; the border flag is only for display. The format is big-endian: an int32 of −1, the number of
+points as int32, and for each point v an int32, which is v + 1 inside and −(v + 1) at the border, and three float32.
 """
 
 import os
@@ -29,7 +29,7 @@ PATCH_ENDING = ".patch.3d"  # ending of 3-D patches and of some flat ones
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Store some points of a surface, with positions of their own.
+    """Store some points of a surface and their positions in a patch.
 
     Creating a patch checks its arrays; an invalid array raises an `InputError`.
 
@@ -38,7 +38,7 @@ class Patch:
     vertex_ids : ndarray of int64, shape (k,)
         Numbers of the points on the surface, each listed once.
     points : ndarray of float64, shape (k, 3)
-        Positions of the points, mm; in a flat patch z is 0.
+        Positions of the points in mm; in a flat patch, z is 0.
     border : ndarray of bool, shape (k,)
         Whether each point lies at the border of the patch; `patch_border` finds these points.
     path : Path or None
@@ -136,7 +136,7 @@ def parse_patch(path: Path, data: bytes) -> Patch:
 def is_patch(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is a FreeSurfer patch."""
     path = checked_path(path)
-    if path.exists() and not path.is_file():  # reading a pipe would block
+    if path.exists() and not path.is_file():  # reading from a pipe would block
         return False
     with path.open("rb") as file:
         return file.read(4) == b"\xff\xff\xff\xff"
@@ -182,9 +182,9 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
 
 
 def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Find the faces of a patch, which are the faces of the surface whose three corners are all listed.
+    """Return a mask (F,) of the faces of a surface whose three corners are all listed in a patch.
 
-    The arguments are those of `patch_faces`. Returns bool (F,).
+    The parameters are the same as for `patch_faces`.
     """
     triangles, rows = _rows(faces, vertices, n)
     return np.asarray((rows[triangles] >= 0).all(axis=1))
@@ -207,7 +207,7 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
     Returns
     -------
     ndarray of int64, shape (G, 3)
-        Faces as rows of the patch, 0 to k − 1; together with ``patch.points`` they form a mesh.
+        Faces, whose corners are rows of the patch (0 to k − 1); together with ``patch.points``, they form a mesh.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
 
 
 def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the checked faces, and the row in the patch of each of the surface's points, −1 outside."""
+    """Return the checked faces, and the patch row of each point of the surface (−1 outside the patch)."""
     triangles, chosen = check_faces(faces, n), _check_vertices(vertices)
     check_room(8 * n)
     if chosen.max() >= n:
@@ -290,7 +290,7 @@ def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int
 
 
 def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
-    """Check that vertices are whole numbers from 0, each listed once."""
+    """Check that vertices are non-negative integers, each listed once."""
     array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
         raise InputError(f"a patch must list vertices as whole numbers, not {array.dtype} of shape {array.shape}")

@@ -1,8 +1,8 @@
 """Record how a result was made, in the same way in all file formats.
 
-A record contains the version, the function with all its parameters, and the SHA-256 of the files that were read. A
-parameter that is itself a result, such as the surface of `flatten`, is described by its own record. The record contains
-no time and no machine name: the same call with the same files gives the same bytes.
+A record contains the version, the function with its parameters, and the SHA-256 hashes of the files that were read. A
+parameter that is itself a result, such as the surface of `flatten`, is described by its own record. The record
+contains neither a time nor a machine name, so the same call with the same files gives the same bytes.
 """
 
 import copy
@@ -30,7 +30,7 @@ from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
 
 Record = dict[str, Any]
-"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; for maps also ``figures``."""
+"""``voxflat`` (the version), ``function``, ``parameters``, ``files`` (SHA-256 by path), and, for maps, ``figures``."""
 
 _UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
 _MARKED = 4096  # voxflat's files contain its name in these first bytes
@@ -48,7 +48,7 @@ _Made = TypeVar("_Made", bound=_Recordable)
 
 
 def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
-    """Add a provenance record to a function's result; its ``memory_limit`` applies to files, too."""
+    """Add a provenance record to a function's result, and apply its ``memory_limit`` to the files that it reads."""
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         signature = inspect.signature(function)
@@ -83,7 +83,7 @@ _chosen: ContextVar[dict[str, Any]] = ContextVar("voxflat_chosen", default={})  
 
 
 def note_default(**values: Any) -> None:
-    """Note the values that are used for parameters of the recorded function that were not given."""
+    """Record the values that the function uses for parameters that were not given."""
     _chosen.set({**_chosen.get(), **values})
 
 
@@ -93,7 +93,7 @@ def record_of(function: str, parameters: dict[str, Any], files: dict[str, str]) 
 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:
-    """Return a record with the values that were used, by name, for parameters that were not given."""
+    """Return a record completed with the values, keyed by name, that were used for parameters that were not given."""
     parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
     method = parameters.get("method")
     for told in (parameters, method) if isinstance(method, dict) else (parameters,):
@@ -107,10 +107,10 @@ _Own = TypeVar("_Own", bound="Recorded")
 
 
 class Recorded:
-    """Provide a provenance record in a field ``provenance``."""
+    """Provide a field ``provenance`` that holds a provenance record."""
 
     _used: ClassVar[tuple[str, ...]] = ()
-    """Fields with the values used for parameters that were not given."""
+    """Fields that hold the values used for parameters that were not given."""
 
     def _with_provenance(self: _Own, record: Record) -> _Own:
         """Return the same object with a provenance record."""
@@ -120,7 +120,7 @@ class Recorded:
 
 
 def described(value: object) -> Any:
-    """Return a parameter as JSON: the record of a result, the SHA-256 of a long array, else its value or type."""
+    """Return a parameter as JSON: the record of a result, the SHA-256 of a long array, or else its value or type."""
     if value is None or isinstance(value, str | bool | np.bool_):
         return bool(value) if isinstance(value, np.bool_) else value
     if isinstance(value, Integral):
@@ -158,7 +158,7 @@ KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # environment variable: 1 keeps paths in file
 
 
 def portable(content: Any) -> Any:
-    """Replace paths, which reveal people and projects, by file names, numbered if they clash."""
+    """Replace paths, which can reveal people and projects, with file names, which are numbered if they clash."""
     if os.environ.get(KEEP_PATHS) == "1":
         return content
     names: dict[str, str] = {}
@@ -170,7 +170,7 @@ def portable(content: Any) -> Any:
 
 
 def _paths(content: Any) -> set[str]:
-    """Return all paths that consist of more than a name."""
+    """Return all paths that consist of more than a file name."""
     if isinstance(content, str):
         is_path = len(content) < _LONGEST_PATH and "\n" not in content and os.path.basename(content) != content
         return {content} if is_path and (os.path.isabs(content) or os.path.exists(content)) else set()
@@ -213,7 +213,7 @@ def _files(record: object) -> Iterator[tuple[str, str]]:
 
 
 def check_not_read(path: Path, record: Record) -> None:
-    """Raise an error instead of overwriting a file that a result was made from, whatever its name."""
+    """Raise an error instead of overwriting a file from which a result was made, under any name."""
     if not path.exists():
         return
     for name, digest in _files(record):
@@ -223,7 +223,7 @@ def check_not_read(path: Path, record: Record) -> None:
 
 
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
-    """Raise an error instead of replacing a file beside a result, unless voxflat wrote it."""
+    """Raise an error instead of replacing a result's companion file, unless voxflat wrote it or `overwrite` is set."""
     if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
     is_ours = False
@@ -238,7 +238,7 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
 
 
 def sidecar_of(path: str | os.PathLike[str]) -> Path:
-    """Return the name of the JSON file beside a result."""
+    """Return the path of the JSON file that accompanies a result."""
     path = checked_path(path)
     return path.with_name(f"{path.name}.json")
 

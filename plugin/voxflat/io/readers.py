@@ -1,6 +1,6 @@
-"""Read files and images of other packages as arrays of voxels and affines.
+"""Read files, and images of other packages, as voxel arrays with affines.
 
-The header reveals how much memory the voxels need before they are read. nibabel reads NIfTI and MGH, ITK reads NRRD and
+The header reveals how much memory the voxels need before they are read. nibabel reads NIfTI and MGH; ITK reads NRRD and
 MetaImage. Neither package detects every damaged file, so headers and completeness are checked here.
 """
 
@@ -34,12 +34,12 @@ ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64"
 
 
 def as_array(obj: object) -> NDArray[Any]:
-    """Return an ndarray; for ITK's own view, keep the image alive (`numpy.asarray` would point to freed memory)."""
+    """Return an ndarray; for an ITK view, keep its image alive, because `numpy.asarray` would point to freed memory."""
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
 
 
 def read(path: Path) -> Read:
-    """Read the voxels of a file and its affine, if it has one."""
+    """Read the voxels of a file, and its affine if it has one."""
     if path.is_dir():
         raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
     check_regular(path)  # the system's own error for a missing file is more helpful
@@ -79,14 +79,14 @@ def dimensions(path: Path) -> int:
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in headers:  # for field names beyond Latin-1, so not numeric
+    if version not in headers:  # only for field names beyond Latin-1, which numeric arrays do not have
         raise InputError(f"has NumPy's array format {version}. Write it again with numpy.save")
     shape, _, dtype = headers[version](file)
     return shape, dtype
 
 
 def _need_of(file: IO[bytes], size: int) -> int:
-    """Return the number of bytes of an array according to its header, and compare it to the length of the file."""
+    """Return the size of an array in bytes according to its header, and compare it with the length of the file."""
     shape, dtype = _header(file)
     need = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if file.tell() + need > size and not dtype.hasobject:
@@ -108,7 +108,7 @@ def _read_npz(path: Path) -> Read:
 
 
 def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
-    """Read a file, whose voxels may be in another one."""
+    """Read a file whose voxels may be stored in another file."""
     image = nibabel_image(path, mmap=False)
     _check_proxy(image)
     stored = image.dataobj
@@ -117,7 +117,7 @@ def _read_by_nibabel(path: Path, voxels: Path | None = None) -> Read:
 
 
 def _read_pair(path: Path) -> Read:
-    """Read an image that consists of two files, Analyze or NIfTI."""
+    """Read an Analyze or NIfTI image that consists of two files."""
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
         raise InputError(f"{voxels.name} is missing beside it. This format consists of two files, .hdr and .img")
@@ -133,7 +133,7 @@ def _read_nifti(path: Path) -> Read:
         return _read_by_nibabel(path)
     header = _nifti_header(head)
     shape = tuple(header["dim"][1 : header["dim"][0] + 1].tolist())
-    volume_shape(shape, np.dtype(np.uint8))  # before a time series is read in vain
+    volume_shape(shape, np.dtype(np.uint8))  # raises an error before a time series is read
     voxels = int(np.prod(shape, dtype=object))
     needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
     check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
@@ -143,7 +143,7 @@ def _read_nifti(path: Path) -> Read:
     return from_nibabel(nibabel_image(path, mmap=False))[0], affine
 
 
-# The fields of NIfTI-1 that place the voxels (nifti1.h)
+# The NIfTI-1 fields that define the position of the voxels (nifti1.h)
 _NIFTI1_FIELDS = {
     "sizeof_hdr": ("i4", 0),
     "dim": ("8i2", 40),
@@ -167,7 +167,7 @@ _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0 (unknown) is assumed to b
 
 
 def has_place(path: Path) -> bool:
-    """Return whether the header of a readable file defines the position of the voxels, not only their size."""
+    """Return whether the header of a readable file defines the position of the voxels as well as their size."""
     name = path.name.lower()
     if name.endswith((".hdr", ".img")):
         header = path.with_suffix(".HDR" if path.suffix.isupper() else ".hdr").read_bytes()
@@ -202,7 +202,7 @@ def _nifti_header(head: bytes) -> np.void:
 
 
 def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
-    """Return the affine to RAS+ mm that nibabel would choose: sform, else qform, else pixdim."""
+    """Return the affine to RAS+ mm that nibabel would choose: from sform, otherwise qform, otherwise pixdim."""
     affine = np.eye(4)
     if header["sform_code"] != 0:
         affine[:3] = header["srow"]
@@ -222,7 +222,7 @@ def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
 
 
 def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation of a unit quaternion with a real part >= 0, given its three other parts."""
+    """Return the rotation of a unit quaternion with a non-negative real part, given its other three components."""
     b, c, d = imaginary
     square = 1 - imaginary @ imaginary
     if not square > -3 * np.finfo(np.float32).eps:
@@ -284,7 +284,7 @@ def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
 
 
 def _beside(path: Path, named: bytes) -> Path:
-    """Return the file of voxels that a header names, which must be in the header's directory or below."""
+    """Return the voxel file that a header names, which must be in the header's directory or a subdirectory."""
     name = named.strip().decode("utf-8", "surrogateescape")
     file = path.parent / name
     if not name or "%" in name or name.split()[0] == "LIST":  # lists of files and printf formats are not supported
@@ -297,7 +297,7 @@ def _beside(path: Path, named: bytes) -> Path:
 
 
 def _check_deflated(path: Path, start: int, size: int) -> None:
-    """Decompress to verify the checksum, because ITK returns incomplete data as if they were complete."""
+    """Decompress the data to verify their checksum, because ITK returns incomplete data as if they were complete."""
     stream = zlib.decompressobj(wbits=47)  # zlib or gzip
     done = 0
     with path.open("rb") as file:
@@ -312,13 +312,13 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
 
 
 def _opened(path: Path) -> Any:
-    """Open a file, possibly gzipped, for reading bytes."""
+    """Open a possibly gzipped file for reading bytes."""
     opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
     return opener(path, "rb")
 
 
 def check_length(path: Path, needed: int) -> None:
-    """Read a file, possibly gzipped, to its end to verify its checksum and its length."""
+    """Read a possibly gzipped file to its end to verify its checksum and its length."""
     size = 0
     with _opened(path) as file:
         while block := file.read(_BLOCK):
@@ -338,7 +338,7 @@ def _check_beyond(size: int, needed: int) -> None:
 
 
 def from_nibabel(image: Any) -> Read:
-    """Return voxels and affine of a nibabel image."""
+    """Return the voxels and the affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
     unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
     millimetres(unit)  # report an unknown unit before reading voxels
@@ -350,7 +350,7 @@ def from_nibabel(image: Any) -> Read:
 
 
 def _check_proxy(image: Any) -> None:
-    """Check that voxels that are still in their file fit into memory."""
+    """Check that voxels that have not been loaded from their file fit into memory."""
     stored = image.dataobj
     if require("nibabel").is_proxy(stored):
         voxels = int(np.prod(image.shape, dtype=object))
@@ -360,7 +360,7 @@ def _check_proxy(image: Any) -> None:
 
 
 def from_itk(image: Any) -> Read:
-    """Return voxels and affine of an ITK image, whose axes are (k, j, i) and whose world space is LPS."""
+    """Return the voxels and the affine of an ITK image, whose axes are (k, j, i) and whose world space is LPS."""
     itk = require("itk")
     view = as_array(itk.array_view_from_image(image))
     dimension = image.GetImageDimension()
@@ -369,13 +369,13 @@ def from_itk(image: Any) -> Read:
         return voxels, None  # not a volume, unless it is a NIfTI image with its own affine
     affine = np.eye(4)
     affine[:3, :3] = itk.array_from_matrix(image.GetDirection()) * np.array(image.GetSpacing())
-    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 for a region of an image
+    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 if the image is a region of another image
     affine[:3, 3] = np.array(image.GetOrigin()) + affine[:3, :3] @ start
     return voxels, LPS_TO_RAS @ affine
 
 
 def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read:
-    """Read an image whose voxels may be in another file and compressed from an offset on."""
+    """Read an image whose voxels may be in another file, and may be compressed from a given offset."""
     for file in separate:
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))
@@ -385,7 +385,7 @@ def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read
 
 
 def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> Read:
-    """Read an image with ITK, in the child process."""
+    """Read an image with ITK in the child process."""
     size = _size_by_itk(path)
     check_room(size)
     if packed_from is not None:
@@ -398,7 +398,7 @@ def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> R
 
 
 def _size_by_itk(path: Path) -> int:
-    """Return the number of bytes of the voxels according to their header."""
+    """Return the size of the voxels in bytes according to the header of their file."""
     itk = require("itk")
     header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
     if header is None:

@@ -1,4 +1,4 @@
-"""Track what is read within a call: the memory it may take, and the files."""
+"""Track the files that are read within a call, and limit the memory used for reading them."""
 
 import hashlib
 import os
@@ -25,7 +25,7 @@ _now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
 
 @contextmanager
 def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
-    """Record which files are read, with SHA-256, and limit the memory of readers, in bytes; nested calls inherit it."""
+    """Record the files that are read and their SHA-256, and limit memory in bytes; nested calls inherit the limit."""
     around = _now.get()
     checked_limit(memory_limit)
     limit = memory_limit if memory_limit is not None or around is None else around.limit
@@ -40,7 +40,7 @@ def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
 
 
 def note(path: str | os.PathLike[str]) -> None:
-    """Record that a file is read, if a call tracks this."""
+    """Record that a file is read, if a call tracks its files."""
     now = _now.get()
     if now is not None:
         now.files[os.fspath(path)] = hash_of(path)
@@ -54,7 +54,7 @@ def hash_of(path: str | os.PathLike[str]) -> str:
 
 @lru_cache(maxsize=256)
 def _sha256(path: str, state: tuple[int, ...]) -> str:
-    """Return the hash of a file, computed once for each state of it."""
+    """Return the hash of a file, computed once for each of its states."""
     hashed = hashlib.sha256()
     with Path(path).open("rb") as file:
         while block := file.read(_BLOCK):
@@ -63,12 +63,12 @@ def _sha256(path: str, state: tuple[int, ...]) -> str:
 
 
 def allowed_memory() -> int:
-    """Return how many bytes may be used now: the limit of the call, or the free memory."""
+    """Return how many bytes may currently be used: the limit of the call, or the free memory."""
     now = _now.get()
     return free_memory() if now is None or now.limit is None else int(now.limit)
 
 
 def check_room(need: int, remedy: str = "crop or downsample it, or allow more memory") -> None:
-    """Raise an error if a file needs more memory, according to its header, than is available."""
+    """Raise an error if a file needs more memory than is available, according to its header."""
     now = _now.get()
     check_memory(need, None if now is None else now.limit, remedy)

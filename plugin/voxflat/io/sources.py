@@ -1,4 +1,4 @@
-"""Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match counts."""
+"""Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match is used."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ def taken(
     unit: str | None = None,
     memory_limit: int | None = None,
 ) -> Mesh | Volume:
-    """Return a mesh as a `Mesh`, and anything else as a `Volume` (`as_volume`) that is small enough for a surface."""
+    """Return a mesh as a `Mesh`, or anything else as a `Volume`, after checking that its surface fits into memory."""
     mesh = as_mesh(source)
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
@@ -42,7 +42,7 @@ def taken(
 
 
 def as_mesh(source: object) -> Mesh | None:
-    """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`; None for other input."""
+    """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`, or None for other input."""
     for is_one, of in _MESHES:
         if is_one(source):
             return of(source)
@@ -52,7 +52,7 @@ def as_mesh(source: object) -> Mesh | None:
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
     """Return anything that contains voxels as a `Volume`.
 
-    The voxels are not copied where this is possible.
+    The voxels are not copied if this can be avoided.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     spacing : sequence of 3 floats, optional
         Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
     affine : array_like, shape (4, 4), optional
-        Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has an
-        affine of its own.
+        Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has its
+        own affine.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     Raises
     ------
     InputError
-        The object is not a volume, or its position is given twice.
+        The object is not a volume, or its position is specified twice.
 
     See Also
     --------

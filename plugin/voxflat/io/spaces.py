@@ -1,13 +1,14 @@
 """Define coordinate spaces: scanner RAS, the space of volumes, and tkRAS, in which FreeSurfer stores its surfaces.
 
-The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are those of the volume as if it
-were conformed (voxels run left, inferior, anterior). D denotes the direction cosines of the volume's axes, as columns
-xras, yras, zras, L those of a conformed volume, and c_ras the centre in scanner RAS. Then
+The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are
+defined as if the volume were conformed, with voxel axes that point left, inferior and anterior. Let D be the direction
+cosines of the volume's axes (columns xras, yras, zras), L those of a conformed volume, and c_ras the centre in scanner
+RAS. Then
 
     scanner RAS = D Lᵀ tkRAS + c_ras
 
-This equals vox2ras · inv(vox2ras_tkr) for any size and number of voxels. For a conformed volume D = L, so only c_ras is
-added. FreeSurfer writes D and c_ras into the surface's file, as its volume geometry.
+The matrix equals vox2ras · inv(vox2ras_tkr) for any size and number of voxels. For a conformed volume, D = L, so only
+c_ras is added. FreeSurfer writes D and c_ras to the surface file as its volume geometry.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class VolumeGeometry:
     Parameters
     ----------
     cosines : ndarray, shape (3, 3)
-        Directions of the volume's axes in scanner RAS, as columns: xras, yras, zras. Orthonormal within 1e-3.
+        Directions of the volume's axes in scanner RAS, as columns xras, yras, zras. They are orthonormal within 1e-3.
     c_ras : ndarray, shape (3,)
         Centre of the volume in scanner RAS, mm.
     shape : sequence of 3 ints
@@ -110,9 +111,9 @@ class VolumeGeometry:
 
     @classmethod
     def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
-        """Return the geometry of a volume as FreeSurfer conforms it, with the same centre.
+        """Return the geometry of a volume, or of the conformed volume with the same centre.
 
-        The tkRAS of a volume with another orientation than a conformed one would be rotated or mirrored.
+        If the orientation of a volume differs from that of a conformed volume, its tkRAS would be rotated or mirrored.
 
         Parameters
         ----------
@@ -126,7 +127,7 @@ class VolumeGeometry:
         Returns
         -------
         VolumeGeometry
-            Geometry of the volume itself if its axes point left, inferior and anterior.
+            Geometry of the volume itself if its axes point left, inferior and anterior, otherwise of the conformed one.
 
         See Also
         --------
@@ -188,7 +189,7 @@ class Space:
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str
-        Reason to doubt this space, for messages; empty if there is none.
+        Reason why this space is doubtful, for use in messages; empty if there is none.
 
     See Also
     --------
@@ -207,7 +208,7 @@ class Space:
 
     @classmethod
     def _of(cls, metadata: Mapping[str, Any]) -> Space:
-        """Return the space that the metadata of a surface, a map or an atlas define."""
+        """Return the space defined by the metadata of a surface, a map or an atlas."""
         told = metadata.get("space")
         if told is None:
             return cls("scanner") if metadata.get("kind") == "voxels" else UNKNOWN
@@ -245,7 +246,7 @@ class Space:
     def is_known(self) -> bool:
         """Whether the transformation to scanner RAS is known.
 
-        For tkRAS it is known if the volume geometry is.
+        For tkRAS, it is known if the volume geometry is known.
 
         See Also
         --------
@@ -357,7 +358,7 @@ class Space:
         return f"<Space: {self}>"
 
 
-UNKNOWN = Space()  # unknown space: assumed to be scanner RAS
+UNKNOWN = Space()  # an unknown space is assumed to be scanner RAS
 
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:

@@ -1,11 +1,11 @@
 """Run readers written in C++ in a child process.
 
 ITK and VTK trust the files that they read, and so do the decoders of Zarr chunks and pictures. A damaged file can crash
-the process, take all its memory, print messages, or never finish. Therefore they read in a child process, which is
+the process, take all its memory, print messages, or never finish. Therefore they run in a child process, which is
 started on first use, kept, and restarted after a crash. The system limits its memory and time for each file, its output
-is discarded, and its answers are JSON and the bytes of arrays, which are checked here. In every case the caller gets an
-error of one line. On systems without such limits (Windows, and for memory macOS), a file may
-take long and use much memory.
+is discarded, and its answers are JSON and the bytes of arrays, which are checked here. If reading fails, the caller
+gets a one-line error. On systems without such limits (Windows, and macOS for memory), a file may take a long time and
+use much memory.
 """
 
 import atexit
@@ -32,19 +32,19 @@ from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, one_line, require
 from voxflat.io.reading import allowed_memory, check_room, reading
 
-_SECONDS, _RATE = 5, 1 << 20  # CPU seconds per file, and bytes for one more second
-_WAITING = 10  # wall seconds per CPU second, for busy machines and slow disks
+_SECONDS, _RATE = 5, 1 << 20  # CPU seconds per file, and bytes per additional second
+_WAITING = 10  # wall-clock seconds per CPU second, for busy machines and slow disks
 _INFLATED = 1032  # largest compression ratio of zlib
 _DYING = 1.0  # seconds to wait for the exit status of a child that does not answer
 _OWN = 1 << 28  # bytes of address space for the package itself
 
-# signals that stop a process even within C++: their clock, and a factor for the seconds
+# signals that stop a process even within C++ code: their clock, and a factor for the seconds
 _TIMES = {}
 if hasattr(signal, "setitimer"):  # not Windows
     _TIMES = {signal.SIGPROF: (signal.ITIMER_PROF, 1), signal.SIGALRM: (signal.ITIMER_REAL, _WAITING)}
 
 _ENVIRONMENT = {
-    # threads reserve far more addresses than they use
+    # threads reserve far more address space than they use
     "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS": "1",
     "MALLOC_ARENA_MAX": "1",
     # pages of 2 MiB, as in NumPy: ITK reads 100 MB in half the time
@@ -58,11 +58,11 @@ _START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.subprocess_rea
 def read_in_subprocess(
     function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None
 ) -> Any:
-    """Call a module-level function that reads a file with a C++ package, in the child process.
+    """Call a module-level function in the child process that reads a file with a C++ package.
 
-    It returns an array, None, a number, text, or lists (also for tuples) and dictionaries of these. `size` is the
-    number of bytes to read, if they are not all in that file. A crash of the child raises an `InputError`, its other
-    errors raise a `RuntimeError`.
+    It returns an array, None, a number, text, or lists and dictionaries of these; tuples become lists. `size` is the
+    number of bytes to read, if they are not all in that file. A crash of the child raises an `InputError`, and its
+    other errors raise a `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:
@@ -90,7 +90,7 @@ def read_in_subprocess(
     return _put(told["value"], arrays)
 
 
-# display name, and an attribute to load (ITK loads lazily)
+# display name, and an attribute that triggers loading (ITK loads lazily)
 _PACKAGES = {
     "itk": ("ITK", "ImageIOFactory"),
     "vtkmodules": ("VTK", "__name__"),
@@ -103,7 +103,7 @@ _child: subprocess.Popen[bytes] | None = None
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """Start a child that ignores the caller's Ctrl-C and ends when its input does."""
+    """Start a child that ignores the caller's Ctrl-C and ends when its input ends."""
     return subprocess.Popen(
         [sys.executable, "-c", _START, *sys.path],
         bufsize=0,
@@ -159,7 +159,7 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
 
 
 def _stop(patience: float = 0.0) -> None:
-    """Stop the child, which only reads, after some seconds in which it may end by itself."""
+    """Stop the child, which only reads files, after waiting some seconds for it to end by itself."""
     global _child
     child, _child = _child, None
     if child is not None:
@@ -195,7 +195,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve() -> None:
-    """Answer the requests of `read_in_subprocess` on standard input until it ends."""
+    """Answer the requests that `read_in_subprocess` sends to standard input, until the input ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
@@ -221,7 +221,7 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
 
 
 def _as_answer(error: Exception, path: str) -> list[Any]:
-    """Return the kind of an error and its values; the caller adds the file."""
+    """Return the type of an error and its values; the caller adds the file name."""
     if (
         isinstance(error, OSError) and error.errno is not None
     ):  # errors without errno come from readers of damaged files
@@ -233,7 +233,7 @@ def _as_answer(error: Exception, path: str) -> list[Any]:
 
 
 def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
-    """Call a function within limits, which do not include the import of its package."""
+    """Call a function within limits that do not include the import of its package."""
     _limit_addresses(None)  # remove the limit of the previous file
     getattr(require(package), _PACKAGES[package][1])
     module, _, name = function.partition(":")
@@ -248,7 +248,7 @@ def _called(function: str, package: str, arguments: list[Any], seconds: int, mem
 
 
 def _limit_seconds(seconds: int) -> None:
-    """Stop this process after some seconds of computing; 0 means never."""
+    """Stop this process after some seconds of CPU time; 0 means never."""
     for clock, times in _TIMES.values():
         signal.setitimer(clock, seconds * times)
 
@@ -263,13 +263,13 @@ def _limit_addresses(most: int | None) -> None:
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     soft = hard if most is None else min(psutil.Process().memory_info().vms + most, sys.maxsize)
-    with contextlib.suppress(ValueError):  # macOS takes no limit below what a process has reserved
+    with contextlib.suppress(ValueError):  # macOS rejects limits below the reserved amount
         resource.setrlimit(resource.RLIMIT_AS, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Replace arrays in a value by their numbers, and collect them."""
+    """Replace the arrays in a value with numbers, and collect the arrays."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -279,7 +279,7 @@ def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Replace numbers in a value by their arrays."""
+    """Replace the numbers in a value with their arrays."""
     if isinstance(value, dict):
         if "array" in value:
             return arrays[value["array"]]
@@ -288,7 +288,7 @@ def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def _send(answers: IO[bytes], answer: dict[str, Any], arrays: list[NDArray[Any]]) -> None:
-    """Write an answer, and its arrays as they are in memory."""
+    """Write an answer, and the bytes of its arrays as they are in memory."""
     kinds, blocks = [], []
     for array in arrays:
         order = np.argsort([-abs(stride) for stride in array.strides], kind="stable")

@@ -12,21 +12,21 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
-TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of point files: comma, tab or blank separated
+TABLE_ENDINGS = (".csv", ".tsv", ".txt")  # endings of point files: comma-, tab- or space-separated
 
 _MISSING = ("", "n/a", "na", "nan")
 
 
 @dataclass(frozen=True, eq=False)
 class PointTable:
-    """Store points and the other columns of their table."""
+    """Store the points of a table and its other columns."""
 
-    points: NDArray[np.float64]  # (P, 3), mm; NaN where one is missing
+    points: NDArray[np.float64]  # (P, 3), mm; NaN for missing coordinates
     header: list[str]  # empty if the file has none
     rows: list[list[str]]  # all cells, as read
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
-        """Write the table with additional columns, completely or not at all; a missing number is ``n/a``."""
+        """Write the table with additional columns, completely or not at all; missing numbers are written as ``n/a``."""
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
         columns = [["n/a" if np.isnan(of) else f"{of:.6f}" for of in values.tolist()] for values in more.values()]
@@ -39,7 +39,7 @@ class PointTable:
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:
-    """Read points from a table: the columns x, y and z if it has a header, else the first three."""
+    """Read points from a table: from the columns x, y and z if it has a header, otherwise from the first three."""
     path = checked_path(path)
     with naming(path, "provide columns x, y and z in mm"):
         ending = path.suffix.lower()

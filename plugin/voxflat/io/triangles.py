@@ -1,4 +1,4 @@
-"""Provide functions on triangles that surface formats share: checks, and the splitting of polygons and strips."""
+"""Check triangles, and split polygons and strips into triangles; the surface formats share these functions."""
 
 from collections import Counter
 
@@ -10,17 +10,17 @@ from voxflat.errors import InputError
 
 TRIANGULATE = "Triangulate it first, for example with mesh.triangulate() of PyVista"
 
-_MOST_CORNERS = 1000  # most corners of a polygon to split
+_MOST_CORNERS = 1000  # largest number of corners of a polygon to split
 
 
 def triangulated(
     points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Split polygons into triangles without new points; return positions in `corners`, (T, 3), and remarks.
+    """Split polygons into triangles without adding points; return positions (T, 3) in `corners`, and remarks.
 
-    The corners of all polygons are concatenated; each polygon has one of `counts`. Triangles keep the direction of the
-    polygon. Quadrilaterals are split along the shorter diagonal inside, other polygons by ear clipping, shortest
-    diagonal first.
+    The corners of all polygons are concatenated, and `counts` holds the number of corners of each. Triangles keep the
+    orientation of the polygon. Quadrilaterals are split along the shorter interior diagonal, and other polygons by ear
+    clipping, which cuts along the shortest diagonal first.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):
@@ -54,14 +54,14 @@ def triangulated(
 
 
 def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the squared diagonal of each quadrilateral (Q, 4, 3), and whether both halves face the same way."""
+    """Return the squared diagonal length of each quadrilateral (Q, 4, 3), and whether both halves face the same way."""
     a, b, c, d = np.moveaxis(np.roll(quads, -turn, axis=1), 1, 0)
     left, right = np.cross(b - a, c - a), np.cross(c - a, d - a)
     return ((c - a) ** 2).sum(axis=1), np.asarray((left * right).sum(axis=1) > 0)
 
 
 def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Split one polygon (n, 3) into n − 2 triangles, in its best-fitting plane."""
+    """Split one polygon (n, 3) into n − 2 triangles in its best-fitting plane."""
     ahead = np.roll(polygon, -1, axis=0)
     normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's normal, twice the area long
     if not normal.any():
@@ -88,7 +88,7 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
 def _holds(
     corners: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], ear: int
 ) -> bool:
-    """Return whether the triangle of an ear contains another corner."""
+    """Return whether the triangle of an ear contains another corner of the polygon."""
     inside = (_cross(b - a, corners - a) >= 0) & (_cross(c - b, corners - b) >= 0) & (_cross(a - c, corners - c) >= 0)
     n = len(corners)
     inside[[ear - 1, ear, (ear + 1) % n]] = False
@@ -101,7 +101,7 @@ def _cross(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the triangles (T, 3) of strips, in which every second triangle runs the other way."""
+    """Return the triangles (T, 3) of strips, in which every second triangle has the opposite orientation."""
     parts = [np.empty((0, 3), dtype=np.int64)]
     for strip in strips:
         rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
@@ -111,7 +111,7 @@ def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 
 def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
-    """Check that faces are triangles of n points."""
+    """Check that faces are triangles whose corners are among n points."""
     if not is_whole(n):
         raise InputError(f"the number of points is {shown(n)}. Pass a whole number")
     array = array_of(faces, "faces")

@@ -1,6 +1,6 @@
-"""Read and write volumes: voxels in the order (i, j, k), and an affine to RAS+ mm.
+"""Read and write volumes, which consist of voxels indexed as (i, j, k) and an affine to RAS+ mm.
 
-`read_volume` reads a file, `write_volume` writes one, and `voxflat.io.sources` accepts objects, too. All of them create
+`read_volume` reads a file, `write_volume` writes one, and `voxflat.io.sources` also accepts objects. All of them create
 a `Volume`, which checks its data once.
 """
 
@@ -27,7 +27,7 @@ VOLUME_ENDINGS = tuple(READERS)
 
 @dataclass(frozen=True, eq=False)
 class Volume(Recorded):
-    """Store voxels and their position.
+    """Store voxels and their position in space.
 
     Creating a volume checks its arrays; an invalid array or affine raises an `InputError`.
 
@@ -40,9 +40,9 @@ class Volume(Recorded):
     path : Path or None
         The file that the volume was read from.
     is_placed : bool
-        Whether the affine was given; otherwise it is the identity by default.
+        Whether an affine was given; if not, the affine is the identity.
     provenance : dict or None
-        Record of how voxflat made the volume, if it did.
+        Record of how voxflat created the volume; None if it did not.
 
     See Also
     --------
@@ -97,7 +97,7 @@ class Volume(Recorded):
     def orientation(self) -> str:
         """Directions of the axes, such as ``'RAS'``.
 
-        Each axis has one letter of R/L, A/P and S/I: the direction in which its index grows.
+        Each axis has one letter from R/L, A/P or S/I: the direction in which its index increases.
 
         See Also
         --------
@@ -121,7 +121,7 @@ class Volume(Recorded):
 def read_volume(path: str | os.PathLike[str]) -> Volume:
     """Read a volume from a file.
 
-    Arrays without an affine get the identity, which means voxels of 1 mm.
+    The affine of arrays without one is the identity, which corresponds to voxels of 1 mm.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def write_volume(
     record : dict, optional
         Provenance record, stored in a NIfTI header as an extension of code 6 (comment). Other formats cannot hold it.
     has_unit : bool
-        Whether the affine maps to mm; if not, a NIfTI header marks the unit as unknown.
+        Whether the affine maps to mm; if it does not, a NIfTI header marks the unit as unknown.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def write_volume(
 
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
-    """Return the writer for a file name; raise an error if no format of volumes matches."""
+    """Return the writer for a file name; raise an error if no volume format matches."""
     with naming(path, "check that this format can hold it"):
         return by_ending(
             path, _WRITERS, "written. The formats .mhd and .nhdr consist of two files; use .mha or .nrrd instead"
@@ -221,7 +221,7 @@ def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], Non
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
-    """Check type and shape, drop trailing axes of length 1, convert to native byte order; keep chunked arrays."""
+    """Check type and shape, drop trailing axes of length 1, and convert to native byte order; keep chunked arrays."""
     if isinstance(data, Chunked) or is_chunked(data):
         return data
     data = array_of(data, "values")
@@ -289,7 +289,7 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
 
 
 def _storable(data: NDArray[Any]) -> NDArray[Any]:
-    """Convert types that image formats lack to the next type that keeps their values."""
+    """Convert types that image formats do not support to the next type that preserves their values."""
     wider = {"bool": np.uint8, "float16": np.float32}.get(data.dtype.name)
     return data if wider is None else data.astype(wider)
 

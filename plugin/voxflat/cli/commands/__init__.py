@@ -1,1 +1,1 @@
-"""The commands of the program `voxflat`, one per module."""
+"""Define the commands of the program `voxflat`, one per module."""

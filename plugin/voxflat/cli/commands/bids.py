@@ -13,7 +13,7 @@ from voxflat.cli.output import print_json
 from voxflat.lab.group import group
 from voxflat.lab.study import plan, study
 
-_MAX_STATUS = 100  # shells give greater exit statuses other meanings
+_MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _HEMIS = {"L": "lh", "R": "rh"}
 _DASK = options.value(
     "--dask",

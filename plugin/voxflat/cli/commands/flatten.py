@@ -87,7 +87,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
 
 
 def _cuts(metadata: dict[str, Any]) -> list[str]:
-    """Return the line of the summary that names the cuts of a template, if the map has any."""
+    """Return the summary line that names the template cuts, if the map has any."""
     names = [name for name in metadata.get("cut_names", []) if name]
     return [f"{'cuts':22}{metadata['cuts_by']}: {', '.join(names)}"] if names else []
 

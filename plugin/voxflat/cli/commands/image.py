@@ -160,5 +160,5 @@ def _check_overlap(covered: Any, volume: Path) -> None:
 
 
 def _load(path: Path) -> FlatMap | Atlas:
-    """Load a flat map or an atlas; `load` raises the error for other files."""
+    """Load a flat map or an atlas; `load` raises an error for other files."""
     return load_atlas(path) if saved_kind(path) == "atlas" else load(path)

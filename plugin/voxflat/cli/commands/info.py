@@ -16,8 +16,8 @@ from voxflat.arguments import amount, free_memory
 from voxflat.cli import options
 from voxflat.cli.output import print_json
 
-_FEATURES = ("SSE42", "AVX2", "FMA3", "AVX512F", "NEON", "SVE")  # sets of instructions that change speed
-_FURTHER = ("vtk", "pyqt6")  # packages that the optional ones bring along
+_FEATURES = ("SSE42", "AVX2", "FMA3", "AVX512F", "NEON", "SVE")  # instruction sets that affect speed
+_FURTHER = ("vtk", "pyqt6")  # dependencies of the optional packages
 
 
 @cloup.command("info")
@@ -63,7 +63,7 @@ def _cpu() -> str:
 
 
 def _numpy_features() -> dict[str, bool]:
-    """Return the features of the processor that NumPy found; it has no public function for them."""
+    """Return the processor features that NumPy detected, for which NumPy does not have a public function."""
     core = getattr(np, "_core", None) or np.core
     features: dict[str, bool] = getattr(core._multiarray_umath, "__cpu_features__", {})
     return features

@@ -1,4 +1,4 @@
-"""Determine the format of a file of a surface, of a part of a surface, or of values at its points."""
+"""Determine the format of a file that contains a surface, a part of a surface, or values at the points of a surface."""
 
 from pathlib import Path
 
@@ -11,18 +11,18 @@ PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
 HINTS = {PATCH: "read_patch reads it", MORPH: "read_overlay reads it", "FreeSurfer label": "read_region reads it"}
-"""How to read a file that is not a surface."""
+"""Hints that name the function that reads a file other than a surface."""
 
 
 def by_name(path: Path) -> str | None:
-    """Return the format that the ending of a name indicates."""
+    """Return the format indicated by the ending of a file name."""
     return next((entry for ending, entry in ENDINGS.items() if path.name.lower().endswith(ending)), None)
 
 
 def by_content(data: bytes) -> str | None:
-    """Return the format that the first bytes indicate."""
+    """Return the format indicated by the first bytes of a file."""
     start = data[:64].lstrip(b"\xef\xbb\xbf \t\r\n")
-    if start.startswith(b"<") or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):  # the latter are UTF-16
+    if start.startswith(b"<") or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):  # the latter two are UTF-16
         root, _ = gifti.xml_root(data)
         return {"GIFTI": GIFTI, "VTKFile": VTP}.get(root, f"XML <{root}>")
     for magic, name in _MAGIC.items():

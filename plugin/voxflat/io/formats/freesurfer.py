@@ -1,4 +1,4 @@
-"""Read FreeSurfer's surfaces, values and labels with nibabel, after comparing their counts to the file's length."""
+"""Read FreeSurfer surfaces, values and labels with nibabel, after comparing their counts with the file length."""
 
 import io
 import math
@@ -22,7 +22,7 @@ _REMEDY = "Check that the file is complete and in this format"
 
 
 def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a surface file; split quadrangles like FreeSurfer."""
+    """Read a surface file, and split quadrangles as FreeSurfer does."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
@@ -44,7 +44,7 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _space(footer: dict[str, Any]) -> Space:
-    """Return the space of a surface according to its footer: tkRAS."""
+    """Return the coordinate space of a surface, tkRAS, as defined by the footer of its file."""
     if not str(footer.get("valid", "")).startswith("1"):
         doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
         return Space("tkRAS", None, doubt)
@@ -59,7 +59,7 @@ def _space(footer: dict[str, Any]) -> Space:
 def write_geometry(
     path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
 ) -> None:
-    """Write a surface file in tkRAS with its volume geometry; nibabel's array.tofile would not report a full disk."""
+    """Write a surface file in tkRAS with its volume geometry, without nibabel, which does not report a full disk."""
     counts = np.array([len(points), len(faces)], ">i4")
     parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
     body = b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts)
@@ -79,7 +79,7 @@ def _footer(volume: VolumeGeometry) -> bytes:
 
 
 def is_morph(data: bytes) -> bool:
-    """Return whether a file that begins with ff ff ff contains values, and not a surface of quadrangles."""
+    """Return whether a file that begins with ff ff ff contains values rather than a surface of quadrangles."""
     points, _, each = (int(count) for count in np.frombuffer(data[3:15].ljust(12, b"\xff"), ">i4"))
     return each > 0 and len(data) == 15 + 4 * points * each
 
@@ -97,7 +97,7 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
 
 
 def read_mgh(data: bytes) -> NDArray[Any]:
-    """Return the values of an MGH file, shape (N,), or (N, F) for F frames."""
+    """Return the values of an MGH file, of shape (N,), or (N, F) for F frames."""
     version, *shape, kind = (int(number) for number in np.frombuffer(data[:24].ljust(24, b"\0"), ">i4"))
     if version != 1 or min(shape) < 1:
         raise InputError(f"is not an MGH file, or is damaged. {_REMEDY}")
@@ -110,7 +110,7 @@ def read_mgh(data: bytes) -> NDArray[Any]:
 
 
 def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the label of each point, −1 for none, and the names of the labels."""
+    """Return the label of each point (−1 for no label) and the names of the labels."""
     points = int.from_bytes(data[:4], "big", signed=True)
     check_size(data, 4 + 8 * points if points >= 0 else -1, f"{points} points")
     pairs = np.frombuffer(data, ">i4", count=2 * points, offset=4).reshape(-1, 2)
@@ -126,7 +126,7 @@ def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
 
 
 def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
-    """Return the colours of an annotation (red, green, blue, transparency, and their sum as a label) and the names."""
+    """Return an annotation's colours (red, green, blue, transparency, and the label formed from these) and names."""
     start = 8 + 8 * int.from_bytes(data[:4], "big", signed=True)
     entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
     if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # nibabel would allocate this number
@@ -143,7 +143,7 @@ _MOST_COLOURS = 1 << 20  # FreeSurfer's own tables have up to 14,175
 
 
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
-    """Return which of n points a label file lists."""
+    """Return which of the n points are listed in a label file."""
     vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
@@ -154,7 +154,7 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
 
 
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read the vertices of a label and their positions in tkRAS, mm; some programs write 0 for the positions."""
+    """Read the vertices of a label and their positions in tkRAS, in mm; some programs write 0 for all positions."""
     path = checked_path(path)
     with naming(path, _REMEDY):
         data = contents(path)
@@ -168,7 +168,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
 def write_annot(
     path: Path, labels: NDArray[np.int64], keys: Sequence[int], names: Sequence[str], colours: NDArray[np.uint8]
 ) -> None:
-    """Write labels of all points, 0 for none, with names and colours; colours identify labels in this format."""
+    """Write the labels of all points (0 for no label), with names and with the colours that identify the labels."""
     table = np.zeros((len(keys) + 1, 5), dtype=np.int64)
     rows, taken = [(25, 5, 25), *map(tuple, colours.tolist())], set()
     for n, (red, green, blue) in enumerate(rows):
@@ -195,7 +195,7 @@ def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.floa
 
 
 def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:
-    """Return the first columns of a label file's points: number, x, y, z."""
+    """Return the first columns of a label file: point number, x, y and z."""
     lines = data.decode("utf-8", "replace").splitlines()
     if len(lines) < 2 or not lines[1].strip().isdigit():
         raise InputError("is not a label file: its second line must be the number of points")

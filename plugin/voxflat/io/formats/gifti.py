@@ -1,7 +1,7 @@
 """Read and write GIFTI files (https://www.nitrc.org/projects/gifti): surfaces, and values and labels at their points.
 
-nibabel parses the files. It trusts any XML (entities that multiply, data in other files, data that inflate without end)
-and does not report gaps clearly, so each file is checked once beforehand.
+nibabel parses the files. It accepts dangerous XML (exponentially expanding entities, data in other files, data that
+decompress without end) and does not report missing parts clearly, so each file is checked once beforehand.
 """
 
 import base64
@@ -27,7 +27,7 @@ _MOST_DIMENSIONS = 6
 # --------------------------------------------------------------------------------------------- XML
 
 
-class _RootFound(Exception):  # noqa: N818  (nothing went wrong: it ends the parsing)
+class _RootFound(Exception):  # noqa: N818  (not an error: it ends the parsing)
     pass
 
 
@@ -44,7 +44,7 @@ def _parser() -> Any:
 
 
 def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
-    """Return name and attributes of the root element; reject entities, which can only be defined before it."""
+    """Return the name and attributes of the root element; reject entities, which can be defined only before it."""
 
     def start(name: str, attributes: dict[str, str]) -> None:
         raise _RootFound(name, attributes)
@@ -98,7 +98,7 @@ def first_metadata(data: bytes) -> dict[str, str]:
 
 
 class _Walk:
-    """Check the data arrays of a file, which nibabel would trust."""
+    """Check the data arrays of a file, because nibabel does not."""
 
     def __init__(self) -> None:
         self.arrays = 0
@@ -130,7 +130,7 @@ class _Walk:
             self.text = None
 
     def _check(self, text: str) -> None:
-        """Compare the length of an array's data to its header."""
+        """Compare the length of an array's data with its header."""
         nibabel = require("nibabel")
         types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
@@ -190,7 +190,7 @@ def _only(image: Any, intent: str, name: str) -> Any:
 
 
 def _remarks(points: Any) -> tuple[str, ...]:
-    """Return a remark on a transformation to a template, which neither Workbench nor voxflat applies."""
+    """Return a remark if there is a transformation to a template, which neither Workbench nor voxflat applies."""
     system, matrix = points.coordsys, _transform(points)
     if np.array_equal(matrix, np.eye(4)) or _SCANNER in (system.dataspace, system.xformspace):
         return ()
@@ -202,12 +202,12 @@ def _remarks(points: Any) -> tuple[str, ...]:
 
 
 def _transform(points: Any) -> NDArray[np.float64]:
-    """Return the matrix of the coordinate system; the identity if there is none."""
+    """Return the matrix of the coordinate system, or the identity if there is none."""
     system = points.coordsys
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
         raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. Copy or download it again")
-    return matrix.reshape(4, 4)  # nibabel returns a flat matrix if it was on one line
+    return matrix.reshape(4, 4)  # nibabel returns a 1-D array if the matrix is on one line
 
 
 def _space(points: Any) -> Space:
@@ -217,11 +217,11 @@ def _space(points: Any) -> Space:
     this way. FreeSurfer's mris_convert writes tkRAS unless ``--to-scanner`` is given, and the volume geometry
     (VolGeom...) in both cases. The space is determined as follows:
 
-    - FreeSurfer 7.4 and later store the coordinate system: SCANNER_ANAT is scanner RAS, and a matrix from UNKNOWN to
-      SCANNER_ANAT maps tkRAS to scanner RAS.
-    - Otherwise SurfaceCenterX, Y, Z decide. mris_convert writes the centre of the box around the surface *as it was
-      read*; neither ``--to-scanner`` nor Workbench changes this centre when they move the points.
-    - Otherwise the space is doubtful: mris_convert writes tkRAS by default, and coordinates written by Workbench (with
+    - FreeSurfer 7.4 and later versions store the coordinate system: SCANNER_ANAT is scanner RAS, and a matrix from
+      UNKNOWN to SCANNER_ANAT maps tkRAS to scanner RAS.
+    - Otherwise SurfaceCenterX, Y, Z determine it. mris_convert writes the centre of the bounding box of the surface *as
+      it was read*; neither ``--to-scanner`` nor Workbench changes this centre when moving the points.
+    - Otherwise the space is uncertain: mris_convert writes tkRAS by default, and coordinates written by Workbench (with
       its own coordinate system, TALAIRACH to TALAIRACH) are used as stored.
 
     Without c_ras, tkRAS is undefined: sMRIPrep moves surfaces to scanner RAS and sets c_ras to 0 or omits it.
@@ -270,7 +270,7 @@ _SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
 
 
 def _surface_centre(meta: Any) -> NDArray[np.float64]:
-    """Return the centre of the surface as mris_convert read it; NaN if it is not stored."""
+    """Return the centre of the surface as mris_convert read it, or NaN if it is not stored."""
     try:
         return np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
     except ValueError:
@@ -278,7 +278,7 @@ def _surface_centre(meta: Any) -> NDArray[np.float64]:
 
 
 def _volume_geometry(meta: Any) -> VolumeGeometry | None:
-    """Return the volume geometry that FreeSurfer wrote; if only c_ras is stored, that of a conformed volume."""
+    """Return the volume geometry that FreeSurfer wrote, or that of a conformed volume if only c_ras is stored."""
     c_ras = [float(meta.get(f"VolGeomC_{axis}") or 0) for axis in "RAS"]
     if not any(f"VolGeomC_{axis}" in meta for axis in "RAS"):
         return None
@@ -299,7 +299,7 @@ def surface_bytes(
     is_scanner: bool = False,
     record: Record | None = None,
 ) -> bytes:
-    """Return a surface and its record in Workbench's convention: coordinates as given, scanner RAS if known."""
+    """Return a surface and its record in Workbench's convention: coordinates as given, in scanner RAS if known."""
     nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
@@ -325,7 +325,7 @@ def label_bytes(
     structure: str | None,
     record: Record | None = None,
 ) -> bytes:
-    """Return labels at points in Workbench's convention, 0 for none, with names and colours."""
+    """Return labels at points in Workbench's convention (0 for no label), with their names and colours."""
     gifti = require("nibabel").gifti
     table = gifti.GiftiLabelTable()
     rows = [(0, "???", (0.0, 0.0, 0.0, 0.0))]
@@ -352,7 +352,7 @@ def _metadata(structure: str | None, record: Record | None) -> Any:
 def value_bytes(
     values: Mapping[str, NDArray[np.floating[Any]]], structure: str | None, record: Record | None = None
 ) -> bytes:
-    """Return values at points in Workbench's convention, one map per name; NaN for missing values."""
+    """Return values at points in Workbench's convention, with one map per name and NaN for missing values."""
     gifti = require("nibabel").gifti
     arrays = [
         gifti.GiftiDataArray(
@@ -364,7 +364,7 @@ def value_bytes(
 
 
 def _is_closed(faces: NDArray[np.int64]) -> bool:
-    """Return whether each edge lies between two faces."""
+    """Return whether each edge belongs to two faces."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
     return bool((counts == 2).all())
@@ -374,7 +374,7 @@ def _is_closed(faces: NDArray[np.int64]) -> bool:
 
 
 def values(image: Any) -> NDArray[Any]:
-    """Return the values at the points, shape (N,), or (N, K) for K maps."""
+    """Return the values at the points, of shape (N,), or (N, K) for K maps."""
     arrays = [array.data for array in _maps(image)]
     if not arrays:
         raise InputError("contains a surface, but no values at its points")
@@ -397,7 +397,7 @@ def _maps(image: Any) -> list[Any]:
 
 
 def map_names(image: Any) -> tuple[str, ...]:
-    """Return the names of the maps, empty for maps without a name; a 2-D array has several maps."""
+    """Return the names of the maps (empty for unnamed maps); a 2-D array contains several maps."""
     names: list[str] = []
     for array in _maps(image):
         names += [str(array.meta.get("Name", ""))] * (array.data.shape[1] if array.data.ndim > 1 else 1)

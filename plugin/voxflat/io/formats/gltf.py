@@ -26,7 +26,7 @@ def write_glb(
     repeat: bool,
     transparent: bool,
 ) -> None:
-    """Write a binary glTF file; the picture is a PNG, and texture coordinates (s, t) begin at its bottom."""
+    """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge."""
     single = as_float32(points)
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF
     blocks = [
@@ -54,7 +54,7 @@ def _padded(block: bytes, filler: bytes) -> bytes:
 def _described(
     points: NDArray[np.float32], corners: int, views: list[Any], length: int, *, repeat: bool, transparent: bool
 ) -> dict[str, Any]:
-    """Return the JSON part of a glTF file; its only node maps RAS+ mm to metres with y upwards."""
+    """Return the JSON part of a glTF file; its only node maps RAS+ mm to metres, with y pointing upwards."""
     wrap = _REPEAT if repeat else _CLAMP
     count = len(points)
     extent = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}

@@ -11,7 +11,7 @@ from voxflat.io.triangles import check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OBJ file; a point on a seam, with several texture coordinates, keeps the first one."""
+    """Read an OBJ file; a point on a seam, which has several texture coordinates, keeps the first."""
     rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None
@@ -25,7 +25,7 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
-    """Read faces, texture coordinates of their corners (F, 3, 2; NaN for none), and mtllib's and usemtl's names."""
+    """Read the faces, their corners' texture coordinates (F, 3, 2; NaN if absent), and the mtllib and usemtl names."""
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
     places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # index −1 refers to this row
@@ -38,7 +38,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
 
 
 def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
-    """Return a file's lines, the point and texture coordinate numbers of each triangle's corners, and remarks."""
+    """Return a file's lines, the numbers of each triangle's corner points and texture coordinates, and remarks."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
     for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
@@ -60,7 +60,7 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
 
 
 def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
-    """Return the point and texture coordinate numbers of each corner, 0 for none, shape (C, 2)."""
+    """Return the point and texture coordinate numbers of each corner (0 if absent), of shape (C, 2)."""
     corners = [corner for face in faces for corner in face]
     if not corners:
         raise InputError("has no line that begins with 'f'. Check that it is an OBJ file of a surface")
@@ -72,12 +72,12 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
 
 
 def _numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Convert numbers to count from 0: OBJ counts from 1, or backwards if negative; 0, for none, becomes −1."""
+    """Convert OBJ numbers, which count from 1 or, if negative, from the end, to indices; 0 (absent) becomes −1."""
     return np.where(numbers < 0, numbers + before, numbers - 1)
 
 
 def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the texture coordinates of a file; all corners must refer to an existing one or to none (−1)."""
+    """Return a file's texture coordinates; check that each corner refers to an existing one, or to none (−1)."""
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
@@ -88,7 +88,7 @@ def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float
 def _texture(
     places: NDArray[np.float64], used: NDArray[np.int64], faces: NDArray[np.int64], n: int
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the first texture coordinate of each point, and a remark if there are others."""
+    """Return the first texture coordinate of each point, and a remark if any point has several."""
     check_faces(faces, n)
     corners, used = faces[used >= 0], used[used >= 0]
     texture = np.full((n, 2), np.nan)
@@ -108,8 +108,8 @@ def write_obj(
 ) -> None:
     """Write an OBJ file.
 
-    `library` is the name of the file beside it that defines the material `texture`. Texture faces are the triangles'
-    corners as rows of the texture coordinates if these have seams; otherwise they equal `faces`.
+    `library` is the name of the file in the same directory that defines the material `texture`. If the texture has
+    seams, texture faces list each triangle's corners as rows of the texture coordinates; otherwise they equal `faces`.
     """
     with path.open("w", encoding="utf-8", newline="\n") as file:
         if library is not None:

@@ -26,7 +26,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
         raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
     form, elements = _header(header[2].decode("latin1"))
     body, order = data[header.end() :], _ORDERS[form]
-    if form == "ascii":  # treat it as binary doubles
+    if form == "ascii":  # treated like binary doubles
         body = np.fromiter(map(float, body.split()), np.float64).tobytes()
     vertices: NDArray[Any] = np.empty(0)
     lists, at = None, 0
@@ -68,11 +68,11 @@ class _UnevenError(InputError):
 
 
 _Properties: TypeAlias = list[tuple[str, str, str]]
-"""Name, type, and type of a list's length (or '') of each property."""
+"""Name, type, and type of the list length ('' if it is not a list) of each property."""
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
-    """Return the format, and the name, number and properties of each element."""
+    """Return the format, and the name, count and properties of each element."""
     form = ""
     elements: list[tuple[str, int, _Properties]] = []
     for line in text.splitlines():
@@ -95,7 +95,7 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
 def _table(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
 ) -> NDArray[Any]:
-    """Return an element's rows; all its lists must be as long as in the first row."""
+    """Return the rows of an element; all its lists must have the same length as in the first row."""
     layout: list[Any] = []
     if count == 0 or not properties:
         return np.empty(0)
@@ -122,7 +122,7 @@ def _table(
 def _lists(
     body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]] | None, int]:
-    """Return the concatenated corners of all faces, the number of each, and the offset of the next element."""
+    """Return the concatenated corners of all faces, the corner count of each face, and the next element's offset."""
     key = next((key for key, _, is_list in properties if is_list and key in ("vertex_indices", "vertex_index")), None)
     if key is None:
         return None, at + _table(body, at, name, count, properties, order, is_ascii).nbytes
@@ -191,7 +191,7 @@ def write_ply(
     texture: NDArray[np.float64] | None,
     colours: NDArray[np.uint8] | None = None,
 ) -> None:
-    """Write a PLY file, little-endian; colours of points are red, green, blue and optionally alpha."""
+    """Write a little-endian PLY file; point colours consist of red, green, blue and optionally alpha."""
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
     if texture is not None:
         columns |= dict(zip("st", texture.T, strict=True))

@@ -1,4 +1,4 @@
-"""Read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files, and GLB with trimesh."""
+"""Read GLB with trimesh; read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files."""
 
 import io
 import re
@@ -32,7 +32,7 @@ def read_off(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_asc(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an ASCII surface written by FreeSurfer's mris_convert, in tkRAS without a volume."""
+    """Read an ASCII surface written by FreeSurfer's mris_convert, in tkRAS without a volume geometry."""
     header, _, rest = data.partition(b"\n")
     if not header.startswith(b"#!ascii"):
         raise InputError("does not begin with #!ascii. Check that it is a surface written by mris_convert")
@@ -62,12 +62,12 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Return whether a file has the length that its header would specify as binary STL."""
+    """Return whether a file has the length that its header specifies if interpreted as binary STL."""
     return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def read_stl(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an STL file; equal corners become one point."""
+    """Read an STL file; corners with equal coordinates become one point."""
     if data.lstrip()[:5].lower() == b"solid" and not is_binary_stl(data):
         text = data.lower()
         found = re.findall(rb"(?m)^[ \t\r]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", text)

@@ -1,7 +1,7 @@
-"""Read outlines drawn into an SVG figure of a map: the closed paths of a named layer, in mm of the map.
+"""Read outlines drawn in an SVG figure of a map: the closed paths of a named layer, in map coordinates (mm).
 
 The root element defines the position of the axes: ``data-voxflat-extent`` (left, right, bottom and top in mm) and
-``data-voxflat-axes`` (x, y, width and height of the same area in user units of the viewBox, y downwards).
+``data-voxflat-axes`` (x, y, width and height of the same area in user units of the viewBox, with y pointing downwards).
 """
 
 import os
@@ -35,7 +35,7 @@ class Outline:
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
-    """Read the paths of a layer, lowest first; names come from ``inkscape:label``, else from the group, title or id."""
+    """Read the paths of a layer, lowest first, named by ``inkscape:label``, or else by their group, title or id."""
     path = checked_path(path)
     with naming(path, "check that it is an SVG figure written by voxflat.figures"):
         check_regular(path)
@@ -47,7 +47,7 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         groups = list(_groups(root, svg))
         found = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)
         if found is None:
-            layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else of other editors
+            layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else not from Inkscape
             names = ", ".join(repr(_name(group)) for group in layers) or "none"
             raise InputError(f"has no layer {layer!r}; its layers are {names}. Draw the regions in a layer {layer!r}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
@@ -87,7 +87,7 @@ def _placement(root: Any, svg: Any) -> Any:
 
 
 def _own(element: Any, key: str) -> str | None:
-    """Return an attribute of an element itself; the library mixes it with those of its parents."""
+    """Return an attribute of an element itself, because the library merges it with the attributes of its parents."""
     value = element.values.get("attributes", {}).get(key)
     return None if value is None else str(value)
 
@@ -121,7 +121,7 @@ def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[
 
 
 def _colour(element: Any) -> tuple[int, int, int] | None:
-    """Return the fill colour, else the stroke colour."""
+    """Return the fill colour, or the stroke colour if there is none."""
     for colour in (element.fill, element.stroke):
         if colour is not None and colour.value is not None:
             return (colour.red, colour.green, colour.blue)
@@ -144,7 +144,7 @@ def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def _chords(segment: Any, svg: Any, to_mm: Any) -> NDArray[np.float64]:
-    """Return points along a segment, close enough that chords stay within the tolerance."""
+    """Return points along a segment that are close enough for the chords to stay within the tolerance."""
     if isinstance(segment, svg.Line | svg.Close):
         ends = [segment.start, segment.end]
         return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)

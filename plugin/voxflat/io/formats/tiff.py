@@ -16,7 +16,7 @@ _PAGES = "ZQI"  # tifffile's axes of pages: depth, or unspecified
 
 
 def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
-    """Return a stack (x, y, z), y downwards, or colours (x, y, z, 3), and its affine to mm if known."""
+    """Return a stack (x, y, z), with y pointing downwards, or colours (x, y, z, 3), and its affine to mm if known."""
     with require("tifffile").TiffFile(path) as file:
         series = file.series[0]
         shape = dict(zip(series.axes, series.shape, strict=True))
