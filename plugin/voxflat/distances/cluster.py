@@ -1,4 +1,4 @@
-"""Work on many machines: workers of a Dask cluster process one item after another, and may die at any time."""
+"""Share work among many machines: workers of a Dask cluster process one item after another, and may die at any time."""
 
 import importlib
 import json

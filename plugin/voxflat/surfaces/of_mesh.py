@@ -1,4 +1,4 @@
-"""Create a surface from a mesh: validated, oriented outwards, and halfway to the pial surface if that is given."""
+"""Create a surface from a mesh: validated, oriented outwards, and moved halfway to the pial surface if it is given."""
 
 import hashlib
 from typing import Any

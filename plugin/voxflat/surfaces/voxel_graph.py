@@ -1,4 +1,4 @@
-"""Link the surface voxels of a volume to a graph of 26-neighbours, for `grossmann2002` and chain codes."""
+"""Link the surface voxels of a volume into a graph of 26-neighbours, for `grossmann2002` and chain codes."""
 
 from dataclasses import dataclass
 from functools import cached_property

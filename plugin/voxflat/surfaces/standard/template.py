@@ -88,7 +88,7 @@ def standard_template(space: str, side: str) -> Template:
 
 
 def is_template(path: Path) -> bool:
-    """Return whether a file of cuts is a template, and not a list of one surface's vertices."""
+    """Return whether a cuts file is a template rather than a list of one surface's vertices."""
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):
