@@ -1,4 +1,4 @@
-"""Shortest paths over a surface: to display, to measure along, and to cut along."""
+"""Shortest paths over a surface, for display, measurement and cutting."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Distance rows: in memory, or in a store on disk that may exceed memory and survives interruptions.
+"""Distance rows, in memory or in a store on disk, which may be larger than memory and survives interruptions.
 
 A store is a directory: `rows.npy`, `journal.jsonl` (the finished rows with their CRC-32), `store.json` (a description
 of the distances), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes the rows, and writes

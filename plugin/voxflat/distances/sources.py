@@ -1,4 +1,4 @@
-"""Sources: the points from which distances are measured, chosen or given."""
+"""Sources, the points from which distances are measured; they are chosen or given."""
 
 from dataclasses import dataclass
 

@@ -234,8 +234,8 @@ class Journal:
     """The contents of a journal."""
 
     header: str  # its first line
-    rows: int  # sources
-    columns: int  # points
+    rows: int  # number of sources
+    columns: int  # number of points
     checksums: dict[int, int]  # CRC-32 of each row that is finished
     is_complete: bool  # whether all rows are recorded as finished
 

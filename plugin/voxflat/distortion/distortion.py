@@ -1,4 +1,4 @@
-"""The distortion of a flat map: all its figures, and tables of one or several maps."""
+"""The distortion of a flat map, with all figures, and tables of one or several maps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -29,7 +29,7 @@ from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.manifold import Manifold
 
-_SAME = 1e-3  # tolerance for edge lengths, relative to their median: files hold float32
+_SAME = 1e-3  # tolerance for edge lengths, relative to their median, because files hold float32
 _MOST_SOURCES = 2**31  # more than the points of any surface: use all
 
 _USUAL_SOURCES = 300
@@ -38,7 +38,7 @@ _USUAL_WORK = 4e8
 """The time for exact distances from one source is proportional to the number of points to the power of 1.5. This work
 took 60 s of CPU time on a bumpy surface, half a minute on two cores, and less on a cortex."""
 
-_KEPT_SHARE = 4  # a quarter of the free memory
+_KEPT_SHARE = 4  # kept rows may use a quarter of the free memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,7 +390,7 @@ class Geometry:
     """A surface with the vertex positions that the maps use."""
 
     surface: Manifold  # the given surface, with vertices at the maps' positions
-    known: NDArray[np.bool_] | None = None  # the maps' vertices of the whole surface; None: given geometry
+    known: NDArray[np.bool_] | None = None  # vertices of the whole surface in the maps; None for the given geometry
     said_by: str = ""  # name of the map that defines the geometry
 
     def check(self, name: str, matched: Matched) -> None:

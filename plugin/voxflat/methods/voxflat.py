@@ -69,8 +69,8 @@ class Voxflat(OverTriangles):
         "marching" also exceeds 1 %.
     weighting : float
         Balance between triangles (0) and far distances (1); by default 0.5. The weights of triangles and of distances
-        up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``. A value of 0 preserves angles and areas best; a
-        value of 1 preserves far distances best.
+        up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1 preserves
+        far distances best.
     scale : {"distances", "areas"}
         The quantity that the scale of the map preserves; a curved surface has no map that preserves both. "distances"
         minimises the mean relative error of distances; "areas" gives the map the area of the surface.

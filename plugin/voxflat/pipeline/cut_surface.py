@@ -1,4 +1,4 @@
-"""Surfaces that were cut open: the result of `Surface.cut`, which `flatten` accepts."""
+"""Surfaces that were cut open; `Surface.cut` returns them, and `flatten` accepts them."""
 
 import importlib
 import os

@@ -1,4 +1,4 @@
-"""Range images: depth on a grid, as scanners record it, and the surface that it describes."""
+"""Range images, which record depth on a grid as scanners do, and the surfaces that they describe."""
 
 import hashlib
 from collections.abc import Sequence

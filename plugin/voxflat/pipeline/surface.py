@@ -52,7 +52,7 @@ class Surface(Manifold):
     voxels : ndarray of int64, shape (V, 3), or None
         The voxel of each vertex of the whole surface, if the input was a volume.
     metadata : dict
-        The origin of the surface and how it was made.
+        The origin of the surface, and how it was made.
     remarks : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
@@ -134,7 +134,7 @@ class Surface(Manifold):
         Parameters
         ----------
         region : mask, path or vertex numbers, or "medial wall"
-            As for `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
+            As in `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
 
         Returns
         -------

@@ -63,7 +63,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
     """Choose the points that a patch may list: all triangles of the mesh among them belong to these points.
 
     `bridges` are other triangles of the mesh, given by vertices, whose corners are all vertices of these points. The
-    result has at most one point per vertex, each in a triangle of the others, and is connected.
+    result has at most one point per vertex, is connected, and contains each point in a triangle with others.
     """
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)
@@ -82,7 +82,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
 
 
 class _Corners:
-    """Store the triangles at vertices that may be excluded, and the points with which each triangle is right.
+    """Store the triangles at vertices that may be excluded, and the sets of points with which each one is right.
 
     A bridge is right with no points. A triangle is right with several sets of points if a slit between its corners was
     closed.

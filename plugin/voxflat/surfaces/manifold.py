@@ -48,8 +48,8 @@ class Step:
     by_triangles: bool = False  # whether triangles defined the region
     seed_point: Any = None  # centre of a disk: voxel indices or vertex number
     seed_found: Any = None  # nearest voxel or vertex on the surface
-    radius: float | None = None  # of the disk, mm
-    corners: Any = None  # of a polygon
+    radius: float | None = None  # radius of a disk, mm
+    corners: Any = None  # corners of a polygon
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 _STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
 _SHARES = (0.01, 0.2)  # limits of the medial wall's share of a hemisphere; 7 % is usual
-_CLEAR = 10  # least size relative to the next such region
+_CLEAR = 10  # least size relative to the next largest such region
 
 _Part = TypeVar("_Part", bound=Manifold)
 

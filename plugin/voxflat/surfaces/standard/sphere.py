@@ -37,7 +37,7 @@ class Sphere:
     side: str  # left or right
     name: str  # file name or description
     folded: int  # number of flipped triangles
-    distance: float  # median, mm, at corresponding places
+    distance: float  # median distance of corresponding positions, mm
 
     def __repr__(self) -> str:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"

@@ -53,7 +53,7 @@ class Template:
     side: str  # left or right
     outlines: tuple[Line, ...]  # closed: around the medial wall, or around a region
     cuts: tuple[Line, ...]  # in the order in which they are made
-    anchors: Anchors | None = None  # of the built-in template
+    anchors: Anchors | None = None  # only in the built-in template
     provenance: Record = field(default_factory=dict)  # its origin
 
     def __repr__(self) -> str:
