@@ -1,4 +1,4 @@
-"""Work on many machines: workers of a Dask cluster process one item after another, and may die at any time."""
+"""Share work among many machines: workers of a Dask cluster process one item after another, and may die at any time."""
 
 import importlib
 import json
@@ -36,7 +36,7 @@ _Item = TypeVar("_Item")
 
 
 class Cluster:
-    """The workers of a Dask cluster; a `distributed.Client` is a connection to the scheduler."""
+    """The workers of a Dask cluster, reached through a `distributed.Client`, which connects to the scheduler."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

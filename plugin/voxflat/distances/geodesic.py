@@ -89,7 +89,7 @@ def stored_rows(
     threads: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks, and open it."""
+    """Compute the missing rows of a store, and open the store."""
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": store.geodesic}
     store.tell(core.store_rows(*store.key, chosen, **named, threads=threads, progress=progress))
     return open_rows(store.path)

@@ -1,7 +1,7 @@
-"""One store written by many workers: each writes some rows, a part, with a journal in its own directory.
+"""A store written by many workers: each writes a part (some of the rows), with a journal in its own directory.
 
-The caller copies entries of that journal into the store's. Parts lie in the store's directory, and remain if a worker
-or the caller dies. A row has the same bits on every worker, so two workers may write it at once.
+The caller copies the entries of these journals to the journal of the store. Parts are kept in the store's directory,
+and remain if a worker or the caller dies. A row has the same bits on every worker, so two workers may write it at once.
 """
 
 import errno
@@ -47,7 +47,7 @@ _kept: dict[str, _core.Surface] = {}  # in a worker: its current surface, with a
 class Wanted:
     """Rows to compute."""
 
-    surface: str  # a hash of it
+    surface: str  # hash of the surface
     sources: int | NDArray[np.uint32]  # number of sources to choose, or row numbers of the points
     sampling: str
     seed: int
@@ -65,7 +65,7 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the rows that a store lacks on the workers of a cluster, and open it; finished rows are kept."""
+    """Compute the missing rows of a store on the workers of a cluster, and open the store; finished rows are kept."""
     path = store_path(store)
     beside = temporary_beside(path)  # used until the store exists
     sources = choice.count if choice.given is None else choice.given
@@ -105,7 +105,7 @@ def _write_surface(part: Manifold, folder: Path) -> str:
 
 
 def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict[str, Any]) -> None:
-    """Compute the rows that a store lacks."""
+    """Compute the missing rows of a store."""
     path = store.path
     with _locked(path):
         _collect(path)

@@ -1,4 +1,4 @@
-"""Shortest paths over a surface: to display, to measure along, and to cut along."""
+"""Shortest paths over a surface, for display, measurement and cutting."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -27,14 +27,14 @@ class Path(Recorded):
     ids : ndarray of int64, shape (k, 3) or (k,)
         Voxels or vertices on the path, including both ends; −1 where it crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Positions, RAS+ mm in `space`. The path is straight between them, except that a path of links follows the
-        triangles.
+        Positions, RAS+ mm in `space`. The path is straight between these points, except that a path of links follows
+        the triangles.
     length : float
         Length of the path over the surface, mm.
     space : Space
         The coordinate space of the surface.
     provenance : dict
-        Record of how it was made.
+        Record of how the path was made.
 
     See Also
     --------

@@ -1,8 +1,8 @@
-"""Distance rows: in memory, or in a store on disk that may exceed memory and survives interruptions.
+"""Distance rows, in memory or in a store on disk, which may be larger than memory and survives interruptions.
 
 A store is a directory: `rows.npy`, `journal.jsonl` (the finished rows with their CRC-32), `store.json` (a description
-of the distances), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes and writes rows and
-journal.
+of the distances), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes the rows, and writes
+them and the journal.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _CHUNK = 1 << 26  # best number of bytes per read
 
 @dataclass(frozen=True, eq=False)
 class DistanceRows:
-    """Geodesic distances from sources to all points of a surface; converts to an array.
+    """Geodesic distances from sources to all points of a surface, convertible to an array.
 
     Rows in a store are read from disk on demand: slices are arrays in memory.
 
     Parameters
     ----------
     rows : ndarray of float32, shape (m, N)
-        Distances, mm; those in a store are a `Table`, which is read on demand.
+        Distances, mm; for a store, a `Table` that is read on demand.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices or vertex numbers of the points.
     points : ndarray of float64, shape (N, 3)
@@ -53,7 +53,7 @@ class DistanceRows:
     store : Path, optional
         Directory of the store.
     provenance : dict
-        Record of how they were made, which a store keeps.
+        Record of how the distances were made; a store keeps it, too.
 
     See Also
     --------
@@ -88,7 +88,7 @@ class DistanceRows:
     def shape(self) -> tuple[int, int]:
         """The numbers of sources and of points.
 
-        They are the axes of the array.
+        These are the lengths of the array's axes.
 
         See Also
         --------
@@ -137,7 +137,7 @@ class DistanceRows:
 
     @property
     def nbytes(self) -> int:
-        """The size of all distances, bytes.
+        """The size of all distances in bytes.
 
         Rows in a store need this much memory only if they are converted to an array.
 
@@ -272,7 +272,7 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
 
 
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
-    """Read the rows of a store that the journal lists; return those that do not match their CRC-32."""
+    """Read the rows of a store that the journal lists; return the rows that do not match their CRC-32."""
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:
         raise InputError(f"{store / 'rows.npy'} has shape {shape} instead of two axes. {FINISH}")

@@ -1,4 +1,4 @@
-"""Sources: the points from which distances are measured, chosen or given."""
+"""Sources, the points from which distances are measured; they are chosen or given."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ SAMPLINGS = ("farthest", "curvature", "random")  # ways to choose sources on any
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How sources will be chosen: their number is known before they are chosen, which needs memory for links."""
+    """How sources will be chosen. Their number is known beforehand; choosing them needs memory for links."""
 
     part: Manifold | VoxelGraph
     count: int
@@ -40,7 +40,7 @@ def source_choice(
     fewest: int,
     at_most_all: bool = False,
 ) -> SourceChoice:
-    """Return how sources will be chosen; more than the number of points is an error unless `at_most_all`."""
+    """Return how sources will be chosen; more sources than points raise an error unless `at_most_all` is True."""
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):
         if sources < fewest:

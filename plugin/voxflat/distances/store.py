@@ -1,4 +1,4 @@
-"""The directory of a store of distance rows: what is measured, room for it, and its journal, an object a line."""
+"""The directory of a store of distance rows: its description, its disk space, and its journal (one object per line)."""
 
 import errno
 import hashlib
@@ -66,7 +66,7 @@ def prepare_store(
     link_lengths: str | None = None,
     progress: Progress | None = None,
 ) -> Store:
-    """Create a store, or open one of the same rows; `chosen` (m,) are sources, as row numbers of the points."""
+    """Create a store, or open one with the same rows; `chosen` (m,) are the sources, as row numbers of the points."""
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
@@ -95,7 +95,7 @@ def prepare_store(
 
 
 def store_path(path: str | os.PathLike[str]) -> Path:
-    """Return the absolute directory of a store, for messages, and in case the working directory changes."""
+    """Return the absolute path of a store, for messages and in case the working directory changes."""
     return Path(os.path.abspath(checked_path(path, "store")))
 
 
@@ -234,8 +234,8 @@ class Journal:
     """The contents of a journal."""
 
     header: str  # its first line
-    rows: int  # sources
-    columns: int  # points
+    rows: int  # number of sources
+    columns: int  # number of points
     checksums: dict[int, int]  # CRC-32 of each row that is finished
     is_complete: bool  # whether all rows are recorded as finished
 
@@ -267,7 +267,7 @@ def read_journal(store: Path) -> Journal:
 
 
 def append(store: Path, checksums: Mapping[int, int]) -> None:
-    """Record rows whose data are written."""
+    """Record rows whose data have been written."""
     _append(store, "".join(f'{{"row": {row}, "crc32": "{sum_:08x}"}}\n' for row, sum_ in checksums.items()))
 
 

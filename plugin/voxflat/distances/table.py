@@ -23,7 +23,7 @@ class Table:
     path: Path
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    start: int  # where its values begin, bytes
+    start: int  # offset of its values, bytes
 
     @classmethod
     def open(cls, path: Path) -> "Table":
@@ -53,7 +53,7 @@ class Table:
 
     @property
     def nbytes(self) -> int:
-        """Size of all values, bytes."""
+        """Size of all values in bytes."""
         return int(np.prod(self.shape, dtype=object)) * self.dtype.itemsize
 
     def __len__(self) -> int:

@@ -1,1 +1,1 @@
-"""Distortion of a flattened surface: `figures` of distances and triangles, and `distortion`, all of them in tables."""
+"""Distortion of a flattened surface: `figures` for distances and triangles, and `distortion` for their tables."""

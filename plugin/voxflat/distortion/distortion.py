@@ -1,4 +1,4 @@
-"""The distortion of a flat map: all its figures, and tables of one or several maps."""
+"""The distortion of a flat map, with all figures, and tables of one or several maps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,7 +21,7 @@ class Distortion:
     Parameters
     ----------
     raw : Figures
-        Figures at scale 1, as the map is, in mm.
+        Figures at scale 1: the map as it is, in mm.
     best_scale : Figures
         Figures at the scale with the smallest mean relative error.
     pearson_r : float
@@ -46,7 +46,7 @@ class Distortion:
         Topology of the surface as cut by the map, if determined: ``components``, ``euler``, ``loops`` of the boundary
         and ``handles``.
     voxel_size : float or None
-        Geometric mean of the three spacings, mm, of voxel surfaces.
+        Geometric mean of the three voxel spacings, mm; None for meshes.
     unit : str
         Unit of lengths; "unknown" if it is not defined.
 
@@ -103,7 +103,7 @@ class Distortion:
         Returns
         -------
         dict
-            The figures by the names of the fields; ``standard_error`` has the same names.
+            The figures, keyed by field name; ``standard_error`` has the same keys.
 
         See Also
         --------
@@ -124,7 +124,7 @@ class Distortion:
     def table(self) -> str:
         """Return a table of the figures as text.
 
-        Undefined figures are dashes.
+        Undefined figures are shown as dashes.
 
         Returns
         -------
@@ -247,7 +247,7 @@ def _other_rows(of: Sequence[Distortion]) -> list[list[str]]:
 
 
 def _number(value: Any, digits: int) -> str:
-    """Format a number; undefined ones are dashes."""
+    """Format a number, or return a dash if it is undefined."""
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
 
 

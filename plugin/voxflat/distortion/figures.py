@@ -64,7 +64,7 @@ class TriangleFigures:
     """Distortion figures of the triangles of a flat map.
 
     σ1 ≥ σ2 are the principal stretches of a triangle. Means, medians and 95th percentiles are weighted by the areas of
-    triangles on the surface, those of `areal` by vertices. Undefined figures are NaN.
+    triangles on the surface, except those of `areal`, which are taken over vertices. Undefined figures are NaN.
 
     Parameters
     ----------
@@ -78,13 +78,13 @@ class TriangleFigures:
     edge : float
         Mean of ``|l_flat / l_surface − 1|`` over the edges.
     angle : float
-        Mean change of a corner's angle, degrees.
+        Mean change of the corner angles, degrees.
     quasi_conformal, isometric, symmetric_dirichlet : float
         Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²). Without distortion they are 1, 1 and 2.
     flipped : int
-        Number of flipped triangles, which are those of the minority orientation.
+        Number of flipped triangles, that is, triangles with the minority orientation.
     flipped_share : float
-        Their share of the surface's area.
+        Share of the surface's area in flipped triangles.
     collapsed : int
         Number of triangles without area in the map.
     crossings : int
@@ -94,7 +94,7 @@ class TriangleFigures:
     areal : ndarray, shape (N,)
         Change of area at each vertex, ``log2(A_flat / A_surface)``.
     is_flipped : ndarray of bool, shape (F,)
-        Which triangles are flipped.
+        Whether each triangle is flipped.
     area_beyond_1_25, area_beyond_1_5, area_beyond_2 : float
         Share of the surface's area in triangles whose area changes by more than this factor, in either direction, at
         `equal_area_scale`. NaN in maps that were saved before these figures existed.
@@ -144,7 +144,7 @@ class StandardErrors:
 
     They are computed by the bootstrap (Efron 1979): n sources are resampled with replacement 1000 times, and the
     standard deviation is multiplied by √(n/(n − 1) · (1 − n/N)), where N is the number of points. The best scale is
-    held fixed. Errors are NaN if they are undefined, for a single source or if a sample has no pair.
+    held fixed. Errors are NaN if they are undefined: with a single source, or if a sample contains no pair.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Distortion of each triangle and point: the arrays behind the figures, with the same names in all interfaces.
+"""Distortion of each triangle and point: arrays behind the figures, which have the same names in all interfaces.
 
 | name | of | meaning |
 |---|---|---|

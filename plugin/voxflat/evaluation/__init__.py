@@ -1,1 +1,1 @@
-"""Evaluation of flat maps, made by voxflat or any other tool, by the same definitions."""
+"""Evaluation of flat maps, made by voxflat or any other tool, with the same definitions."""

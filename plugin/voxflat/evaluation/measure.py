@@ -29,7 +29,7 @@ from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.manifold import Manifold
 
-_SAME = 1e-3  # tolerance for edge lengths, relative to their median: files hold float32
+_SAME = 1e-3  # tolerance for edge lengths, relative to their median, because files hold float32
 _MOST_SOURCES = 2**31  # more than the points of any surface: use all
 
 _USUAL_SOURCES = 300
@@ -38,7 +38,7 @@ _USUAL_WORK = 4e8
 """The time for exact distances from one source is proportional to the number of points to the power of 1.5. This work
 took 60 s of CPU time on a bumpy surface, half a minute on two cores, and less on a cortex."""
 
-_KEPT_SHARE = 4  # a quarter of the free memory
+_KEPT_SHARE = 4  # kept rows may use a quarter of the free memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ class MeasuredMap:
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Places in the plane, mm.
+        Positions in the plane, mm.
     vertex_ids : ndarray of int64, shape (N,)
-        Vertex number of each place in the surface's input; for voxels, the vertex of the surface.
+        Vertex number of each position in the input; for a surface of voxels, the vertex number in the surface.
     faces : ndarray of uint32, shape (F, 3)
         Triangles.
     distortion : Distortion
@@ -88,7 +88,7 @@ class Comparison(Recorded):
     Parameters
     ----------
     maps : dict of str to MeasuredMap
-        The maps by name.
+        The maps, keyed by name.
     provenance : dict
         Record of how they were measured.
 
@@ -122,7 +122,7 @@ class Comparison(Recorded):
         Returns
         -------
         dict
-            The results of `Distortion.figures`, by the names of the maps.
+            The results of `Distortion.figures`, keyed by map name.
 
         See Also
         --------
@@ -183,23 +183,24 @@ def measure(
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
-        in the same order; a map of voxflat (.npz); the texture coordinates of an .obj, .ply or .vtp; or places in the
-        plane, mm. Its own triangles are measured, or those of the surface with a place for all corners. A third
-        coordinate must be constant. ``vertices`` gives the vertex of the surface for each place, so that cuts may
-        duplicate vertices. If a vertex of an .obj has several texture coordinates, the surface is cut there.
+        in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply or .vtp; or positions
+        (``places``) in the plane, mm. The triangles of the map are measured or, if it has none, the triangles of the
+        surface whose corners all have a position. A third coordinate must be constant. ``vertices`` gives the vertex of
+        the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj has several texture
+        coordinates, the surface is cut there.
     sources : int, optional
         Number of random points from which distances are measured. By default 300, or fewer if exact distances on a
-        large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 from 160,000 points on,
-        and fewer if maps with different cuts are compared. Few sources give rough standard errors and rough errors of
-        single points in a heat map; use 300 for figures to be published.
+        large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 for 160,000 points or
+        more, and fewer if maps with different cuts are compared. With few sources, the standard errors and the errors
+        of single points in a heat map are imprecise; use 300 for published figures.
     reference : {"exact", "graph"}, optional
         How distances are measured, as in `Surface.geodesic`. By default "exact" for meshes of any size, and "graph" for
         surfaces of voxels, whose triangles are themselves an estimate.
     on_surface : bool
-        Measure on the given surface. By default a map of voxflat is measured on the geometry on which it was made: a
+        Measure on the given surface. By default, a voxflat map is measured on the geometry on which it was made: a
         map made midway to the pial surface is not measured on the white surface. A warning reports this.
     seed : int
-        Seed of the choice of sources.
+        Seed of the random choice of sources.
     threads : int, optional
         Number of threads; by default one per core.
     memory_limit : int, optional
@@ -250,7 +251,7 @@ def compare(
 ) -> Comparison:
     """Measure the distortion of several flat maps of a surface from the same sources.
 
-    The sources are random vertices that all maps have. Distances are measured only once for maps with the same
+    The sources are random vertices that all maps contain. Distances are measured only once for maps with the same
     triangles and cuts.
 
     Parameters
@@ -258,7 +259,7 @@ def compare(
     surface : Surface, or any input of `voxflat.surface`
         The surface. All maps are measured on the same geometry.
     maps : dict of str to map
-        The maps by name, each as in `measure`.
+        The maps, keyed by name; each as in `measure`.
     sources : int, optional
         As in `measure`.
     reference : {"exact", "graph"}, optional
@@ -334,7 +335,7 @@ def compare(
 
 
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:
-    """Group maps with the same triangles and cuts, each with the order of its vertices in the first map."""
+    """Group maps with the same triangles and cuts, each with the order of its vertices in its group's first map."""
     groups: list[list[tuple[Matched, NDArray[np.int64]]]] = []
     for one in matched:
         for group in groups:
@@ -389,7 +390,7 @@ class Geometry:
     """A surface with the vertex positions that the maps use."""
 
     surface: Manifold  # the given surface, with vertices at the maps' positions
-    known: NDArray[np.bool_] | None = None  # the maps' vertices of the whole surface; None: given geometry
+    known: NDArray[np.bool_] | None = None  # vertices of the whole surface in the maps; None for the given geometry
     said_by: str = ""  # name of the map that defines the geometry
 
     def check(self, name: str, matched: Matched) -> None:
@@ -406,7 +407,7 @@ class Geometry:
 
 
 def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
-    """Return the surface on which maps are measured: the given one, or the one on which maps of voxflat were made."""
+    """Return the surface on which maps are measured: the given one, or the one on which voxflat maps were made."""
     ours = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and not flat.is_voxels}
     places = {name: vertices_of(whole, flat) for name, flat in ours.items()}
     moved = [name for name, flat in ours.items() if not _agree(flat, flat.points, whole.points[places[name]])]

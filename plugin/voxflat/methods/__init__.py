@@ -1,6 +1,6 @@
-"""Methods that flatten a surface, each a class with its own options.
+"""Methods that flatten a surface; each is a class with its own options.
 
-Pass an object of one wherever a method's name is accepted: ``surface.flatten(Zigelman2002(sources=400))``.
+Pass an object of such a class wherever a method name is accepted: ``surface.flatten(Zigelman2002(sources=400))``.
 """
 
 from voxflat.arguments import shown
@@ -41,7 +41,7 @@ def method_of(method: str | Method) -> Method:
     Raises
     ------
     InputError
-        If there is no method of that name.
+        If there is no method with that name.
 
     See Also
     --------
@@ -61,7 +61,7 @@ def method_of(method: str | Method) -> Method:
 
 
 def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
-    """Flatten a surface, which may be cut already, with a method; see `voxflat.Surface.flatten`."""
+    """Flatten a surface, which may already be cut, with a method; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
     chosen._check(how)
     return chosen._flatten(surface, where, how)

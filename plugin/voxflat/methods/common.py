@@ -1,4 +1,4 @@
-"""From a method's result to a `FlatMap`: measure its distortion, orient it, and collect warnings."""
+"""Turn a method's result into a `FlatMap`: measure its distortion, orient it, and collect warnings."""
 
 import platform
 from collections.abc import Sequence
@@ -22,18 +22,18 @@ from voxflat.surfaces.standard.template import standard_template
 MUCH = 0.01
 """Tolerated relative error of distances. Graph distances usually have an error of 0.1 %."""
 
-_NO_GOOD_MAP = 0.25  # cortex usually has 0.05 to 0.15
+_NO_GOOD_MAP = 0.25  # relative error; 0.05 to 0.15 is usual for the cortex
 _FEWEST = 3  # corresponding points needed for a rotation
 _FEW = 40  # exact reference sources if graph distances are too inaccurate: one minute for 80,000 vertices
 
 
 def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
-    """Return the mean relative error of a solver's distances against exact ones."""
+    """Return the mean relative error of a solver's distances, compared with exact distances."""
     return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
 
 
 def _measured(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
-    """Measure the distortion against graph distances, or exact ones where those are not accurate enough."""
+    """Measure the distortion against graph distances, or against exact distances if those are too inaccurate."""
     reference, distances = "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
@@ -87,7 +87,7 @@ def map_over_triangles(
     merged, places = part._also_merged()
     rows_of: Any = slice(None)
     ids = part.ids
-    if len(merged):  # each merged vertex has its own row, at the same place
+    if len(merged):  # each merged vertex has its own row, at the same position
         rows_of, ids = np.concatenate([np.arange(len(part)), places]), np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]

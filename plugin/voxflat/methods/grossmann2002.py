@@ -32,9 +32,10 @@ class Grossmann2002(Method):
 
     .. math:: \ell = 0.9016\, N_1 + 1.289\, N_2 + 1.615\, N_3
 
-    voxels, which is unbiased on average over all directions. For anisotropic voxels the weights are derived by the same
-    principle. Let :math:`\Delta` be the matrix of distances among the `sources`, and :math:`J` the centring matrix.
-    Classical scaling takes the two eigenvectors :math:`v_k` of the largest positive eigenvalues :math:`\lambda_k` of
+    voxels, which is unbiased on average over all directions. For anisotropic voxels, the weights are derived from the
+    same principle. Let :math:`\Delta` be the matrix of distances among the `sources`, and :math:`J` the centring
+    matrix. Classical scaling takes the two eigenvectors :math:`v_k` of the largest positive eigenvalues
+    :math:`\lambda_k` of
 
     .. math:: B = -\tfrac{1}{2}\, J\, (\Delta \circ \Delta)\, J
 
@@ -46,13 +47,14 @@ class Grossmann2002(Method):
     Parameters
     ----------
     sources : int or array_like of int, shape (m, 3)
-        Number of points from which distances are measured (all points, if there are fewer), or their voxel indices. The
-        default is 1000, as in the paper.
+        Number of points from which distances are measured (all points, if there are fewer), or the voxel indices of the
+        points. The default is 1000, as in the paper.
     sampling : {"farthest", "random"}
         How sources are chosen: "farthest" spreads them evenly, each as far as possible from the others along the
         surface; "random" draws them at random.
     link_lengths : {"chain-code", "euclidean"}
-        Lengths of the links between neighbouring voxels: the unbiased estimator of the paper, or 1, √2 and √3 voxels.
+        Lengths of the links between neighbouring voxels: "chain-code" uses the unbiased estimator of the paper;
+        "euclidean" uses 1, √2 and √3 voxels.
 
     See Also
     --------
@@ -61,7 +63,7 @@ class Grossmann2002(Method):
 
     Notes
     -----
-    The surface is never cut, so a closed surface is an error: choose a part with `Surface.disk` or `Surface.keep`.
+    The surface is never cut, so a closed surface raises an error; choose a part with `Surface.disk` or `Surface.keep`.
     Banks of a sulcus that touch are linked, so distances can jump between them. The foreground is used unchanged unless
     ``repair="voxels"`` is passed to `voxflat.surface`.
 

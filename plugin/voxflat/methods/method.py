@@ -1,4 +1,4 @@
-"""The base classes of methods: a method is an object with options that makes a map of a surface."""
+"""Base classes of the methods; a method is an object with options that flattens a surface."""
 
 import os
 from dataclasses import dataclass, fields
@@ -29,7 +29,7 @@ Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or 
 
 @dataclass(frozen=True)
 class How:
-    """Options of flattening that do not depend on the method."""
+    """Flattening options that do not depend on the method."""
 
     mirror: bool = False
     rows: Rows = False
@@ -62,7 +62,7 @@ class How:
         return workers(self.threads)
 
     def rows_memory_need(self, sources: int, points: int) -> int:
-        """Return the memory that rows need in addition to the method's own."""
+        """Return the memory that rows need in addition to the memory of the method."""
         if self.store is not None:
             return _core.store_memory_need(points, sources, self.workers)
         return 4 * sources * points if self.keep_rows else 0

@@ -25,12 +25,12 @@ class Saucan2006(OverTriangles):
     .. math:: 1 + \tan\theta \approx 1.176 .
 
     Gluing goes beyond the paper. Neighbouring patches are moved so that their common edges meet, and a seam is closed
-    as long as every triangle keeps
+    as long as every triangle satisfies
 
     .. math:: \max(\sigma_1, 1/\sigma_2) \le C,
 
-    where :math:`\sigma_1 \ge \sigma_2` are its principal stretches and :math:`C` is `bound`. Where no triangle could
-    keep the bound, the surface stays cut. No distances are measured.
+    where :math:`\sigma_1 \ge \sigma_2` are its principal stretches and :math:`C` is `bound`. Where closing a seam would
+    violate this bound, the surface stays cut. No distances are measured.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Saucan2006(OverTriangles):
     See Also
     --------
     Surface.patches : Make the patches themselves, on surfaces of any topology.
-    FlatAtlas.glue : Glue patches, which may remain several pieces.
+    FlatAtlas.glue : Glue patches; several pieces may remain.
     Surface.flatten : Flatten a surface with a method.
 
     References
@@ -72,7 +72,7 @@ class Saucan2006(OverTriangles):
             )
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
-        """Cut a surface open to a disk; add relaxation cuts only on request, because gluing cuts where it must."""
+        """Cut a surface open to a disk; add relaxation cuts only on request, because gluing cuts where needed."""
         where = replace(where, relax=False) if where.relax is None else where
         return cut_open(surface, where, how.threads, how.progress)
 
@@ -82,7 +82,7 @@ class Saucan2006(OverTriangles):
         bound = float(self.bound)
         result = cut.part.core.saucan2006(bound, how.seed, how.threads, how.progress)
         part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
-        faces = part.faces[: len(cut.faces)]  # triangles of closed holes come last
+        faces = part.faces[: len(cut.faces)]  # triangles that close holes come last
         cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
         metadata = {
             "bound": bound,

@@ -24,16 +24,17 @@ class Schwartz1989(OverTriangles):
     r"""Flatten by minimising Sammon's stress of exact distances, from random starts.
 
     As in [1]_, exact geodesic distances :math:`\delta_{ij}` are stored for each vertex and its neighbourhood, and, as
-    in [2]_, from some `sources` to all vertices. The vertices start at random places and move to reduce Sammon's stress
+    in [2]_, from some `sources` to all vertices. The vertices start at random positions and move to reduce Sammon's
+    stress
 
     .. math:: E = \frac{1}{\sum_{i<j} \delta_{ij}} \sum_{i<j} \frac{(d_{ij} - \delta_{ij})^2}{\delta_{ij}},
 
-    where :math:`d_{ij}` are distances in the map. In each step every coordinate :math:`x` moves at once, as in a Newton
-    method with a diagonal Hessian:
+    where :math:`d_{ij}` are distances in the map. In each step, all coordinates :math:`x` are updated at once, as in
+    Newton's method with a diagonal Hessian:
 
     .. math:: x \leftarrow x - 0.35\, \frac{\partial E / \partial x}{|\partial^2 E / \partial x^2|} .
 
-    The result is the map of least stress of all starts. ``metadata["starts"]`` lists the stress of each start.
+    The result is the map with the least stress among all starts. ``metadata["starts"]`` lists the stress of each start.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ class Schwartz1989(OverTriangles):
         How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
         times as densely where the surface bends; "random" draws them at random.
     neighbourhood : int or "all", optional
-        Number of edges up to which distances from each vertex are stored, or "all" for all pairs. By default the
-        neighbourhood covers a tenth of the vertices, which the paper found to be sufficient, and at least a hundred.
+        Number of edges within which distances from each vertex are stored, or "all" for all pairs. By default the
+        neighbourhood covers a tenth of the vertices, which the paper found to be sufficient, and at least 100 vertices.
     starts : int
         Number of random starts; by default 3, as in the paper.
 

@@ -1,4 +1,4 @@
-"""Start from a known flat map: the part that it covers, its cuts, and the places of its vertices."""
+"""Start from a known flat map: the part that it covers, its cuts, and the positions of its vertices."""
 
 from collections import defaultdict
 
@@ -25,7 +25,7 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 
 
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
-    """Return the places of the start for all vertices; the two sides of a cut that it does not have share a place."""
+    """Return the start's position for every vertex; both sides of a cut that the start lacks share a position."""
     vertices = cut.part.vertices
     found, is_there = _at_corners(vertices, cut.faces, start)
     if not is_there.all():
@@ -49,7 +49,7 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
 def _at_corners(
     vertices: NDArray[np.int64], faces: NDArray[np.uint32], start: Matched
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the places of the corners of triangles in a map, (F, 3, 2), and which triangles the map has."""
+    """Return the positions of triangle corners in a map, (F, 3, 2), and a mask of the triangles that the map has."""
     wanted, known = vertices[faces], start.vertices[start.core.faces]
     keys, wanted_keys = numbered(np.sort(known, axis=1), np.sort(wanted, axis=1))
     triangle = np.zeros(len(keys) + len(wanted_keys), dtype=np.int64)
@@ -65,7 +65,7 @@ def _at_corners(
 
 
 def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the edges, (k, 2), whose ends have different places in their two triangles."""
+    """Return the edges, (k, 2), whose ends have different positions in their two triangles."""
     corners = np.stack([[0, 1], [1, 2], [2, 0]])
     ends = faces[:, corners].reshape(-1, 2).astype(np.int64)
     at = places[:, corners].reshape(-1, 2, 2)
@@ -80,7 +80,7 @@ def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np
 
 
 def _chains(edges: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Join edges to paths, which end at vertices where other than two edges meet."""
+    """Join edges into paths, which end at vertices where the number of edges is not two."""
     beside: defaultdict[int, list[int]] = defaultdict(list)
     for a, b in edges.tolist():
         beside[a].append(b)

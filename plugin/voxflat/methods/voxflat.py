@@ -32,7 +32,7 @@ _WITHIN = 0.99
 class Voxflat(OverTriangles):
     r"""Flatten by minimising the distortion of distances and triangles (the default method).
 
-    Among the maps without flipped triangles, descent finds one of least energy
+    Among the maps without flipped triangles, the method searches for one that minimises the energy
 
     .. math::
 
@@ -41,49 +41,52 @@ class Voxflat(OverTriangles):
 
     The first term compares distances :math:`d_{ij}` in the map with geodesic distances :math:`\delta_{ij}` from the
     `sources`, in three bands :math:`b`: all pairs, pairs up to 30 mm, and pairs up to 10 mm. The loss :math:`\rho(r)`
-    is :math:`r^2` for small errors and grows like :math:`|r|` beyond, so that distances that no map can preserve do not
-    dominate. The second term is a mean over the surface of the distortion of each triangle :math:`T`, where :math:`J`
-    is the Jacobian of the map, :math:`\sigma_1 \ge \sigma_2` are its singular values and :math:`D` is its determinant:
+    is :math:`r^2` for small errors and grows like :math:`|r|` for larger ones, so that distances that no map can
+    preserve do not dominate. The second term averages the distortion of the triangles :math:`T` over the surface, where
+    :math:`J` is the Jacobian of the map, :math:`\sigma_1 \ge \sigma_2` are its singular values and :math:`D` is its
+    determinant:
 
     .. math::
 
        \psi = \rho(\sqrt{\varphi}), \quad \varphi = 2 (1 - \lambda) \sum_k (\sigma_k - 1)^2
        + \lambda \left(\tfrac{1}{2} \|J\|^2 (1 + D^{-2}) - 2\right) + \gamma \log^2 D .
 
-    The part with :math:`\lambda = 0.02` becomes infinite when a triangle is about to flip [1]_. The other part is as
-    rigid as possible [2]_. Descent starts from a Tutte embedding of a coarse surface and proceeds level by level to the
-    last vertex. No triangle is flipped on the way, and none covers another.
+    The part weighted by :math:`\lambda = 0.02` tends to infinity when a triangle is about to flip [1]_. The other part
+    keeps the map as rigid as possible [2]_. The descent starts from a Tutte embedding of a coarse surface and proceeds
+    level by level until all vertices are placed. No triangle is flipped in the process, and no triangle covers another.
 
     Parameters
     ----------
     sources : int or array_like of int
         Number of points from which distances are measured (all points, if there are fewer), or the points themselves:
-        voxel indices (m, 3) or vertex numbers (m,). The default is 400; more sources changed no map that was measured.
+        voxel indices (m, 3) or vertex numbers (m,). The default is 400; more sources did not change any measured map.
     sampling : {"farthest", "curvature", "random"}
         How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
         times as densely where the surface bends; "random" draws them at random.
     geodesic : {"graph", "marching", "exact"}, optional
-        How distances are measured, as in `Surface.geodesic`. By default "graph". If its error is more than 1 % for a
-        sample of sources, which thin triangles can cause, "marching" is used, and then "exact" by the same rule.
+        How distances are measured, as in `Surface.geodesic`. The default is "graph". If its error exceeds 1 % for a
+        sample of sources, which thin triangles can cause, "marching" is used instead, or "exact" if the error of
+        "marching" also exceeds 1 %.
     weighting : float
-        From 0 (triangles) to 1 (far distances); by default 0.5. The weights of triangles and of distances up to 30 mm
-        are multiplied by ``10 ** (1 - 2 * weighting)``. 0 keeps angles and areas best, 1 far distances.
+        Balance between triangles (0) and far distances (1); by default 0.5. The weights of triangles and of distances
+        up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1 preserves
+        far distances best.
     scale : {"distances", "areas"}
-        The quantity that the map's mm preserve; a curved surface has no map that preserves both. "distances" minimises
-        the mean relative error of distances; "areas" gives the map the area of the surface.
-        ``distortion.triangles.equal_area_scale`` and ``distortion.best_scale.scale`` are the factors from one to the
-        other.
+        The quantity that the scale of the map preserves; a curved surface has no map that preserves both. "distances"
+        minimises the mean relative error of distances; "areas" gives the map the area of the surface.
+        ``distortion.triangles.equal_area_scale`` and ``distortion.best_scale.scale`` are the factors that convert one
+        scale to the other.
     max_area : float, optional
         Greatest factor, above 1, by which any triangle may change its area, relative to the scale that preserves the
-        total area. From the usual map, descent continues with a growing penalty on larger changes.
+        total area. Starting from the usual map, the descent continues with an increasing penalty on larger changes.
         ``metadata["area_change"]`` is the factor reached. If no such map is found, flattening raises an
         `AreaBoundError`, which holds the best map and suggested cuts.
     start : map, optional
         A flat map of the surface to start from, of any kind that `voxflat.measure` accepts. It may have any position,
-        scale and orientation. The result is the map of least energy near it, in the
-        same orientation, but never mirrored. Unless a part or cuts are chosen, the
-        result covers the same part as the start, with the same cuts. Otherwise the start must have a place for every
-        triangle; it may lack cuts. A few flipped triangles are repaired; a start that cannot be repaired is an error.
+        scale and orientation. The result is the map with the least energy near it, in the same orientation, but never
+        mirrored. Unless a part or cuts are chosen, the result covers the same part as the start, with the same cuts.
+        Otherwise the start must contain every triangle, but it may lack cuts. A few flipped triangles are repaired; a
+        start that cannot be repaired raises an error.
 
     See Also
     --------

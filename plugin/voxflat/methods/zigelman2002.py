@@ -43,8 +43,8 @@ class Zigelman2002(OverTriangles):
 
     See Also
     --------
-    Voxflat : The default method, which has no flipped triangles.
-    range_image : Make a surface of a depth image.
+    Voxflat : The default method, whose maps have no flipped triangles.
+    range_image : Make a surface from a depth image.
     Surface.flatten : Flatten a surface with a method.
 
     References

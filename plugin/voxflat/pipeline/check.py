@@ -1,4 +1,4 @@
-"""Check an input: what it contains, and whether its surface can be flattened."""
+"""Check the contents of an input, and whether its surface can be flattened."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -35,9 +35,9 @@ def check(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Check:
-    """Check what an input contains, whether its surface can be flattened, and what each remedy would change.
+    """Check the contents of an input, whether its surface can be flattened, and the effect of each remedy.
 
-    An input that cannot be made into a surface is not an error here: `Check.advice` gives the reason.
+    An input that cannot be converted to a surface does not raise an error; `Check.advice` gives the reason.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ def check(
     Raises
     ------
     InputError
-        If the input cannot be read, or a label, threshold or part does not fit.
+        If the input cannot be read, or a label, threshold or part does not fit the input.
 
     See Also
     --------
-    Surface.check : The same for a surface.
+    Surface.check : Check a surface in the same way.
 
     Examples
     --------

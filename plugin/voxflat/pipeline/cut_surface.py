@@ -1,4 +1,4 @@
-"""Surfaces that were cut open: the result of `Surface.cut`, which `flatten` accepts."""
+"""Surfaces that were cut open; `Surface.cut` returns them, and `flatten` accepts them."""
 
 import importlib
 import os
@@ -39,7 +39,7 @@ class Cut:
     reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
         Why the cut was made.
     name : str or None
-        Name of a template's cut, such as ``"calcarine"``.
+        Name of the cut if it comes from a template, such as ``"calcarine"``.
 
     See Also
     --------
@@ -68,7 +68,7 @@ _ASIDE = 1 / 3  # share of the distance from a surface's centre to its end; poin
 
 
 def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
-    """Return the sides of a surface on which a cut lies, the clearest first ("posterior, inferior"), or "middle"."""
+    """Return the sides of a surface on which a cut lies, clearest first ("posterior, inferior"), or "middle"."""
     low, high = whole.min(axis=0), whole.max(axis=0)
     aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
     order = np.argsort(-np.abs(aside), kind="stable")[:2]
@@ -95,7 +95,7 @@ class CutSurface(Generic[_Surface]):
     remarks : tuple of str
         Warnings about the cuts.
     provenance : dict
-        Record of how it was made.
+        Record of how the surface was cut.
     whole : Manifold or None
         The surface before cutting.
     sphere : Sphere or None
@@ -226,7 +226,7 @@ class CutSurface(Generic[_Surface]):
         Raises
         ------
         InputError
-            If there is no such cut.
+            If no cut has this number.
 
         See Also
         --------
@@ -254,13 +254,13 @@ class CutSurface(Generic[_Surface]):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the cuts and the excluded vertices, or the cut surface, to a file.
 
-        Pass a file of cuts as ``cuts`` of `flatten` or `Surface.cut` to apply them again.
+        Pass the cuts file as the ``cuts`` argument of `flatten` or `Surface.cut` to apply the cuts again.
 
         Parameters
         ----------
         path : path
-            With the ending ``.json``, the cuts are saved: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...],
-            "provenance": {...}}``. With another ending, the cut surface is saved as by `Surface.save`, such as the
+            If the name ends in ``.json``, the cuts are saved: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...],
+            "provenance": {...}}``. Otherwise the cut surface is saved as with `Surface.save`, for example as the
             FreeSurfer patch ``lh.cortex.patch.3d``.
         sidecar, overwrite : bool
             As in `Surface.save`.
@@ -293,7 +293,7 @@ class CutSurface(Generic[_Surface]):
         """Save the cuts, and the border of the excluded region, as a template.
 
         The lines are stored on the sphere. The template therefore applies to every surface with a registered sphere of
-        the same hemisphere and space. Pass the file as ``cuts`` of `flatten` or `Surface.cut`.
+        the same hemisphere and space. Pass the file as the ``cuts`` argument of `flatten` or `Surface.cut`.
 
         Parameters
         ----------

@@ -62,7 +62,7 @@ def flatten(
 
     See Also
     --------
-    Surface.flatten : The same for a surface, with all details.
+    Surface.flatten : Flatten a surface; describes all parameters.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Range images: depth on a grid, as scanners record it, and the surface that it describes."""
+"""Range images, which record depth on a grid as scanners do, and the surfaces that they describe."""
 
 import hashlib
 from collections.abc import Sequence
@@ -21,29 +21,29 @@ _JUMP = 8.0  # pixels: a slope of 83 degrees
 def range_image(
     depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
 ) -> Surface:
-    """Make a surface of a range image, in which every pixel with a depth is a vertex.
+    """Make a surface from a range image, in which every pixel with a depth is a vertex.
 
     Columns run along x, rows along −y and depth along z, so the surface is seen from +z.
 
     Parameters
     ----------
     depth : array_like, shape (H, W)
-        Height towards the viewer, in mm, or NaN where there is no surface. Pass the negative of distances from a
-        camera.
+        Height towards the viewer, in mm, or NaN where there is no surface. For distances from a camera, pass their
+        negative.
     spacing : float or sequence of 2 floats
         Distance between rows and between columns, in mm.
     mask : array_like of bool, shape (H, W), optional
         True where there is a surface.
     jump : float, optional
-        Greatest difference of depth within a triangle, in mm. The surface is cut at larger differences, where one
-        object hides another. By default 8 times the larger spacing, a slope of 83 degrees.
+        Largest depth difference within a triangle, in mm. The surface is cut at larger differences, where one
+        object hides another. The default is 8 times the larger spacing, which is a slope of 83 degrees.
 
     Returns
     -------
     Surface
         The pixel of each vertex is ``np.unravel_index(s.ids, depth.shape)``. ``metadata["range_image"]`` holds the
-        grid, the limit ``jump`` (None for no limit) and the number of triangles that were ``cut``, which is also
-        reported.
+        grid, the limit ``jump`` (None for no limit) and the number of triangles that were ``cut``, which a warning also
+        reports.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def range_image(
 
     See Also
     --------
-    surface : Make a surface of a volume or a mesh.
+    surface : Make a surface from a volume or a mesh.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
             raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where the surface is")
         heights[there == 0] = np.nan
-    bad = np.abs(heights) > FARTHEST  # NaN is not
+    bad = np.abs(heights) > FARTHEST  # False for NaN
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
         raise InputError(
@@ -143,7 +143,7 @@ def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
     if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
         raise InputError(f"spacing is {shown(spacing)}. Pass one number, or one for rows and one for columns, in mm")
     rows, columns = (float(step) for step in np.broadcast_to(steps, 2))
-    if not (min(rows, columns) >= SMALLEST and max(rows, columns) <= FARTHEST):  # NaN is neither
+    if not (min(rows, columns) >= SMALLEST and max(rows, columns) <= FARTHEST):  # NaN fails both tests
         raise InputError(f"spacing is {shown(spacing)} mm. Pass numbers from {SMALLEST:g} to {FARTHEST:g} mm")
     return rows, columns
 

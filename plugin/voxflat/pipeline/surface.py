@@ -50,21 +50,21 @@ class Surface(Manifold):
     core : _core.Surface
         The surface in the compiled core.
     voxels : ndarray of int64, shape (V, 3), or None
-        The voxel of each vertex of the whole surface, if it was made of a volume.
+        The voxel of each vertex of the whole surface, if the input was a volume.
     metadata : dict
-        The origin of the surface and how it was made.
+        The origin of the surface, and how it was made.
     remarks : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
         The white and the pial position of each vertex of the whole surface, RAS+ mm in `space`, if both are known.
     mesh_faces : ndarray of int64, shape (G, 3), or None
-        The triangles of the whole mesh as given or repaired, as vertex numbers; None if it was not a mesh.
+        The triangles of the whole mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
     merged : ndarray of int64, shape (M, 2)
         Vertices of the whole surface that were merged with another at the same position, and the other vertex.
     foreground : PackedMask or None
-        The voxels of which it was made.
+        The voxels from which the surface was made.
     whole : Manifold or None
-        The surface of which it is a part.
+        The surface of which this one is a part.
     steps : tuple of Step
         How the part was chosen.
 
@@ -101,7 +101,7 @@ class Surface(Manifold):
         region : mask, path or vertex numbers
             For surfaces of volumes: a mask of the volume's shape (array, path, image object or Volume), or voxel
             indices (k, 3). For meshes: a mask of shape (V,), vertex numbers, or a file. Supported files are FreeSurfer
-            labels and patches, GIFTI labels and shapes, and GIFTI surfaces whose triangles are the part.
+            labels and patches, GIFTI labels and shapes, and GIFTI surfaces whose triangles define the part.
 
         Returns
         -------
@@ -134,7 +134,7 @@ class Surface(Manifold):
         Parameters
         ----------
         region : mask, path or vertex numbers, or "medial wall"
-            As for `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
+            As in `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class Surface(Manifold):
         Parameters
         ----------
         seed_point : sequence of 3 ints, or int
-            Voxel indices, or for meshes a vertex number, counted from 0. If a voxel is not on the surface, the nearest
+            Voxel indices or, for meshes, a vertex number, counted from 0. If a voxel is not on the surface, the nearest
             surface voxel is used; a warning reports the distance if it is large.
         radius : float
             Radius of the disk, in mm along the surface.
@@ -209,7 +209,7 @@ class Surface(Manifold):
     def polygon(self, corners: ArrayLike, *, progress: Progress | None = None) -> Surface:
         """Return the region enclosed by shortest paths between corners.
 
-        The closed path follows edges from each corner to the next, and the smaller side of it is the region.
+        The closed path follows edges from each corner to the next; the region is the smaller side of this path.
 
         Parameters
         ----------
@@ -264,25 +264,25 @@ class Surface(Manifold):
             Where to cut. "standard" cuts along the medial wall, the calcarine sulcus, three medial lines and a temporal
             line, which are the same for every brain; they are traced on the registered `sphere`. "automatic" cuts open
             any surface that is not a disk, and adds relaxation cuts (see `relax`) that suit this surface best. A list
-            holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), such as `Surface.path`
-            returns. A file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If the
-            surface is still not a disk, it is cut open automatically and a warning reports it; ``[]`` forbids this. The
-            default is "standard" for a closed surface whose sphere is given, or lies beside its file as in FreeSurfer
-            (``lh.sphere.reg`` beside ``lh.white``), unless a part was chosen other than by `drop`; otherwise it is
-            "automatic".
+            holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
+            `Surface.path`. A file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If
+            the surface is still not a disk, it is cut open automatically and a warning reports it; pass ``[]`` to
+            prevent this. The default is "standard" for a closed surface whose sphere is given, or is stored next to its
+            file as in FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by
+            `drop`; otherwise it is "automatic".
         sphere : path, Mesh, (points, faces) or array_like of shape (V, 3), optional
             The registered sphere of a mesh, on which standard cuts are traced: one position for each vertex of the
             whole mesh, centred at the origin, with any radius. It is in fsaverage space, or in fs_LR space if the file
-            name says so. By default FreeSurfer's sphere is used if it lies beside the surface's file and standard cuts
-            are made. Maps cut by a template are aligned with the flat map of fsaverage5 (``metadata["frame"]`` is
-            "standard").
+            name indicates it. By default FreeSurfer's sphere is used if it is stored next to the surface file and
+            standard cuts are made. Maps cut by a template are aligned with the flat map of fsaverage5
+            (``metadata["frame"]`` is "standard").
         relax : bool or float, optional
             Add relaxation cuts, from the boundary inwards, where they reduce distortion most: True adds cuts as long as
-            they pay off; a number is a limit for the total length in mm, including your `cuts`; False adds none. By
-            default cuts are added as long as they pay off if neither `cuts` nor a part by triangles is given. A surface
-            that was not closed like a sphere is then cut only if the distance error would exceed 4 % and decreases by
-            at least a tenth. A disk that was passed as is, such as a scan or a patch, is cut only if the error would
-            exceed 15 %.
+            they pay off; a number limits their total length in mm, including your `cuts`; False adds none. By default,
+            cuts are added as for True if neither `cuts` nor a part defined by triangles is given. A surface that was
+            not a closed sphere is then cut only if the distance error would otherwise exceed 4 % and the cuts reduce it
+            by at least a tenth. A disk that was passed as is, such as a scan or a patch, is cut only if the error would
+            otherwise exceed 15 %.
         adapt : float, optional
             Distance in mm within which the cuts of a template may grow and branch to reduce distortion. By default they
             stay the same for every brain.
@@ -349,7 +349,7 @@ class Surface(Manifold):
         cuts, sphere, relax, adapt : optional
             Where the surface is cut, as in `Surface.cut`.
         mirror : bool
-            Mirror the map left to right, so that maps of right hemispheres look like those of left ones.
+            Mirror the map left to right, so that maps of right hemispheres look like maps of left ones.
         rows : bool or path
             Keep the distances from all sources to all points in `FlatMap.rows`: in memory (True), or in a store, a
             directory on disk from which `FlatMap.rows` reads on demand. If the work is interrupted, the same call
@@ -359,7 +359,8 @@ class Surface(Manifold):
         threads : int, optional
             Number of threads; by default one per core.
         memory_limit : int, optional
-            Maximum number of bytes to use; by default the free memory. The need is computed before the work starts.
+            Maximum number of bytes to use; by default the free memory. The required memory is computed before the work
+            starts.
         progress : callable, optional
             Called as ``progress(stage, done, total)`` about every 20 ms. Return False to cancel the work.
 
@@ -373,14 +374,14 @@ class Surface(Manifold):
         InputError
             If the input is not valid; the message names the value and the remedy.
         AreaBoundError
-            If no map was found that keeps ``Voxflat(max_area=...)``.
+            If no map was found that satisfies ``Voxflat(max_area=...)``.
         Cancelled
             If `progress` returned False.
 
         See Also
         --------
         Surface.cut : Cut the surface open to a disk.
-        voxflat.flatten : The same for any input.
+        voxflat.flatten : Flatten any input.
 
         Examples
         --------
@@ -408,24 +409,23 @@ class Surface(Manifold):
         """Flatten a surface of any topology in certified patches (Appleboim, Saucan, Zeevi 2006).
 
         Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. No
-        length changes by more than a factor C ≤ 1 + tan θ, and no angle by a dilatation of more than K ≤ (1 + tan
-        θ)^1.5. The surface is neither cut open nor cropped: every triangle belongs to one patch, and no patch overlaps
-        itself.
+        length changes by more than a factor C ≤ 1 + tan θ, and the dilatation of angles is at most K ≤ (1 + tan θ)^1.5.
+        The surface is neither cut open nor cropped: every triangle belongs to one patch, and no patch overlaps itself.
 
         Parameters
         ----------
         max_angle : float, optional
             Greatest inclination θ to a patch's plane, in degrees, from 0.01 to 80; by default 10.
         bound : float, optional
-            Greatest factor C by which lengths may change, instead of the angle. The angle is the largest one for which
-            C = K = 1/cos θ, the exact bound of a projection, stays within `bound`. This needs fewer patches than the
-            formula above.
+            Greatest factor C by which lengths may change, as an alternative to the angle. The angle is the largest one
+            for which C = K = 1/cos θ, the exact bound of a projection, stays within `bound`. This needs fewer patches
+            than the formula above.
         count : int, optional
-            Greatest number of patches, instead of the angle. The smallest possible angle is used.
+            Greatest number of patches, as an alternative to the angle. The smallest possible angle is used.
         seeds : {"curvature", "flattest", "random"}
-            Where patches begin. "curvature": candidates grow around the flattest places, are tilted to become as large
-            as possible, and the largest is kept first; small patches are merged into their neighbours. The others are
-            the paper's: one patch after another, on the plane of the flattest or of a random triangle.
+            Where patches begin. "curvature" grows candidates around the flattest places, tilts them to become as large
+            as possible, and keeps the largest first; small patches are merged into their neighbours. The other two
+            follow the paper: patches grow one after another on the plane of the flattest triangle or of a random one.
         seed : int
             Seed of the random choice.
         threads : int, optional
@@ -487,10 +487,10 @@ class Surface(Manifold):
             Number of points from which distances are measured, or the points themselves: voxel indices (m, 3) or vertex
             numbers (m,).
         geodesic : {"graph", "marching", "exact", "chain"}
-            "graph": paths of straight links over the triangles. They are a fraction of a per cent too long, and by far
-            the fastest for many sources. "marching": fast marching with circular fronts (Kimmel, Sethian 1998).
-            "exact": exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), slow. "chain": chain-code
-            lengths over the 26-neighbour graph of a volume's surface voxels.
+            "graph": paths of straight links over the triangles. They are a fraction of a per cent too long, but by far
+            the fastest to compute for many sources. "marching": fast marching with circular fronts (Kimmel, Sethian
+            1998). "exact": exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), which are slow to
+            compute. "chain": chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
         sampling : {"farthest", "curvature", "random"}
             How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
             times as densely where the surface bends (not for "chain"); "random" draws them at random.
@@ -500,9 +500,9 @@ class Surface(Manifold):
             Keep the distances in this directory on disk instead of in memory. If the work is interrupted, the same call
             resumes it.
         dask : str, optional
-            Let the workers of a Dask cluster compute the rows of a store, with identical bits: the scheduler's address
-            or file, or "local" for workers on this machine. They must have access to the store's directory. `threads`
-            then applies to each worker.
+            Dask cluster whose workers compute the rows of a store, with bit-identical results: the scheduler's address
+            or file, or "local" for workers on this machine. The workers must have access to the store's directory.
+            `threads` then applies to each worker.
         seed : int
             Seed of random choices.
         threads : int, optional
@@ -515,7 +515,7 @@ class Surface(Manifold):
         Returns
         -------
         DistanceRows
-            The distances; those of a store as `voxflat.open_rows` opens them.
+            The distances. With `store`, they are read from disk, as from `voxflat.open_rows`.
 
         Raises
         ------
@@ -547,12 +547,12 @@ class Surface(Manifold):
         Parameters
         ----------
         *stops : sequence of 3 ints, or int
-            Two or more points in the order in which they are passed: voxel indices, or vertex numbers of a mesh.
+            Two or more points, in the order in which the path visits them: voxel indices, or vertex numbers of a mesh.
         geodesic : {"graph", "marching", "exact", "edges", "chain"}
-            "graph", "exact" and "chain" as in `geodesic`. "marching" traces the path back on the distances of fast
-            marching. Those are estimates, but the path is a line on the surface and has its own `length`: never less
-            than the exact distance, and not equal to the distance from ``geodesic(geodesic="marching")``. "edges"
-            follows edges between neighbouring vertices, as cuts do.
+            "graph", "exact" and "chain" are as in `geodesic`. "marching" traces the path back through the distances of
+            fast marching. These are estimates, but the path is a line on the surface with its own `length`, which is
+            never less than the exact distance and differs from the distance that ``geodesic(geodesic="marching")``
+            returns. "edges" follows edges between neighbouring vertices, as cuts do.
         link_lengths : {"chain-code", "euclidean"}, optional
             Lengths of the links, for "chain" only, as in `voxflat.methods.Grossmann2002`.
 
@@ -580,7 +580,7 @@ class Surface(Manifold):
             raise InputError(f"a path needs at least two stops, got {len(stops)}. Pass at least its two ends")
         return _path(self, stops, geodesic, link_lengths)
 
-    # ------------------------------------------------------------------------------------------ knowledge
+    # ------------------------------------------------------------------------------------------ checks and registration
 
     def check(
         self,
@@ -591,9 +591,9 @@ class Surface(Manifold):
         memory_limit: int | None = None,
         progress: Progress | None = None,
     ) -> Check:
-        """Check whether the surface can be flattened, and what each remedy would change.
+        """Check whether the surface can be flattened, and the effect of each remedy.
 
-        Nothing is changed.
+        The surface is not changed.
 
         Parameters
         ----------
@@ -616,7 +616,7 @@ class Surface(Manifold):
 
         See Also
         --------
-        voxflat.check : The same for any input.
+        voxflat.check : Check any input.
 
         Examples
         --------
@@ -636,17 +636,17 @@ class Surface(Manifold):
     ) -> Registration:
         """Register a hemisphere to fsaverage's sphere by the pattern of its folds.
 
-        The surface is mapped onto a sphere, one to one (Praun, Hoppe 2003). All rotations are compared with both
-        hemispheres of the template, fsaverage5, by depth in folds at three scales and by shape. The sphere is then
-        warped, from coarse to fine (as in Yeo et al. 2010), until the depths agree; no triangle is flipped. Position,
-        orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are closed for the
-        registration; handles are an error.
+        The surface is mapped one to one onto a sphere (Praun, Hoppe 2003). All rotations are compared with both
+        hemispheres of the fsaverage5 template by the depth in the folds at three scales and by shape. The sphere is
+        then warped, from coarse to fine (as in Yeo et al. 2010), until the depths agree; no triangle is flipped.
+        Position, orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are closed
+        for the registration; handles raise an error.
 
         Parameters
         ----------
         side : {"left", "right"}, optional
-            The hemisphere. It is an error if the pattern of the other hemisphere agrees better. By default it is
-            detected.
+            The hemisphere. An error is raised if the pattern of the other hemisphere agrees better. By default, the
+            hemisphere is detected.
         threads : int, optional
             Number of threads; by default one per core.
         progress : callable, optional
@@ -658,13 +658,13 @@ class Surface(Manifold):
             The position of each vertex on the sphere. Its ``confidence`` is a logistic function of two values: the
             agreement with the better hemisphere after the best rotation (the sum of the correlations of depth at the
             three scales, with half weight for the finest, and of the share explained by a rigid motion), and its excess
-            over the agreement with the other hemisphere. Surfaces below 0.5 are refused; this value lies midway between
-            known hemispheres and other shapes. See docs/decisions/0023-registration.md.
+            over the agreement with the other hemisphere. Surfaces with a confidence below 0.5 are rejected; this value
+            lies midway between known hemispheres and other shapes. See docs/decisions/0023-registration.md.
 
         Raises
         ------
         InputError
-            If the pattern is not that of a hemisphere, or of the given side, or the surface is not a sphere.
+            If the pattern does not match a hemisphere or the given side, or the surface is not a sphere.
         Cancelled
             If `progress` returned False.
 
@@ -699,7 +699,7 @@ def surface(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Surface:
-    """Make a surface of a label volume or of a mesh.
+    """Make a surface from a label volume or a mesh.
 
     The surface of a volume has one vertex for each surface voxel and side. The faces between foreground and background
     voxels are glued along their edges, so that thin blades keep two sides and touching banks stay separate; the faces
@@ -711,31 +711,33 @@ def surface(
         A label or intensity volume (I, J, K), or a triangle mesh in RAS+ mm. The space of a mesh (`Surface.space`) is
         the one that its file defines: scanner RAS, FreeSurfer's tkRAS, or unknown.
     label : int, optional
-        Label of the foreground, for volumes. By default the only label that there is.
+        Label of the foreground, for volumes. By default, the only label in the volume.
     threshold : float, optional
-        Threshold above which voxels are foreground, for volumes, in the unit of the input.
+        Value above which the voxels of a volume are foreground, in the unit of the input.
     spacing : sequence of 3 floats, optional
-        Voxel size in mm, for volumes without one (.npy, arrays); by default 1.
+        Voxel size in mm, for volumes that do not define it (.npy, arrays); by default 1.
     affine : array_like, shape (4, 4), optional
-        Matrix from voxel indices to RAS+ mm, for volumes without one.
+        Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional
         Unit of the coordinates of a mesh, or of the spacing of an array, if the input does not define it. Results are
         shown and saved in this unit. By default arrays, GIFTI and FreeSurfer files are in mm, and the unit of other
         meshes is unknown.
     probability : ndarray, path, image object or Volume, optional
-        An image of the same shape, for volumes, whose value is `threshold` (or 0.5) on the surface. Points are placed
-        there. By default the volume itself places them if `threshold` is given and its values vary smoothly; otherwise
-        a fit to the voxels does.
+        For volumes, an image of the same shape whose value on the surface is `threshold` (or 0.5). Points are placed at
+        this value. By default, the volume itself determines their positions if `threshold` is given and its values vary
+        smoothly; otherwise, a fit to the voxels does.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface that belongs to a white surface, with the same vertices. Distances are then measured midway
-        between them. It is an error if the pial surface does not lie outside the white one, vertex by vertex.
+        between the two surfaces. An error is raised if the pial surface does not lie outside the white one, vertex by
+        vertex.
     repair : {"none", "voxels", "cuts"}, optional
         How to remove topological handles: edit as few voxels as possible ("voxels"), cut the handles open ("cuts"), or
         leave the surface unchanged and fail if it has defects ("none"). With "voxels" the surface of a volume becomes
-        one sphere. By default handles of a volume's largest component are removed if that changes at most 1 % of its
-        voxels; this is reported. Defects of a mesh are repaired, except with "none", if the repair is unambiguous:
-        triangles without area are removed or flipped away, for which vertices at the same position are merged (each
-        keeps its number); duplicate triangles are removed; and parts that touch only at a vertex are separated there.
+        one sphere. By default, handles of a volume's largest component are removed if that changes at most 1 % of its
+        voxels; a warning reports it. Defects of a mesh are repaired if the repair is unambiguous, except with "none":
+        triangles without area are removed, directly or by flipping edges (for this, vertices at the same position are
+        merged, but keep their numbers); duplicate triangles are removed; and parts that touch only at a vertex are
+        separated there.
     memory_limit : int, optional
         Maximum number of bytes to use; by default the free memory.
     threads : int, optional
@@ -751,13 +753,13 @@ def surface(
     Raises
     ------
     InputError
-        If the input is not a surface; the message names the place and the remedy.
+        If the input is not a surface; the message names the location and the remedy.
     Cancelled
         If `progress` returned False.
 
     See Also
     --------
-    range_image : Make a surface of a depth image.
+    range_image : Make a surface from a depth image.
     check : Check whether an input can be flattened.
 
     Examples

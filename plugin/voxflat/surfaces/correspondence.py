@@ -1,4 +1,4 @@
-"""Check whether a pial surface or regions belong to a surface; both sides of fsaverage have equally many vertices."""
+"""Check whether a pial surface or regions belong to a surface; both sides of fsaverage have the same vertex count."""
 
 import os
 from pathlib import Path
@@ -16,16 +16,17 @@ from voxflat.io.spaces import Space
 from voxflat.surfaces.manifold import Manifold
 
 _OUTWARD = (0.4, 0.7)  # outward share of the way to the pial surface: 0.94 on fsaverage; -0.3 to 0.3 for wrong surfaces
-_BESIDE = 10.0  # mm from a label's points to the vertices; white to pial is 3
+_BESIDE = 10.0  # mm from a label's points to the vertices; the pial surface is 3 mm from the white one
 _SIDE = 5.0  # mm from the midline for a reliable side
 
 
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
     """Return the points of a pial surface in the space of the white one, shape (N, 3), and remarks.
 
-    The pial surface must lie outside. The test is the outward share of the way from vertex to vertex: the sum of the
-    components along the normals over the sum of the lengths. It needs no unit and no usual thickness. A surface of
-    another structure, with another number of vertices, or at another position raises an `InputError`.
+    The pial surface must lie outside. The test uses the outward share of the way from vertex to vertex: the sum of the
+    components along the normals, divided by the sum of the lengths. It needs neither a unit nor a usual thickness. A
+    surface of a different structure, with a different number of vertices, or at a different position raises an
+    `InputError`.
     """
     other = as_mesh(pial)
     if other is None and isinstance(pial, str | os.PathLike):

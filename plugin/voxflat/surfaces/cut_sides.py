@@ -1,9 +1,9 @@
 """Choose one side of each cut for files that store one position per vertex.
 
-A cut doubles the vertices along it. GIFTI surfaces and FreeSurfer's patches use the vertex numbers of the mesh and have
-one position for each, so triangles on one side of a cut are lost. A patch does not store triangles, either: programs
-read the triangles of the mesh whose corners are all listed (`in_patch`), and some of these would bridge the cut.
-Therefore vertices at the sides of cuts are excluded until no triangle bridges a cut.
+A cut doubles the vertices along it. GIFTI surfaces and FreeSurfer's patches use the vertex numbers of the mesh and
+store one position for each, so triangles on one side of a cut are lost. A patch does not store triangles, either:
+programs read the triangles of the mesh whose corners are all listed (`in_patch`), and some of these would bridge the
+cut. Therefore, vertices at the sides of cuts are excluded until no triangle bridges a cut.
 """
 
 import heapq
@@ -25,10 +25,10 @@ def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.b
 
 
 def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
-    """Choose one of the points that share a vertex, by ascending vertex, so that few triangles are lost.
+    """Choose one of the points that share a vertex, in ascending order of vertices, so that few triangles are lost.
 
-    It starts with the points on one side of the cut and exchanges points one by one while that keeps more triangles.
-    `ids` are the vertices of the points.
+    The search starts with the points on one side of the cut, and exchanges points one by one while this keeps more
+    triangles. `ids` are the vertices of the points.
     """
     vertices, first, counts = np.unique(ids, return_index=True, return_counts=True)
     if counts.max(initial=1) == 1:
@@ -62,8 +62,8 @@ def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[n
 def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64]) -> NDArray[np.int64]:
     """Choose the points that a patch may list: all triangles of the mesh among them belong to these points.
 
-    `bridges` are other triangles of the mesh, by vertices, whose corners are all vertices of these points. The result
-    has at most one point per vertex, each in a triangle of the others, and is connected.
+    `bridges` are other triangles of the mesh, given by vertices, whose corners are all vertices of these points. The
+    result has at most one point per vertex, is connected, and contains each point in a triangle with others.
     """
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)
@@ -82,7 +82,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
 
 
 class _Corners:
-    """Store the triangles at vertices that may be excluded, and the points with which each triangle is right.
+    """Store the triangles at vertices that may be excluded, and the sets of points with which each one is right.
 
     A bridge is right with no points. A triangle is right with several sets of points if a slit between its corners was
     closed.
@@ -110,7 +110,7 @@ class _Corners:
         ]
 
     def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Exclude vertices, always the one with the most wrong triangles, then the fewest others."""
+        """Exclude vertices one by one, first those with the most wrong triangles, then those with the fewest others."""
         listed = self._by_vertex(points)
 
         def rank(vertex: int) -> tuple[int, int, int]:
@@ -125,7 +125,7 @@ class _Corners:
                 heapq.heappop(heap)
                 if wrong:
                     del listed[vertex]
-            else:  # others were excluded since
+            else:  # other vertices were excluded in the meantime
                 heapq.heapreplace(heap, (wrong, right, vertex))
         return self._points(listed)
 

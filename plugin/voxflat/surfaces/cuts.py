@@ -29,7 +29,7 @@ _BEARABLE = 0.15  # distance error below which a given disk stays as it is
 
 
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
-    """Return given cuts as paths of neighbours, and the vertices that a file of cuts excludes, by ids of the input."""
+    """Return given cuts as paths of neighbours, and the vertices that a cuts file excludes, by input ids."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):
@@ -48,7 +48,7 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
 
 
 def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]], NDArray[np.int64] | None]:
-    """Read a file of cuts: lists of vertices, and the excluded vertices."""
+    """Read a cuts file: lists of vertices, and the excluded vertices."""
     try:
         content = from_json(contents(path))
     except OSError as error:
@@ -131,7 +131,7 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
 
 
 def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
-    """Cut along paths of neighbours, by ids of the input; also return the paths as lists, and their length in mm."""
+    """Cut along paths of neighbours, given by input ids; also return the paths as lists, and their length in mm."""
     found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
     if found:
@@ -154,7 +154,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
 
 
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
-    """Close small holes, so that distances can cross them; the faces of the input stay the first ones of the result."""
+    """Close small holes, so that distances can cross them; the faces of the input come first in the result."""
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
@@ -186,9 +186,9 @@ def opened(
     """Cut a surface open to a disk, and add relaxation cuts; return ``ids``, ``length`` and ``reason`` of each cut.
 
     `given` is the total length of the given cuts in mm, which count towards `relax`. If `is_fixed`, a surface that is
-    not a disk stays as it is. A surface that the user has cut gets relaxation cuts on request only; a disk that the
-    user passed gets them on request, or if its distance error is large. `adapt` requests them, up to this distance (mm)
-    from existing cuts.
+    not a disk stays as it is. A surface that the user has cut gets relaxation cuts only on request; a disk that the
+    user passed gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm)
+    of existing cuts.
     """
     topology = part.core.topology()["components"][0]
     cuts: list[dict[str, Any]] = []

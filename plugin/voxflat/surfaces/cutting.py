@@ -32,7 +32,7 @@ class Cutout:
     faces: NDArray[np.uint32]
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
-    given_length: float | None  # of the given cuts, mm; None if no cuts were given
+    given_length: float | None  # length of the given cuts, mm; None if no cuts were given
     is_cut: bool  # whether the user defined cuts, directly or by a patch's triangles
     is_whole: bool  # whether nothing of the input was excluded
     sphere: Sphere | None = None  # sphere of the complete surface, if known

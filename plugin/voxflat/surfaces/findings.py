@@ -1,4 +1,4 @@
-"""Check whether a surface can be flattened, and what each remedy would change."""
+"""Check whether a surface can be flattened, and the effect of each remedy."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.choice import AUTOMATIC
 
-_SHOWN = 5  # most handles, holes and loops that a table lists
+_SHOWN = 5  # maximum number of handles, holes and loops in a table
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class Check:
         Defects that make a mesh invalid as a surface, as numbers of triangles or vertices. `advice` lists the defects
         that were repaired.
     foreground : int or None
-        Number of foreground voxels; None for meshes, and if neither label nor threshold is chosen yet.
+        Number of foreground voxels; None for meshes, or if neither a label nor a threshold has been chosen.
     surface_points : int or None
         Number of vertices of the surface.
     sheet : bool or None
-        Whether the foreground is a sheet one voxel thick, which becomes one surface.
+        Whether the foreground is a sheet one voxel thick, which is converted to a single surface.
     split_vertices : int or None
         Number of vertices that were added because a voxel belongs to several layers.
     components : tuple of int
-        Number of vertices of each component of the surface, starting with the component of the largest area.
+        Number of vertices of each component of the surface, starting with the component with the largest area.
     used : int or None
         Number of vertices of the part that would be flattened.
     euler_characteristic : int or None
@@ -58,8 +58,8 @@ class Check:
     handles : tuple of dict
         Its handles: ``length`` (mm) of a short loop around each, and its ``centre`` (RAS+ mm).
     thin : dict or None
-        Regions where the solid is thinner than ``thickness`` (mm; 1.2 voxels, for a mesh its median edge): the number
-        of ``points``, and the ``worst`` thickness and its ``place`` (RAS+ mm).
+        Regions where the solid is thinner than ``thickness`` (mm; 1.2 voxels, or the median edge length of a mesh): the
+        number of ``points``, and the ``worst`` thickness and its ``place`` (RAS+ mm).
     automatic_cuts : tuple of dict
         Automatic cuts that would open the surface: ``length`` (mm), ``reason``, ``ids``.
     named_cuts : tuple of dict
@@ -294,7 +294,7 @@ def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress
 
 
 def _thin(part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, Any]:
-    """Return where the solid is thin."""
+    """Return the regions where the solid is thin."""
     if part.is_voxels:
         thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     else:

@@ -13,7 +13,7 @@ from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
 
-_SHOWN = 20  # most labels in a message
+_SHOWN = 20  # maximum number of labels in a message
 _WIDEST = 2**16  # largest range of integers for bincount
 
 

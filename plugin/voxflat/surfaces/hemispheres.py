@@ -1,6 +1,6 @@
-"""Extract the white matter of one hemisphere from that of a whole brain.
+"""Extract the white matter of one hemisphere from the white matter of a whole brain.
 
-An affine transform aligns a template of MNI152's white matter, divided into both hemispheres and the rest, to the
+An affine transform aligns a template of the MNI152 white matter, divided into both hemispheres and the rest, with the
 brain. Each voxel of white matter belongs to the nearest part of the template. Ventricles and deep nuclei inside the
 hemisphere are filled, as in FreeSurfer's ``filled.mgz``, so that the surface has no holes.
 """
@@ -29,8 +29,8 @@ _STEP = 2.0  # mm, voxel size for the alignment
 _SMOOTH = (10.0, 5.0, 3.0)  # mm, from coarse to fine
 _SURE_OVERLAP = 0.75  # overlap at which no further start is tried
 _STARTS = (-25.0, 25.0)  # degrees about each axis, in addition to no rotation
-_BETTER = 0.9  # of the first start's error: another start is followed to the end
-_GAINED = 0.1  # overlap that the finest step may gain
+_BETTER = 0.9  # share of the first start's error below which another start is followed to the end
+_GAINED = 0.1  # largest gain in overlap from the finest step
 _ITERATIONS = 40
 _LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # least Dice, and largest ratio of stretches: a ball has 0.57 and 2.3
 _NEAR = 0.1  # least membership of the inner parts where gaps are closed
@@ -42,7 +42,7 @@ _BINS = 256
 
 _WHITE_SHARE = 0.05  # least share of white matter of each side among labelled voxels: 0.16 is usual
 
-# FreeSurfer's aseg and SynthSeg: white matter, lateral ventricle, deep nuclei and what lies between them
+# FreeSurfer's aseg and SynthSeg: white matter, lateral ventricle, deep nuclei and the tissue between them
 _ASEG = {"left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78), "right": (41, 43, 49, 50, 51, 52, 58, 60, 62, 63, 79)}
 _ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum belong to the side where they lie
 
@@ -57,11 +57,11 @@ def hemisphere(
     affine: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Extract the white matter of one hemisphere from that of a whole brain.
+    """Extract the white matter of one hemisphere from the white matter of a whole brain.
 
-    The result has a closed surface. Cerebellum and brain stem are excluded, and ventricles and deep nuclei are filled.
-    The brain may have any position and any orientation that its affine defines, and be rotated by up to about
-    30 degrees.
+    The result has a closed surface. The cerebellum and the brain stem are excluded, and the ventricles and deep nuclei
+    are filled. The brain may have any position and any orientation that its affine defines, and be rotated by up to
+    about 30 degrees.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def hemisphere(
     side : {"left", "right"}
         The hemisphere.
     threshold : float, optional
-        Values above it are white matter. By default Otsu's method determines it; masks need none.
+        Values above this threshold are white matter. By default, Otsu's method determines it; masks do not need it.
     spacing : sequence of 3 floats, optional
         Voxel size, as in `voxflat.surface`.
     affine : array_like, shape (4, 4), optional
@@ -87,7 +87,7 @@ def hemisphere(
     ------
     HemisphereError
         The volume does not look like the white matter of a whole brain. The message names the step that failed, and
-        ``figure()`` of the error shows it.
+        the error's ``figure()`` shows it.
     InputError
         The input is not a 3-D volume.
     Cancelled
@@ -137,7 +137,7 @@ def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
-    """Return the mask of white matter above a threshold, by default that of Otsu's method."""
+    """Return the mask of white matter above a threshold, by default Otsu's threshold."""
     data = volume.data
     if data.dtype == np.bool_:
         return np.asarray(data)
@@ -289,7 +289,7 @@ _last: dict[bytes, tuple[Affine, float]] = {}
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
     """Return the affine transform from the template to a brain in large voxels, RAS+ mm, and the overlap (Dice).
 
-    It minimises the sum of squared differences of both masks by Gauss-Newton steps, with decreasing smoothing. Places
+    It minimises the sum of squared differences of both masks by Gauss-Newton steps, with decreasing smoothing. Points
     outside the brain's volume are ignored.
     """
     key = hashlib.sha256(repr(coarse.shape).encode() + coarse.tobytes() + grid.tobytes()).digest()
@@ -316,7 +316,7 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
 
 
 def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _Steps) -> Iterator[Affine]:
-    """Yield the transforms that, after a quick descent with strong smoothing, fit better than the first one does."""
+    """Yield the transforms that fit better than the first one after a quick descent with strong smoothing."""
     (_, first), *further = (pair.descend(one, _ITERATIONS, steps) for one in (start, *others))
     better = sorted((found for found in further if found[1] < _BETTER * first), key=lambda found: found[1])
     yield from (moved for moved, _ in better)
@@ -335,7 +335,7 @@ def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float3
 
 
 def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Template) -> Affine:
-    """Return the translation and scaling that align centre and size of the template to a brain."""
+    """Return the translation and scaling that align the centre and size of the template with a brain."""
     (middle, size), (own, own_size) = _moments(coarse, grid), _moments(template.white, template.affine)
     scale = float(np.clip(size / own_size, 0.5, 1.6))
     move = np.diag([scale, scale, scale, 1.0])

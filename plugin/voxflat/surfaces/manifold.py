@@ -1,4 +1,4 @@
-"""Define surfaces: voxels and meshes become surfaces, and all other modules work on them."""
+"""Define surfaces, which are made from voxels and meshes and used by all other modules."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class Step:
     by_triangles: bool = False  # whether triangles defined the region
     seed_point: Any = None  # centre of a disk: voxel indices or vertex number
     seed_found: Any = None  # nearest voxel or vertex on the surface
-    radius: float | None = None  # of the disk, mm
-    corners: Any = None  # of a polygon
+    radius: float | None = None  # radius of a disk, mm
+    corners: Any = None  # corners of a polygon
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Manifold:
     core : _core.Surface
         Surface of the compiled core.
     voxels : ndarray of int64, shape (V, 3), or None
-        Voxel of each vertex of the complete surface, if it came from a volume.
+        Voxel of each vertex of the complete surface, if the input was a volume.
     metadata : dict
         Origin and options of the surface.
     remarks : tuple of str
@@ -71,7 +71,7 @@ class Manifold:
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
         White and pial surface at each vertex of the complete surface, RAS+ mm in `space`, if both were given.
     mesh_faces : ndarray of int64, shape (G, 3), or None
-        Triangles of the complete mesh as given or repaired, as vertex numbers; None if it was not a mesh.
+        Triangles of the complete mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
     merged : ndarray of int64, shape (M, 2)
         Pairs of vertices of the complete surface: a vertex, and the vertex at the same position that replaces it.
     foreground : PackedMask or None
@@ -337,7 +337,7 @@ class Manifold:
             of, one = self.merged.astype(np.int64).T
             own, aliases = np.concatenate([own, of[np.isin(one, own)]]), one[np.isin(one, own)]
         keys = _keys(own, own)
-        order = np.argsort(keys, kind="stable")  # stable, so that the first of several is found
+        order = np.argsort(keys, kind="stable")  # stable, so that the first of several vertices is found
         sought = _keys(wanted, own)
         place = np.minimum(np.searchsorted(keys, sought, sorter=order), len(order) - 1)
         found = order[place]
@@ -451,7 +451,7 @@ class Manifold:
         Parameters
         ----------
         flow : float
-            Duration of the flow in mm²: folds of wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² suit the human
+            Duration of the flow in mm²: folds of wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² suits the human
             cortex; for other surfaces, scale it with the square of their size.
         threads : int, optional
             Number of threads, as in `voxflat.flatten`.
@@ -583,16 +583,16 @@ class Manifold:
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the surface to a file.
 
-        The file is written completely or not at all. FreeSurfer files are in tkRAS, the others in scanner RAS, as in
-        `io.write_mesh`.
+        The file is written completely or not at all. FreeSurfer files are in tkRAS; other files are in scanner RAS, as
+        in `io.write_mesh`.
 
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is a FreeSurfer name like lh.white. A name that ends in .patch.3d
-            writes a FreeSurfer patch of the original mesh, for ``mris_flatten``. A patch uses the vertex numbers of the
-            mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a warning reports how
-            many. GIFTI files contain `provenance`.
+            File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.white. A name that
+            ends in .patch.3d writes a FreeSurfer patch of the original mesh, for ``mris_flatten``. A patch uses the
+            vertex numbers of the mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a
+            warning reports how many. GIFTI files contain `provenance`.
         sidecar : bool
             Whether to write `provenance` to ``<path>.json``, too.
         overwrite : bool
@@ -651,7 +651,7 @@ def size_and_space(
 
 
 def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which triangles are among others, whatever their first corner and direction."""
+    """Return which triangles are among others, regardless of their first corner and direction."""
     return in_rows(np.sort(faces, axis=1), np.sort(of, axis=1))
 
 
@@ -663,7 +663,7 @@ def patch_of(
     count: int,
     merged: NDArray[np.int64],
 ) -> Patch:
-    """Return points as a FreeSurfer patch with the given triangles; a warning reports those that it cannot hold.
+    """Return points as a FreeSurfer patch with the given triangles; a warning reports excluded triangles.
 
     `ids` are the points' vertices in a mesh of `count` vertices, `bridges` are from `Manifold._bridges`, and the first
     vertices of `merged` are listed together with the second ones.

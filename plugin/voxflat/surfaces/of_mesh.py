@@ -1,4 +1,4 @@
-"""Create a surface from a mesh: validated, oriented outwards, and halfway to the pial surface if that is given."""
+"""Create a surface from a mesh: validated, oriented outwards, and moved halfway to the pial surface if it is given."""
 
 import hashlib
 from typing import Any
@@ -31,7 +31,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
         places, of_pial = pial_of(core, mesh, pial)
         white = np.asarray(mesh.points, dtype=np.float64)
         midway = (white + places) / 2
-        if len(told["merged"]):  # halfway they may differ
+        if len(told["merged"]):  # their halfway positions may differ
             core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
         else:
             core = core.moved(midway[core.ids])

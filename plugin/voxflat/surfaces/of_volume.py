@@ -129,7 +129,7 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 def _repaired(
     mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
-    """Change the foreground so that its surface is a sphere; return a report and remarks, too."""
+    """Change the foreground so that its surface is a sphere; also return a report and remarks."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])

@@ -1,4 +1,4 @@
-"""Select parts of a surface: regions, geodesic disks and polygons. A part is a surface that stores its selection."""
+"""Select parts of a surface: regions, geodesic disks and polygons. A part stores how it was selected."""
 
 import os
 from collections.abc import Sequence
@@ -25,8 +25,8 @@ from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
 _STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
-_SHARES = (0.01, 0.2)  # limits of the wall's share of a hemisphere; 7 % is usual
-_CLEAR = 10  # least size relative to the next such region
+_SHARES = (0.01, 0.2)  # limits of the medial wall's share of a hemisphere; 7 % is usual
+_CLEAR = 10  # least size relative to the next largest such region
 
 _Part = TypeVar("_Part", bound=Manifold)
 
@@ -121,7 +121,7 @@ def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArra
 
 
 def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
-    """Return which triangles another mesh of the same vertices has; None if the input is not such a mesh."""
+    """Return which triangles another mesh with the same vertices has; None if the input is not such a mesh."""
     if isinstance(keep, str | os.PathLike):
         if not os.path.exists(keep):
             return None

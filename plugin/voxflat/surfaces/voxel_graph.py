@@ -1,4 +1,4 @@
-"""Link the surface voxels of a volume to a graph of 26-neighbours, for `grossmann2002` and chain codes."""
+"""Link the surface voxels of a volume into a graph of 26-neighbours, for `grossmann2002` and chain codes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +15,7 @@ from voxflat.surfaces.manifold import Manifold
 
 LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
 
-_FAR = 2.0  # voxels from a seed point to the surface without a remark
+_FAR = 2.0  # most voxels between a seed point and the surface without a remark
 
 
 @dataclass(frozen=True, eq=False)

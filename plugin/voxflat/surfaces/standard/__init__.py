@@ -1,1 +1,1 @@
-"""Provide standard maps: the same named cuts and orientation for every brain, by its registered sphere."""
+"""Provide standard maps: the same named cuts and orientation for every brain, based on its registered sphere."""

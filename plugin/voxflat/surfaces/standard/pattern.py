@@ -18,7 +18,7 @@ SUBDIVISIONS = 5
 
 
 class Pattern(NamedTuple):
-    """Store what a registration compares, at N places on the sphere, for `_core.Surface.register`."""
+    """Store the values that a registration compares at N places on the sphere, for `_core.Surface.register`."""
 
     depths: NDArray[np.float64]
     places: NDArray[np.float64]

@@ -14,7 +14,7 @@ from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
 
-_RADIUS = 100.0  # as FreeSurfer's spheres have
+_RADIUS = 100.0  # the radius of FreeSurfer's spheres
 _MIDWAY, _WIDTH = 2.3, 0.08  # logistic function of the evidence: docs/decisions/0023
 _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
@@ -36,8 +36,8 @@ class Registration(Recorded):
     confidence : float
         Confidence, from 0 to 1, that the surface is that hemisphere, aligned with the template.
     figures : dict
-        Values behind the confidence. ``score``: agreement with the template after the best rotation, by side.
-        ``rigid``: fit of the smoothed surface to the template by a rigid motion, 1 for the same shape, by side.
+        Values on which the confidence is based. ``score``: agreement with the template after the best rotation, by
+        side. ``rigid``: fit of the smoothed surface to the template by a rigid motion, 1 for the same shape, by side.
         ``correlations``: correlation with the template of the depth in folds at scales of 24, 12 and 6 mm (for an
         adult's brain) after the warp; ``rotated``: the same before the warp. ``affine``: share of the template's
         positions that an affine map explains.
@@ -103,8 +103,8 @@ class Registration(Recorded):
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is a FreeSurfer name like lh.sphere.reg. For a surface from a
-            volume, the vertices are those of `Surface.save`.
+            File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.sphere.reg. For a
+            surface from a volume, the vertices are those of `Surface.save`.
         sidecar : bool
             Whether to write `provenance` to ``<path>.json``, too.
         overwrite : bool
@@ -130,7 +130,7 @@ class Registration(Recorded):
         """
         of = self.surface
         faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
-        places = np.nan_to_num(self.sphere) * _RADIUS  # vertices without a triangle lie in the centre
+        places = np.nan_to_num(self.sphere) * _RADIUS  # vertices without a triangle lie at the centre
         structure = "CortexLeft" if self.side == "left" else "CortexRight"
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)

@@ -22,7 +22,7 @@ _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
 OWN_REGISTRATION = "its own registration"  # in place of a file
 
 _ROUND = 0.02  # largest relative deviation from the radius
-_FOLDED = 0.01  # largest share of flipped triangles; FreeSurfer has 0 to some hundred of 300,000
+_FOLDED = 0.01  # largest share of flipped triangles; FreeSurfer's spheres have 0 to a few hundred of 300,000
 _SHARED = 0.9  # least share of common triangles
 _FAR = (12.0, 20.0)  # mm, median distance from the template's brain: remark, error; 4 to 9 are usual
 _NEAREST = 12  # nearest vertices whose triangles are tested
@@ -37,7 +37,7 @@ class Sphere:
     side: str  # left or right
     name: str  # file name or description
     folded: int  # number of flipped triangles
-    distance: float  # median, mm, at corresponding places
+    distance: float  # median distance of corresponding positions, mm
 
     def __repr__(self) -> str:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
@@ -49,13 +49,13 @@ class Sphere:
 
 
 def sphere_beside(whole: Manifold) -> Path | None:
-    """Find the registered sphere that FreeSurfer writes beside a surface: ``lh.sphere.reg`` for ``lh.white``."""
+    """Find the registered sphere that FreeSurfer writes next to a surface: ``lh.sphere.reg`` for ``lh.white``."""
     given = whole.metadata.get("input")
     return sphere_at(given) if given and not whole.is_voxels else None
 
 
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
-    """Find the registered sphere that FreeSurfer writes beside the file of a surface."""
+    """Find the registered sphere that FreeSurfer writes next to the surface file."""
     match = re.match(r"[lr]h(?=\.)", Path(path).name)
     beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
     return beside if beside is not None and beside.is_file() else None
@@ -65,8 +65,8 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     """Return the given registered sphere of a surface, with one position per vertex of the mesh, and remarks.
 
     The sphere may have any radius around the origin. Its space is fsaverage, or fs_LR if the file name contains
-    ``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll`` or ``MSMSulc``. The two spaces are rotated by 40° against each other, so
-    the surface itself overrides the name if it clearly fits the other space.
+    ``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll`` or ``MSMSulc``. The two spaces are rotated by 40° relative to each
+    other, so the surface itself overrides the name if it clearly fits the other space.
     """
     mesh = _as_points(sphere)
     name, points = (
@@ -101,7 +101,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
 
 
 def registered_sphere(found: Registration) -> Sphere:
-    """Return a surface's registration as its sphere; vertices without a triangle lie in the centre."""
+    """Return a surface's registration as its sphere; vertices without a triangle lie at the centre."""
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
     return Sphere(places, "fsaverage", found.side, OWN_REGISTRATION, 0, distance)

@@ -53,7 +53,7 @@ class Template:
     side: str  # left or right
     outlines: tuple[Line, ...]  # closed: around the medial wall, or around a region
     cuts: tuple[Line, ...]  # in the order in which they are made
-    anchors: Anchors | None = None  # of the built-in template
+    anchors: Anchors | None = None  # only in the built-in template
     provenance: Record = field(default_factory=dict)  # its origin
 
     def __repr__(self) -> str:
@@ -88,7 +88,7 @@ def standard_template(space: str, side: str) -> Template:
 
 
 def is_template(path: Path) -> bool:
-    """Return whether a file of cuts is a template, and not a list of one surface's vertices."""
+    """Return whether a cuts file is a template rather than a list of one surface's vertices."""
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):

@@ -39,7 +39,7 @@ class TracedCut:
 
 
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
-    """Find the triangles that a template's outlines keep: those on their left, in one piece with one boundary each."""
+    """Find the triangles that a template's outlines keep: all on their left, in one piece with one boundary each."""
     faces = whole.faces
     kept = np.ones(len(faces), dtype=np.bool_)
     for outline in template.outlines:
@@ -168,7 +168,7 @@ def traced(
 
 
 def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], cut: Line) -> NDArray[np.int64]:
-    """Return the boundary at which a cut begins, the one nearest to its line."""
+    """Return the boundary at which a cut begins, which is the boundary nearest to its line."""
     if not loops:
         raise InputError(
             f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no boundary there, because that "
@@ -237,7 +237,7 @@ def _beyond(whole: Manifold, faces: NDArray[np.bool_], sphere: Sphere) -> NDArra
     corners = whole.vertices[whole.faces]
     towards = np.zeros_like(sphere.places)
     counts = np.zeros(len(towards))
-    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from the kept part, if nothing was excluded
+    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from the kept part if nothing was excluded
         middles = sphere.places[corners[chosen]].mean(axis=1)
         is_new = counts == 0
         for corner in corners[chosen].T:
