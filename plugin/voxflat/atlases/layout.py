@@ -23,7 +23,7 @@ def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
 def lay_out(
     uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
 ) -> NDArray[np.float64]:
-    """Place pieces on a page; return the place of each row of `uv`, mm, with the lowest corner at (0, 0).
+    """Place pieces on a page; return the position of each row of `uv`, mm, with the lowest corner at (0, 0).
 
     Pieces follow one another in `uv` (P, 2), each in its own plane, mm, and begin at `starts`. They are rotated and
     moved, not mirrored: "boxes" places the smallest rectangle of each piece in rows, from the highest to the lowest,
@@ -50,7 +50,7 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction of the longer side of the smallest rectangle, which has a side along one of the hull's."""
+    """Return the direction of the longer side of the smallest rectangle, which has a side along an edge of the hull."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
     except scipy.spatial.QhullError:  # degenerate to a line
@@ -86,7 +86,7 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
 def _by_shape(
     apart: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float
 ) -> NDArray[np.float64]:
-    """Pack pieces, which do not overlap, with xatlas; its single-precision places are converted to rigid motions."""
+    """Pack pieces, which do not overlap, with xatlas; its single-precision positions are converted to rigid motions."""
     try:
         import xatlas
     except ImportError as error:

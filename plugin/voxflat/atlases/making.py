@@ -1,4 +1,4 @@
-"""Make an atlas of certified patches of a surface of any topology."""
+"""Make an atlas of certified patches from a surface of any topology."""
 
 from typing import Any
 

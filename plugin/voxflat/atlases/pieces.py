@@ -1,4 +1,4 @@
-"""A surface in flat pieces: the arrays that all atlases hold."""
+"""A surface divided into flat pieces: the arrays that all atlases hold."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,9 +29,9 @@ class Piece:
     face_ids : ndarray of int64, shape (G,)
         Its triangles, as rows of the atlas's `faces`.
     vertex_ids : ndarray of int64, shape (P,)
-        The row of the atlas's `points` for each row of `uv`; a vertex on both sides of a cut has two.
+        The row of the atlas's `points` for each row of `uv`; a vertex on both sides of a cut has two rows.
     uv : ndarray, shape (P, 2)
-        Places in the plane, mm.
+        Positions in the plane, mm.
     faces : ndarray of int64, shape (G, 3)
         Its triangles, as rows of `uv`; counterclockwise.
     area : float

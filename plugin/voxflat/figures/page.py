@@ -70,7 +70,7 @@ class Panel:
         self._show_all()
 
     def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
-        """Draw lines in mm of the map."""
+        """Draw lines given in map coordinates, mm."""
         drawn = LineCollection(
             lines, linewidths=width, colors=colour, capstyle="round", joinstyle="round", gid=layer, clip_on=False
         )
@@ -247,7 +247,7 @@ class Page:
                 self.text(at_x, at_y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
-        """Draw the anatomical directions and the hemisphere from `x` on, and return where they end, mm."""
+        """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, mm."""
         middle = STRIP / 2
         found = directions(flat_map)
         if not found and flat_map.space.name == "unknown":

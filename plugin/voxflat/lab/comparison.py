@@ -31,7 +31,8 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation over standard maps; NaN where fewer than half of them, or than two, have values."""
+    """Mean and standard deviation over standard maps; NaN where fewer than half of the maps, or fewer than two, have
+    values."""
 
     name: str
     letter: str
@@ -87,7 +88,7 @@ class Sums:
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which values are outliers, with a modified z score above 3.5; never NaN, nor any of fewer than five."""
+    """Return which values are outliers (modified z score above 3.5); NaN and groups of fewer than five never are."""
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:
         return np.zeros(len(values), dtype=np.bool_)

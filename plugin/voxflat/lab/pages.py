@@ -182,8 +182,9 @@ def scene(
     `cuts`: points of the map along each cut. `target` (N, 3): positions to which the slider moves the points of the
     surface; by default the surface without its folds. `view`: the initial view in radians: rotation about z (0 looks
     along y), and elevation; by default the medial side of a hemisphere. `unit`: the unit of positions. The JSON object
-    has numbers of points and triangles, ranges, and ``data``: all arrays, concatenated, deflated, in base64. Positions
-    have 16 bits per axis (0.005 mm), values 16 bits between minimum and maximum; integers are exact.
+    has the numbers of points and triangles, the ranges, and ``data``: all arrays, concatenated, deflated and encoded in
+    base64. Positions have 16 bits per axis (0.005 mm), and values have 16 bits between minimum and maximum; integers
+    are exact.
     """
     rows = distinct(flat_map.ids).which  # both sides of a cut share a row
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
@@ -261,7 +262,7 @@ def thinned(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Reduce the points of a map for display: one in each cell of a grid over the plane, and all points along cuts.
 
-    `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share one. `most`: the
+    `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share a vertex. `most`: the
     approximate number of points to keep. Returns the kept points, (k,), which include points of the border in border
     cells, and their triangles, (G, 3).
     """

@@ -76,7 +76,7 @@ def region_corners(
 
 
 def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Join links, pairs of numbers, to lines that end at junctions; a closed line ends at its first point."""
+    """Join links (pairs of numbers) into lines that end at junctions; a closed line ends at its first point."""
     points, first, ends = np.unique(links, return_index=True, return_inverse=True)
     order = np.argsort(ends, axis=None, kind="stable")
     begin = np.searchsorted(ends.ravel()[order], np.arange(len(points) + 1)).tolist()  # each point's start in `ways`
@@ -121,7 +121,7 @@ def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[
 def _crossings(
     uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the edges that borders cross, where (a share), links of crossings, and centres, numbered after edges."""
+    """Return the edges that borders cross, the share at which they cross, links, and centres, numbered after edges."""
     edges, of_face, _ = _edges(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)

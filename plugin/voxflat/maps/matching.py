@@ -1,4 +1,4 @@
-"""Match flat maps of any tool with a surface: the place of each vertex."""
+"""Match flat maps from any tool with a surface: find the position of each vertex."""
 
 import os
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def loaded(flat: object) -> object:
-    """Load a map of voxflat if a path names one; return everything else unchanged."""
+    """Load a voxflat map if a path names one; return all other input unchanged."""
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
@@ -121,7 +121,7 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
 
 
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
-    """Use places with given vertices, some of which a cut may have duplicated."""
+    """Use positions of given vertices, some of which a cut may have duplicated."""
     places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
         raise InputError(f"the map's places are {places.dtype} of shape {places.shape}. Pass numbers (N, 2)")

@@ -26,7 +26,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
     "majority", for labels, takes the label with the greatest weight among the eight surrounding voxels, with the
     weights of "linear". By default "nearest" for bool and integer volumes, which may be labels, and "linear" for
-    floating-point ones and colours.
+    floating-point volumes and colours.
     """
     data = volume.data
     colour = data.ndim == 4
@@ -136,7 +136,7 @@ def _check_labels(values: NDArray[Any]) -> None:
 def sample_layers(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample a volume at several depths, as `sample`; the first axis is the depth."""
+    """Sample a volume at several depths, as `sample` does; the first axis is the depth."""
     if isinstance(volume.data, Chunked):  # all at once, so that each chunk is read once
         together = np.stack(places)
         check_room(PLACE_BYTES * together[..., 0].size)
@@ -221,7 +221,7 @@ def series_sampling(
 ) -> Callable[[Volume], NDArray[Any]]:
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
-    It returns what `sample_mean` (`average`) or `sample_layers` do: identical bits for nearest voxels, otherwise up to
+    Its results equal those of `sample_mean` (`average`) or `sample_layers`: exactly for nearest voxels, otherwise up to
     rounding of sums. Colours, chunks and majorities are sampled by these functions.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}

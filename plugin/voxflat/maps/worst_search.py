@@ -52,7 +52,7 @@ def worst_places(
         Find a cut for each region: the shortest path along edges from the border through the region to its far end. For
         a region at the border, the cut continues inwards, three times as deep as the region.
     parcels : path, ndarray, image object, Volume or Parcels, optional
-        Labels, as in `figures.flat_map`. Each region gets the name of the parcel with the largest part of it.
+        Labels, as in `figures.flat_map`. Each region gets the name of the parcel that contains the largest part of it.
     table : path, optional
         Names of the parcels, if their file has none.
     threads : int, optional

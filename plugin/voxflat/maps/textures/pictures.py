@@ -1,7 +1,7 @@
 """Pictures: files, arrays and images as colours, their position on a map, and interpolation between texels.
 
-A texture coordinate (s, t) is a place in a picture: (0, 0) is its lower left corner, (1, 1) its upper right. Pixels of
-the picture, texels, are squares on the map, so that only flattening distorts them.
+A texture coordinate (s, t) is a position in a picture: (0, 0) is the lower left corner, (1, 1) the upper right one.
+Pixels of the picture, texels, are squares on the map, so that only flattening distorts them.
 """
 
 import os

@@ -1,8 +1,8 @@
 """Selective subdivision: triangles are split where colours at their corners cannot carry a texture.
 
 Zigelman, Kimmel, Kiryati (2002), section IV, subdivide large triangles against aliasing, and take the colours of new
-vertices from the same subdivision in the texture's plane. Here a triangle is bisected at its longest side, and with it
-those that share the side (Rivara 1984), so that the surface stays without cracks and triangles without needles.
+vertices from the same subdivision in the texture's plane. Here, a triangle is bisected at its longest side, together
+with the triangles that share that side (Rivara 1984), so that the surface has no cracks and no needle-shaped triangles.
 """
 
 import numpy as np

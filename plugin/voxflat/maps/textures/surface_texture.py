@@ -28,7 +28,7 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
-    """A picture, and the place of each triangle of a surface in it."""
+    """A picture, and the position of each triangle of a surface in it."""
 
     faces: NDArray[np.int64]  # (F, 3), of the surface's vertices
     coordinates: NDArray[np.float64]  # (F, 3, 2); NaN for none. A vertex on a seam has several
