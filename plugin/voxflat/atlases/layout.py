@@ -11,7 +11,7 @@ PACKINGS = ("boxes", "shapes")  # packing methods
 
 _GAP = 0.05  # share of the side of a square with the mean area of the pieces' boxes
 _WIDTH = 1.05  # share of the side of a square with the area of all boxes
-_TEXELS = 4  # texels of xatlas per gap; more are slow and do not make the page smaller
+_TEXELS = 4  # texels of xatlas per gap; more texels are slow and do not make the page smaller
 
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:

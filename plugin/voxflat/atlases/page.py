@@ -228,7 +228,7 @@ class FlatPage(Planar):
         >>> page.label_image(pixel_size=1.0)
         <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
-        numbers = self.atlas.patch_ids + 1  # 0 would be grey, for unlabelled
+        numbers = self.atlas.patch_ids + 1  # 0 would be grey, as for unlabelled pixels
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
@@ -290,7 +290,7 @@ class FlatPage(Planar):
         image : FlatImage, optional
             An image from `image`, `heat_map` or `label_image`; by default `label_image`, the patches in colours.
         colour_map : str, optional
-            A matplotlib colour map for values; by default grey levels for values and one colour per label, as in a PNG.
+            A matplotlib colour map; by default, grey levels for values and one colour per label, as in a PNG.
         limits : sequence of 2 floats, optional
             The values at the ends of the colour map; by default the 1st and 99th percentiles.
 

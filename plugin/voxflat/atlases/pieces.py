@@ -58,7 +58,7 @@ Own = TypeVar("Own", bound="FlatPieces")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPieces:
-    """A surface as flat pieces: every triangle lies in one of them. `Atlas` documents the arrays."""
+    """A surface divided into flat pieces; every triangle lies in one piece. `Atlas` documents the arrays."""
 
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
@@ -95,11 +95,11 @@ class FlatPieces:
 
     @property
     def provenance(self) -> Record:
-        """The record of how the atlas was made: version, function, parameters, and input files."""
+        """The record of how the atlas was made: version, function, parameters and input files."""
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self: Own, record: Record) -> Own:
-        """Return a copy with a record of how it was made."""
+        """Return a copy with a record of how the atlas was made."""
         return replace(self, metadata={**self.metadata, "provenance": record})
 
     @cached_property
@@ -110,7 +110,7 @@ class FlatPieces:
 
         See Also
         --------
-        FlatMap : Holds normals, too.
+        FlatMap : Also holds normals.
 
         Examples
         --------

@@ -18,7 +18,7 @@ from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
 
-MOVIE_ENDINGS = (".mp4", ".gif")  # how the name of a movie may end
+MOVIE_ENDINGS = (".mp4", ".gif")  # valid endings of movie files
 
 _DPI = 200
 _QUALITY = "18"  # of H.264, from 0 (best) to 51; at 18 no loss is visible

@@ -27,7 +27,7 @@ _NO_FOLDS = 0.66  # grey where the folds are unknown
 _EDGES = {
     "curvature": 0.02,
     "sulcal depth": 0.8,
-}  # values from which a point is drawn as all gyrus or all sulcus, 1/mm, mm
+}  # values from which a point is drawn as gyrus or sulcus only, 1/mm and mm
 _PARCELS_OPACITY = 0.75
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from voxflat.maps.flat_map import FlatMap
 
-_MIDDLE = 0.35  # of the radius of a disk of the map's area
-_TELLING = 0.3  # R² from which a direction counts as lying in the plane
+_MIDDLE = 0.35  # share of the radius of a disk with the map's area
+_TELLING = 0.3  # R² at or above which a direction counts as lying in the plane
 _APART = np.cos(np.radians(30))
 _SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
 

@@ -13,7 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 _SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
 _READABLE = 6.0
-_LINE = 1.25  # height of a line, in sizes of the font
+_LINE = 1.25  # line height, in multiples of the font size
 _POINT = 25.4 / 72  # mm
 _MARGIN = 0.3  # around a name, mm
 

@@ -173,8 +173,8 @@ class OverlayColours:
     above: float | None = None  # thresholds, as in `Overlay`
     below: float | None = None
     opacity: float = 1.0
-    is_cyclic: bool = False  # phases: values beyond one end continue at the other
-    is_by_strength: bool = False  # the thresholds apply to other values than those of the overlay
+    is_cyclic: bool = False  # for phases, values beyond one end continue at the other
+    is_by_strength: bool = False  # the thresholds apply to values other than the overlay's
 
     @classmethod
     def of(cls, image: FlatImage, strength: FlatImage | None, overlay: Overlay, opacity: float = 1.0) -> OverlayColours:

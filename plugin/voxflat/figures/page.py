@@ -27,7 +27,7 @@ STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, without and w
 
 _INCH = 25.4  # mm
 _MOST_PIXELS, _LEAST_DPI = 1700, 300
-_EDGE, _TITLE = 1.5, 5.0  # mm of paper: margin, and height of the title
+_EDGE, _TITLE = 1.5, 5.0  # mm on paper: margin and height of the title
 _WHEEL, _HOLE = 11.0, 0.45  # diameter of the colour wheel, mm; its hole, as a share of the radius
 _WHEEL_PIXELS = 400
 _TALLEST = 1.4  # greatest height, as a multiple of the width

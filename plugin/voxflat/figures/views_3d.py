@@ -210,7 +210,7 @@ def _drawn(
     pyvista: Any, meshes: Sequence[tuple[Any, dict[str, Any]]], window: tuple[int, int], look: Callable[[Any], None]
 ) -> NDArray[np.uint8]:
     """Draw meshes with their materials; `look` places the camera."""
-    with pyvista.vtk_verbosity("error"):  # VTK warns if there is no display, and draws all the same
+    with pyvista.vtk_verbosity("error"):  # VTK warns if there is no display, but draws anyway
         plotter = pyvista.Plotter(off_screen=True, window_size=list(window), theme=pyvista.themes.DocumentTheme())
         try:
             for mesh, material in meshes:

@@ -15,7 +15,7 @@ from voxflat.io.files import atomic_path
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record
 
-_FORMAT = 1  # version of the output; increase it if a rerun should make all results again
+_FORMAT = 1  # version of the output; increase it to make all results again at the next run
 _BLOCK = 1 << 20
 _HEAD = 4096  # number of bytes at the beginning of a page that contain its key
 

@@ -40,7 +40,7 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
     page, table = out / "group.html", out / f"{_STEM}_measures.tsv"
     written: list[str] = []
     if not is_page_of(page, key) or not table.is_file():
-        from voxflat.lab.study_report import map_picture, study_page  # brings in matplotlib
+        from voxflat.lab.study_report import map_picture, study_page  # imports Matplotlib
 
         maps: list[dict[str, Any]] = []
         means = _means(out, there, lambda row, flat_map: maps.append(map_picture(row, flat_map, len(there))))

@@ -28,7 +28,7 @@ class Parameters:
     cuts: str = "standard"  # or "automatic", or a file; {hemi} in its name stands for lh or rh, or L or R
     geometry: str = "midthickness"  # one of `GEOMETRIES`, on which distances are measured
     volume: bool = False  # whether to start from a white-matter volume instead of surfaces
-    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
+    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; by default, thickness
     seed: int = 0
 
 
@@ -95,7 +95,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
         overlays[_USUAL_OVERLAY] = usual
     for text in parameters.overlays:
         name = _name_of(text)
-        if name.lower() in map(str.lower, overlays):  # files of the results are named by it
+        if name.lower() in map(str.lower, overlays):  # result files are named after it
             raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
         overlays[name] = find.one(text) or _given(find, text, "the overlay")
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None

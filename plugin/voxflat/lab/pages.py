@@ -26,14 +26,14 @@ from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
-_MOST_POINTS = 20_000  # in a scene: 0.5 MB of the page
+_MOST_POINTS = 20_000  # in a scene; they take 0.5 MB of the page
 _POINTS_A_STEP = 60  # points per smoothing step, so that the smoothing does not depend on the number of points
 _NOTHING = 65_535  # code of a missing value
 _EXACT = 2**53  # smaller integers are exact in JavaScript
 _COLOURS = 64  # number of colours of a layer in a scene
 PICTURE_WIDTH = 620  # width of an image, pixels
 _BAR = 12  # number of colours of a colour bar
-_SHADE = 0.45  # how much the folds darken an overlay
+_SHADE = 0.45  # factor by which the folds darken an overlay
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,7 @@ class Results:
 
     folder: Path
     prefix: str  # prefix of their names
-    of_freesurfer: bool  # lh.voxflat.flat.surf.gii; else sub-01_hemi-L_desc-voxflat_flat.surf.gii
+    of_freesurfer: bool  # lh.voxflat.flat.surf.gii, otherwise sub-01_hemi-L_desc-voxflat_flat.surf.gii
 
     @classmethod
     def in_freesurfer(cls, folder: Path, hemi: str) -> "Results":

@@ -39,8 +39,8 @@ class Outcome:
 
     name: str  # name of the participant: sub-01, sub-01_ses-02, or the FreeSurfer subject
     hemi: str  # lh or rh
-    state: str  # made, done (up to date) or failed; in a plan also missing or stale, which have to be made
-    reason: str = ""  # why it failed, or has to be made
+    state: str  # made, done (up to date) or failed; in a plan also missing or stale (has to be made)
+    reason: str = ""  # reason why it failed or has to be made
     record: dict[str, Any] | None = None  # record of the results that were made
 
     @property
@@ -156,8 +156,7 @@ def pages_of(one: Participant, out: Path) -> Path:
 
 
 def describe(source: Path, out: Path) -> None:
-    """Write the dataset description of BIDS derivatives; a directory that belongs to another program raises an
-    InputError."""
+    """Write the dataset description of BIDS derivatives; raise an InputError if another program owns the directory."""
     path = out / "dataset_description.json"
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
         raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")

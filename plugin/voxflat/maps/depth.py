@@ -20,7 +20,7 @@ class Depths:
     """One or several depths at which to sample."""
 
     values: tuple[float, ...]  # mm outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
-    layering: str | None = None  # for fractions, one of `LAYERINGS`
+    layering: str | None = None  # one of `LAYERINGS`, for fractions
 
     @classmethod
     def of(

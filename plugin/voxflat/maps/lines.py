@@ -99,7 +99,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
         return points[line].astype(np.int64)
 
     lines = []
-    for at in np.argsort(first).tolist():  # first from ends and junctions, then closed lines
+    for at in np.argsort(first).tolist():  # start at ends and junctions, then follow closed lines
         around = ways[begin[at] : begin[at + 1]]
         if len(around) != 2:
             lines += [follow(at, number) for number in around if not is_used[number]]

@@ -247,7 +247,7 @@ class Sampler:
             channels = read_channels(volume, count, structure=structure)
             self._doubt(Path(volume), channels.read(0))
             return channels
-        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # including a pandas Series
+        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # includes a pandas Series
         if (
             is_array
             and not hasattr(volume, "dataobj")

@@ -137,7 +137,7 @@ def sample_layers(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
     """Sample a volume at several depths, as `sample` does; the first axis is the depth."""
-    if isinstance(volume.data, Chunked):  # all at once, so that each chunk is read once
+    if isinstance(volume.data, Chunked):  # sampled all at once, so that each chunk is read once
         together = np.stack(places)
         check_room(PLACE_BYTES * together[..., 0].size)
         return sample(volume, together, interpolation)

@@ -19,7 +19,7 @@ from voxflat.maps.flat_map import FlatMap
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
 _GAIN = "gain: decrease of the relative distance error of a coarse preview map ({:.2f} %), in percentage points"
-_MOST = 10.0  # limit of a triangle's log2 of areas: one without area on the map would dominate
+_MOST = 10.0  # limit of log2 area change of a triangle; a triangle without area on the map would dominate otherwise
 
 
 @dataclass(frozen=True, eq=False)

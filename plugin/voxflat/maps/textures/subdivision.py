@@ -87,7 +87,7 @@ def _bisect(
     middle = np.full(len(keys), -1)
     middle[marked] = len(places) + np.arange(np.count_nonzero(marked))
     split = marked[side_of].any(axis=1)
-    turn = (longest[split, None] + np.arange(3)) % 3  # so that the longest side is the first
+    turn = (longest[split, None] + np.arange(3)) % 3  # the longest side comes first
     new = _pieces(np.take_along_axis(faces[split], turn, 1), middle[np.take_along_axis(side_of[split], turn, 1)])
     is_new = np.arange(np.count_nonzero(~split) + len(new)) >= np.count_nonzero(~split)
     return ends[marked], np.concatenate([faces[~split], new]), is_new
@@ -98,7 +98,7 @@ def _marked(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Mark the longest sides of selected triangles, and of all triangles with a marked side."""
     rank = np.empty(len(lengths), dtype=np.int64)
-    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours also agree on equal lengths
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours agree even if lengths are equal
     longest = rank[side_of].argmax(axis=1)
     longest_side = np.take_along_axis(side_of, longest[:, None], axis=1)[:, 0]
     marked = np.zeros(len(lengths), dtype=np.bool_)
