@@ -236,7 +236,7 @@ class Atlas(FlatPieces, ABC):
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the page.
 
-        Shorthand for `page` and `FlatPage.image`.
+        Shorthand for `page` followed by `FlatPage.image`.
 
         Parameters
         ----------
@@ -288,7 +288,7 @@ class Atlas(FlatPieces, ABC):
     ) -> FlatStack:
         """Show several depths, all maps of a file, or a series of volumes on the page.
 
-        Shorthand for `page` and `FlatPage.images`.
+        Shorthand for `page` followed by `FlatPage.images`.
 
         Parameters
         ----------
@@ -331,7 +331,7 @@ class Atlas(FlatPieces, ABC):
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return an image of the distortion of each triangle on the page.
 
-        Shorthand for `page` and `FlatPage.heat_map`.
+        Shorthand for `page` followed by `FlatPage.heat_map`.
 
         Parameters
         ----------

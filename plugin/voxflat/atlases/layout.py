@@ -65,7 +65,7 @@ def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return width and height of pieces whose lowest corners are (0, 0)."""
+    """Return the widths and heights of pieces whose lowest corners are (0, 0)."""
     return np.asarray(np.maximum.reduceat(placed, starts[:-1], axis=0))
 
 
@@ -106,7 +106,7 @@ def _by_shape(
 
 
 def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Move each piece rigidly to its target; a mirrored target is rotated by 180 degrees instead."""
+    """Move each piece rigidly to its target; rotate it by 180 degrees if the target is mirrored."""
     parts = []
     for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):
         known = np.isfinite(target[:, 0])

@@ -177,7 +177,7 @@ class FlatPage(Planar):
         pixel_size : float, optional
             As in `raster`.
         of : {"isometric", "quasi_conformal", "areal"}
-            The figure: C, K, or the change of area.
+            The measure: C, K, or the change of area.
 
         Returns
         -------
@@ -187,7 +187,7 @@ class FlatPage(Planar):
         Raises
         ------
         InputError
-            If there is no such figure.
+            If there is no such measure.
 
         See Also
         --------

@@ -80,7 +80,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
 
     See Also
     --------
-    heat_map : The same for a flat map.
+    heat_map : The distance errors of a flat map.
 
     Examples
     --------

@@ -101,7 +101,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
         return (self._below.height, self._below.width)
 
     def _caption(self, n: int) -> str:
-        """Return the text above a frame: its time, or its name, or its number from 0."""
+        """Return the text above a frame: its time, its name, or its number (from 0)."""
         times = self.stack.times
         if times is None:
             return self.stack.names[n] or f"frame {n}"

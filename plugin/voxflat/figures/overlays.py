@@ -21,7 +21,7 @@ Limits: TypeAlias = Sequence[float | str]
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Data over the folds of a figure, with display options.
+    """Data drawn over the folds of a figure, with display options.
 
     `flat_map` and `movie` accept plain data, or an overlay that sets thresholds, colours and labels.
 

@@ -144,7 +144,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
 
 
 def _both(size: object) -> tuple[int, int]:
-    """Return width and height in pixels."""
+    """Return the width and height in pixels."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
         raise InputError(f"size is {shown(size)}. Pass width and height in pixels")
     width, height = (checked_pixels(side, "size") for side in size)

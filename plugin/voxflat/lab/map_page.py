@@ -172,7 +172,7 @@ def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return triangle values at points: integers by majority, booleans if any is true, other numbers as the mean."""
+    """Return triangle values at points: the majority of integers, whether any boolean is true, or the mean."""
     corners, held = faces.ravel(), np.repeat(values, 3)
     if values.dtype.kind == "f":
         known = np.isfinite(held)

@@ -33,7 +33,7 @@ _EXACT = 2**53  # smaller integers are exact in JavaScript
 _COLOURS = 64  # number of colours of a layer in a scene
 PICTURE_WIDTH = 620  # width of an image, pixels
 _BAR = 12  # number of colours of a colour bar
-_SHADE = 0.45  # factor by which the folds darken an overlay
+_SHADE = 0.45  # greatest share by which the folds darken an overlay
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +260,7 @@ def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
 def thinned(
     uv: NDArray[np.float64], faces: NDArray[Any], ids: NDArray[np.int64], most: int = _MOST_POINTS
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Reduce the points of a map for display: one in each cell of a grid over the plane, and all points along cuts.
+    """Reduce the points of a map for display: keep one per cell of a grid over the plane, and all points along cuts.
 
     `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share a vertex. `most`: the
     approximate number of points to keep. Returns the kept points, (k,), which include points of the border in border

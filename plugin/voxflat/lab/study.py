@@ -80,9 +80,9 @@ def study(
 
     `source`, `labels`: as in `participants`. `out`: the output directory; created if it does not exist. `tell`,
     `**how`: as in `freesurfer`. `dask`: a cluster, as in `connected`, on which each worker processes one participant at
-    a time; the workers must see the same files. By default this process does all the work. Raises InputError if there
-    are no participants or if `out` belongs to another program, OSError if `out` cannot be written, and Cancelled if
-    `progress` returned False.
+    a time; the workers must have access to the same files. By default this process does all the work. Raises InputError
+    if there are no participants or if `out` belongs to another program, OSError if `out` cannot be written, and
+    Cancelled if `progress` returned False.
     """
     everybody = participants(source, labels)
     describe(source, out)

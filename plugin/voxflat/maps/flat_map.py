@@ -367,7 +367,7 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If there is not one value per point, or the type of the values cannot hold the background.
+            If the number of values is not the number of points, or the type of the values cannot hold the background.
 
         See Also
         --------

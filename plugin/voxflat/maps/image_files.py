@@ -349,7 +349,7 @@ def _grey(data: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
 
 
 def _measured(data: NDArray[Any]) -> NDArray[Any]:
-    """Return colours unchanged and values as float32; labels that float32 cannot represent are an error."""
+    """Return colours unchanged and values as float32; labels that float32 cannot represent raise an error."""
     if data.ndim == 3:
         return data
     single = data.astype(np.float32)

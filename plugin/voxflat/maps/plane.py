@@ -75,7 +75,7 @@ class FlatTriangles:
     on_surface : Sampler
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
-        The piece of each triangle, if there are several.
+        The piece of each triangle, if there are several pieces.
 
     See Also
     --------
@@ -169,7 +169,7 @@ class Planar(ABC):
         ids : ndarray of int64, shape (H, W, 3) or (H, W)
             The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
-            Positions, RAS+ mm in the surface's `space`, linear between vertices; NaN outside the map.
+            Positions, RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
 
         See Also
         --------
@@ -246,7 +246,7 @@ class Planar(ABC):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Find points in space on the map, each at the nearest position of the surface.
 
-        Points on a cut are assigned to either of its sides.
+        Points on a cut are assigned to one of its sides.
 
         Parameters
         ----------

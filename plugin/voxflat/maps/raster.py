@@ -295,7 +295,7 @@ class FlatImage(Recorded):
     def extent(self) -> tuple[float, float, float, float]:
         """The left, right, bottom and top edges in mm.
 
-        They have the order that matplotlib's imshow expects.
+        They are in the order that matplotlib's imshow expects.
 
         See Also
         --------
@@ -486,7 +486,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     def of_channel(self, channel: int) -> "FlatStack":
         """Return the images of one channel.
 
-        There is one for each depth.
+        There is one image for each depth.
 
         Parameters
         ----------

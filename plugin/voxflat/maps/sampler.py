@@ -232,7 +232,7 @@ class Sampler:
         return np.asarray(volume) if are_colours(volume, count) else None
 
     def is_overlay(self, values: object) -> bool:
-        """Return whether values lie at the mesh's vertices, and so have no depth."""
+        """Return whether values lie at the mesh's vertices and therefore have no depth."""
         return not self.is_voxels and self._overlay(values) is not None
 
     def _overlay(self, volume: object) -> Channels | None:
@@ -287,7 +287,7 @@ class Sampler:
             return float(np.corrcoef(curvature, values[seen].astype(np.float64))[0, 1])
 
     def _doubt_place(self, affine: NDArray[np.float64], path: Path | None) -> None:
-        """Warn if a volume's file does not define its position, unless it equals that of the flattened volume."""
+        """Warn if a volume's file does not define its position, unless it has the affine of the flattened volume."""
         is_same = self.is_voxels and np.array_equal(affine, self.affine)
         if path is not None and not is_same and not has_place(path):
             log.warning(
@@ -343,12 +343,12 @@ class Sampler:
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with an affine; without its own, it has that of the flattened volume."""
+        """Return a volume with an affine; if it has none, with the affine of the flattened volume."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 
     def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return the affine of the flattened volume for one of the same shape."""
+        """Return the affine of the flattened volume for a volume of the same shape."""
         if shape[:3] != self.volume_shape:
             raise InputError(
                 f"the volume has shape {shape} and no affine, but the flattened volume has shape {self.volume_shape}. "
@@ -358,7 +358,7 @@ class Sampler:
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
-    """Return images of several depths as channels; those of one channel are sampled together."""
+    """Return images of several depths as channels; images of one channel are sampled together."""
     held: dict[int, Any] = {}
 
     def read(n: int) -> NDArray[Any]:
@@ -383,7 +383,7 @@ def _of_phases(period: float, interpolation: str | None) -> str:
 
 
 def _timed(channels: Channels, step: float | None, name: str) -> Channels:
-    """Return channels with the given time step, or that of their file."""
+    """Return channels with the given time step, or with the time step of their file."""
     if step is not None:
         timing = Timing.told(checked_number(step, "time step"))
         if timing is None:

@@ -57,7 +57,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
 
 def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return voxel indices of positions, and which lie in the volume (half a voxel beyond outer centres counts)."""
+    """Return voxel indices of positions, and whether they lie in the volume (up to half a voxel beyond centres)."""
     inverse = np.linalg.inv(volume.affine)
     where = points @ inverse[:3, :3].T + inverse[:3, 3]
     size = np.asarray(volume.data.shape[:3])
@@ -93,7 +93,7 @@ def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Return the values of the eight voxels around each position, shape (P, 8), and the lowest one's indices."""
+    """Return the values of the eight voxels around each position, shape (P, 8), and the indices of the lowest one."""
     low = _lowest(at, data)
     return voxels_at(data, low, _CORNERS), low
 
@@ -147,7 +147,7 @@ def sample_layers(
 def sample_mean(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample at several depths: the mean, or the majority of labels; NaN, or alpha 0, if one lies outside."""
+    """Return the mean, or the majority of labels, over several depths; NaN (or alpha 0) if one lies outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(

@@ -264,7 +264,7 @@ class WorstPlaces(Recorded):
         Parameters
         ----------
         *numbers : int
-            Numbers of the regions; by default all. Cuts that meet from different sides may divide the surface.
+            Numbers of the regions; by default, all regions. Cuts that meet from different sides may divide the surface.
 
         Returns
         -------

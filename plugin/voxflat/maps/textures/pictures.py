@@ -31,7 +31,7 @@ _SLACK = 1e-9  # share of a picture's side by which rounding may move a point ac
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Return texture coordinates of a picture centred on a map, texels in mm; by default it just covers the map."""
+    """Return texture coordinates of a picture centred on a map, with texels in mm; by default it covers the map."""
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:

@@ -112,7 +112,7 @@ def _material_pictures(library: Path) -> dict[str, str]:
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the colours of a texture, or of vertices, at the pixels of a map: RGBA, opacity 0 where there is none."""
+    """Return the colours of a texture, or of vertices, at the pixels of a map as RGBA; opacity 0 means no colour."""
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])
     image = np.zeros((*raster.shape, 4), dtype=np.uint8)
