@@ -247,7 +247,7 @@ class Atlas(FlatPieces, ABC):
         channel : int or str, optional
             As in `FlatMap.image`.
         depth : float or sequence of float
-            As in `FlatMap.image`. An atlas has no pial surface, so fractions are not available.
+            As in `FlatMap.image`. Fractions are not available, because an atlas has no pial surface.
         interpolation : {"linear", "nearest", "majority"}, optional
             As in `FlatMap.image`.
         period : float, optional

@@ -413,7 +413,7 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Return the kind of a file that `FlatMap.save` or an atlas wrote; None for other files and unreadable files."""
+    """Return the kind of a file that `FlatMap.save` or an atlas wrote; None for other or unreadable files."""
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)

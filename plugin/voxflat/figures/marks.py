@@ -83,7 +83,7 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
 
 
 def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
-    """Return the middle between the two sides of a cut, where two thirds of the cut have a smaller gap."""
+    """Return the midpoint between the two sides of a cut, where the gap is wider than along two thirds of the cut."""
     gaps = [float(np.ptp(points, axis=0).max()) for points in places]
     widest = int(np.argmax(gaps))
     if gaps[widest] == 0:

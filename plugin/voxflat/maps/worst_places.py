@@ -170,7 +170,7 @@ class WorstPlace:
 
 @dataclass(frozen=True, eq=False)
 class WorstPlaces(Recorded):
-    """The regions of highest distortion of a map, the worst first.
+    """The regions of highest distortion of a map, worst first.
 
     `voxflat.worst_places` returns them.
 

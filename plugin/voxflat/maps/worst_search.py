@@ -63,7 +63,7 @@ def worst_places(
     Returns
     -------
     WorstPlaces
-        The regions, the worst first.
+        The regions, worst first.
 
     Raises
     ------
