@@ -1,5 +1,6 @@
-"""Atlases: a surface in flat pieces, certified or glued, and the page on which they are placed.
+"""Atlases: surfaces divided into flat pieces, certified or glued, and the pages on which the pieces are placed.
 
-From bottom to top: `layout` works on arrays; `pieces` holds a surface in pieces, and `page` places them side by side;
-`atlas` is the base class of atlases; `glued` and `certified` are the two kinds; `making` makes one of a surface.
+From bottom to top: `layout` works on arrays; `pieces` holds a surface divided into pieces, and `page` places the pieces
+side by side; `atlas` is the base class of atlases; `glued` and `certified` are the two kinds; `making` makes an atlas
+from a surface.
 """

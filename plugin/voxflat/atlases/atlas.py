@@ -46,7 +46,7 @@ Own = TypeVar("Own", bound="Atlas")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Atlas(FlatPieces, ABC):
-    """A surface as a sequence of flat pieces, from the largest to the smallest.
+    """A surface divided into a sequence of flat pieces, from the largest to the smallest.
 
     It is either a `FlatAtlas` of certified patches, or a `GluedAtlas`.
 
@@ -57,7 +57,7 @@ class Atlas(FlatPieces, ABC):
     faces : ndarray of int64, shape (F, 3)
         Its triangles.
     ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices or vertex numbers of the vertices in the input.
+        Voxel indices or vertex number of each vertex in the input.
     piece_ids : ndarray of int64, shape (F,)
         The piece of each triangle.
     patch_ids : ndarray of int64, shape (F,)
@@ -67,17 +67,17 @@ class Atlas(FlatPieces, ABC):
     starts : ndarray of int64, shape (pieces + 1,)
         First row of each piece in `vertex_ids` and `uv`.
     vertex_ids : ndarray of int64, shape (P,)
-        The row of `points` for each row of `uv`, piece by piece. A vertex on both sides of a cut within a piece has
-        two.
+        The row of `points` for each row of `uv`, piece by piece. A vertex on both sides of a cut within a piece has two
+        rows.
     uv : ndarray, shape (P, 2)
-        Places in the plane, mm. Each piece has its own plane.
+        Positions in the plane, mm. Each piece has its own plane.
     uv_faces : ndarray of int64, shape (F, 3)
         Corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
     metadata : dict
-        How and of what the atlas was made: ``kind`` ("voxels" or "mesh"); for voxels ``affine`` and ``shape``, for
-        meshes the number of ``vertices``; and the ``space`` of the points.
+        How the atlas was made, and from which input: ``kind`` ("voxels" or "mesh"); ``affine`` and ``shape`` for
+        voxels, or the number of ``vertices`` for meshes; and the ``space`` of the points.
     measured : ndarray, shape (pieces, K)
-        Figures of each piece, by columns; the last three are area, isometric and quasi_conformal.
+        Figures of each piece, one per column; the last three are area, isometric and quasi_conformal.
 
     See Also
     --------
@@ -100,7 +100,7 @@ class Atlas(FlatPieces, ABC):
     def title(self) -> str:
         """One line that describes the atlas, for pictures.
 
-        It names the number of pieces and the bounds.
+        It gives the number of pieces and the bounds.
 
         See Also
         --------
@@ -157,16 +157,16 @@ class Atlas(FlatPieces, ABC):
     def page(self, gap: float | None = None, *, packing: str = "boxes") -> FlatPage:
         """Place the pieces side by side on a page, without overlap.
 
-        Pages are kept, so that repeated calls are fast.
+        Pages are cached, so repeated calls are fast.
 
         Parameters
         ----------
         gap : float, optional
             Gap between the pieces, mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
-            "boxes" turns each piece into its smallest rectangle, and places these in rows. "shapes" fits the pieces
-            into each other with the library xatlas (``pip install 'voxflat[lab]'``), which uses the page better if
-            pieces are large.
+            "boxes" rotates each piece to fit its smallest bounding rectangle, and places the rectangles in rows.
+            "shapes" fits the pieces into each other with the library xatlas (``pip install 'voxflat[lab]'``), which
+            uses the page better if pieces are large.
 
         Returns
         -------
@@ -180,7 +180,7 @@ class Atlas(FlatPieces, ABC):
 
         See Also
         --------
-        Atlas.layout : Return only the places.
+        Atlas.layout : Return only the positions.
 
         Examples
         --------
@@ -195,7 +195,7 @@ class Atlas(FlatPieces, ABC):
         return self._pages[key]
 
     def layout(self, gap: float | None = None, *, packing: str = "boxes") -> NDArray[np.float64]:
-        """Return the places of the pieces on their page, without overlap.
+        """Return the positions of the pieces on their page, without overlap.
 
         Pieces are rotated and moved, but not mirrored.
 
@@ -209,7 +209,7 @@ class Atlas(FlatPieces, ABC):
         Returns
         -------
         ndarray, shape (P, 2)
-            Place on the page for each row of `uv`, mm.
+            Position on the page for each row of `uv`, mm.
 
         See Also
         --------
@@ -236,7 +236,7 @@ class Atlas(FlatPieces, ABC):
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the page.
 
-        Shorthand for `page` and `FlatPage.image`.
+        Shorthand for `page` followed by `FlatPage.image`.
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Atlas(FlatPieces, ABC):
         channel : int or str, optional
             As in `FlatMap.image`.
         depth : float or sequence of float
-            As in `FlatMap.image`. An atlas has no pial surface, and so no fractions.
+            As in `FlatMap.image`. Fractions are not available, because an atlas has no pial surface.
         interpolation : {"linear", "nearest", "majority"}, optional
             As in `FlatMap.image`.
         period : float, optional
@@ -288,7 +288,7 @@ class Atlas(FlatPieces, ABC):
     ) -> FlatStack:
         """Show several depths, all maps of a file, or a series of volumes on the page.
 
-        Shorthand for `page` and `FlatPage.images`.
+        Shorthand for `page` followed by `FlatPage.images`.
 
         Parameters
         ----------
@@ -331,7 +331,7 @@ class Atlas(FlatPieces, ABC):
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return an image of the distortion of each triangle on the page.
 
-        Shorthand for `page` and `FlatPage.heat_map`.
+        Shorthand for `page` followed by `FlatPage.heat_map`.
 
         Parameters
         ----------

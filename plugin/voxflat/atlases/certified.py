@@ -36,7 +36,7 @@ class Certificate:
     Parameters
     ----------
     angle : float
-        Greatest inclination of a direction on the surface to the plane of its patch, degrees.
+        Greatest angle between a direction on the surface and the plane of its patch, degrees.
     c : float
         Greatest factor by which lengths change: max(σ1, 1/σ2) ≤ C.
     k : float
@@ -62,7 +62,7 @@ class Certificate:
 class Plane:
     """A plane in space, seen from the side to which its normal points.
 
-    Each certified patch is projected onto one.
+    Each certified patch is projected onto such a plane.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class FlatPatch(Piece):
     vertex_ids : ndarray of int64, shape (P,)
         Its vertices, as rows of the atlas's `points`.
     uv : ndarray, shape (P, 2)
-        Their places in the plane, mm.
+        Positions of the vertices in the plane, mm.
     faces : ndarray of int64, shape (G, 3)
         Its triangles, as rows of `uv`; counterclockwise.
     area : float
@@ -114,15 +114,15 @@ class FlatPatch(Piece):
     isometric, quasi_conformal : float
         Greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
     plane : Plane
-        The plane onto which it is projected.
+        The plane onto which the patch is projected.
     certificate : Certificate
-        The bounds that are proven for it.
+        The bounds that are proven for the patch.
     tilt : float
-        Greatest inclination of a triangle to the plane, degrees.
+        Greatest angle between a triangle and the plane, degrees.
 
     See Also
     --------
-    FlatAtlas : A surface as flat patches.
+    FlatAtlas : A surface divided into flat patches.
 
     Examples
     --------
@@ -137,7 +137,7 @@ class FlatPatch(Piece):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatAtlas(Atlas, Sequence[FlatPatch]):
-    """A surface as certified flat patches: a sequence of `FlatPatch`, from the largest to the smallest.
+    """A surface divided into certified flat patches: a sequence of `FlatPatch`, from the largest to the smallest.
 
     `Surface.patches` returns it.
 
@@ -162,7 +162,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     certificate : Certificate
         The bounds that are proven for all patches.
     planes : ndarray, shape (patches, 4, 3)
-        Origin, normal, and the axes u and v of each patch's plane.
+        Origin, normal, u axis and v axis of each patch's plane.
 
     See Also
     --------
@@ -200,7 +200,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     def patches(self) -> list[FlatPatch]:
         """The patches, from the largest to the smallest.
 
-        The atlas itself is a sequence of them, too.
+        The atlas itself is also a sequence of these patches.
 
         See Also
         --------
@@ -252,7 +252,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     def title(self) -> str:
         """One line that describes the atlas, for pictures.
 
-        It names the numbers of patches and triangles, and the bounds.
+        It gives the numbers of patches and triangles, and the bounds.
 
         See Also
         --------
@@ -270,7 +270,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     def broken(self) -> NDArray[np.bool_]:
         """Which triangles exceed the certificate when measured, shape (F,).
 
-        Only triangles that are so thin that rounding matters do.
+        Only triangles that are so thin that rounding matters can exceed it.
 
         See Also
         --------
@@ -326,7 +326,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
         Neighbouring patches are placed so that their common edges meet, and moved to minimise distortion. Every
         triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is flipped, and no piece overlaps itself. Where this is not
-        possible, a seam stays cut, and pieces stay separate. A developable surface becomes flat without distortion.
+        possible, the seam stays cut, and the pieces stay separate. A developable surface becomes flat without
+        distortion.
 
         Parameters
         ----------
@@ -412,7 +413,7 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Return the kind of a file that `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read."""
+    """Return the kind of a file that `FlatMap.save` or an atlas wrote; None for other or unreadable files."""
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)

@@ -33,8 +33,8 @@ class Seams:
     closed : float
         Length of closed seams.
     holonomy : float
-        Length of cuts inside a piece that cannot be closed because the surface is curved around them: a triangle would
-        exceed the bound.
+        Length of cuts inside a piece that cannot be closed because the surface is curved around them, so that a
+        triangle would exceed the bound.
     bound : float
         Length of cuts between pieces that could not be united within the bound.
     overlap : float
@@ -133,7 +133,7 @@ class GluedPiece(Piece):
 
     See Also
     --------
-    GluedAtlas : A surface as glued pieces.
+    GluedAtlas : A surface divided into glued pieces.
 
     Examples
     --------
@@ -145,7 +145,7 @@ class GluedPiece(Piece):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GluedAtlas(Atlas, Sequence[GluedPiece]):
-    """A surface as glued flat pieces: a sequence of `GluedPiece`, from the largest to the smallest.
+    """A surface divided into glued flat pieces: a sequence of `GluedPiece`, from the largest to the smallest.
 
     `FlatAtlas.glue` returns it.
 
@@ -178,7 +178,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     See Also
     --------
-    FlatAtlas : A surface as certified patches.
+    FlatAtlas : A surface divided into certified patches.
 
     Examples
     --------
@@ -208,7 +208,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
     def title(self) -> str:
         """One line that describes the atlas, for pictures.
 
-        It names the numbers of patches and pieces, the closed share and the bound.
+        It gives the numbers of patches and pieces, the closed share and the bound.
 
         See Also
         --------
@@ -293,7 +293,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         }
 
     def table(self) -> str:
-        """Return a table of the seams, and of bounds and measured figures, as text.
+        """Return a table of seams, bounds and measured figures as text.
 
         The largest pieces have one row each.
 

@@ -11,7 +11,7 @@ PACKINGS = ("boxes", "shapes")  # packing methods
 
 _GAP = 0.05  # share of the side of a square with the mean area of the pieces' boxes
 _WIDTH = 1.05  # share of the side of a square with the area of all boxes
-_TEXELS = 4  # texels of xatlas per gap; more are slow and do not make the page smaller
+_TEXELS = 4  # texels of xatlas per gap; more texels are slow and do not make the page smaller
 
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
@@ -23,7 +23,7 @@ def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
 def lay_out(
     uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
 ) -> NDArray[np.float64]:
-    """Place pieces on a page; return the place of each row of `uv`, mm, with the lowest corner at (0, 0).
+    """Place pieces on a page; return the position of each row of `uv`, mm, with the lowest corner at (0, 0).
 
     Pieces follow one another in `uv` (P, 2), each in its own plane, mm, and begin at `starts`. They are rotated and
     moved, not mirrored: "boxes" places the smallest rectangle of each piece in rows, from the highest to the lowest,
@@ -50,7 +50,7 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction of the longer side of the smallest rectangle, which has a side along one of the hull's."""
+    """Return the direction of the longer side of the smallest rectangle, which has a side along an edge of the hull."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
     except scipy.spatial.QhullError:  # degenerate to a line
@@ -65,7 +65,7 @@ def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return width and height of pieces whose lowest corners are (0, 0)."""
+    """Return the widths and heights of pieces whose lowest corners are (0, 0)."""
     return np.asarray(np.maximum.reduceat(placed, starts[:-1], axis=0))
 
 
@@ -86,7 +86,7 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
 def _by_shape(
     apart: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float
 ) -> NDArray[np.float64]:
-    """Pack pieces, which do not overlap, with xatlas; its single-precision places are converted to rigid motions."""
+    """Pack pieces, which do not overlap, with xatlas; its single-precision positions are converted to rigid motions."""
     try:
         import xatlas
     except ImportError as error:
@@ -106,7 +106,7 @@ def _by_shape(
 
 
 def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Move each piece rigidly to its target; a mirrored target is rotated by 180 degrees instead."""
+    """Move each piece rigidly to its target; rotate it by 180 degrees if the target is mirrored."""
     parts = []
     for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):
         known = np.isfinite(target[:, 0])

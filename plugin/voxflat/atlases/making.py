@@ -1,4 +1,4 @@
-"""Make an atlas of certified patches of a surface of any topology."""
+"""Make an atlas of certified patches from a surface of any topology."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 
-MAX_ANGLE = 10.0  # default inclination to a patch's plane, degrees
+MAX_ANGLE = 10.0  # default greatest angle between a triangle and the plane of its patch, degrees
 SEEDS = ("curvature", "flattest", "random")  # ways to start patches
 
 

@@ -29,8 +29,8 @@ class FlatPage(Planar):
     atlas : Atlas
         The atlas.
     uv : ndarray, shape (P, 2)
-        Place on the page for each row of the atlas's `uv`, mm. Pieces are rotated and moved; (0, 0) is the lower left
-        corner.
+        Position on the page for each row of the atlas's `uv`, mm. Pieces are rotated and moved; (0, 0) is the lower
+        left corner.
     gap : float
         Smallest distance between pieces, mm.
 
@@ -73,9 +73,9 @@ class FlatPage(Planar):
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """The places of each triangle's corners, shape (F, 3, 2), mm.
+        """The positions of each triangle's corners, shape (F, 3, 2), mm.
 
-        Triangles have the order of the atlas's `faces`.
+        Triangles are in the order of the atlas's `faces`.
 
         See Also
         --------
@@ -92,7 +92,7 @@ class FlatPage(Planar):
     def used_share(self) -> float:
         """The share of the page that pieces cover, as a fraction.
 
-        Packing by shapes increases it for large pieces.
+        Packing by shape increases this share for large pieces.
 
         See Also
         --------
@@ -155,7 +155,7 @@ class FlatPage(Planar):
 
         See Also
         --------
-        FlatPage.look_up : Look up single places.
+        FlatPage.look_up : Look up single points.
 
         Examples
         --------
@@ -170,14 +170,14 @@ class FlatPage(Planar):
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return an image of the distortion of each triangle.
 
-        It has the same pixels as those from `image`.
+        It has the same pixels as the images that `image` returns.
 
         Parameters
         ----------
         pixel_size : float, optional
             As in `raster`.
         of : {"isometric", "quasi_conformal", "areal"}
-            The figure: C, K, or the change of area.
+            The measure: C, K, or the change of area.
 
         Returns
         -------
@@ -187,7 +187,7 @@ class FlatPage(Planar):
         Raises
         ------
         InputError
-            If there is no such figure.
+            If there is no such measure.
 
         See Also
         --------
@@ -206,7 +206,7 @@ class FlatPage(Planar):
     def label_image(self, pixel_size: float | None = None) -> FlatImage:
         """Return an image of the patch numbers, from 1.
 
-        It has the same pixels as those from `image`.
+        It has the same pixels as the images that `image` returns.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class FlatPage(Planar):
         >>> page.label_image(pixel_size=1.0)
         <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
-        numbers = self.atlas.patch_ids + 1  # 0 would be grey, for unlabelled
+        numbers = self.atlas.patch_ids + 1  # 0 would be grey, as for unlabelled pixels
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
@@ -238,14 +238,14 @@ class FlatPage(Planar):
         return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
     def texture_coordinates(self, image: FlatImage | None = None) -> NDArray[np.float64]:
-        """Return the places of the pieces in an image of the page.
+        """Return texture coordinates of the pieces in an image of the page.
 
-        They refer to the whole image, as texture coordinates do.
+        They refer to the whole image.
 
         Parameters
         ----------
         image : FlatImage, optional
-            An image from `image`, `heat_map` or `label_image`; by default one with the default pixels.
+            An image from `image`, `heat_map` or `label_image`; by default, an image with the default pixels.
 
         Returns
         -------
@@ -290,7 +290,7 @@ class FlatPage(Planar):
         image : FlatImage, optional
             An image from `image`, `heat_map` or `label_image`; by default `label_image`, the patches in colours.
         colour_map : str, optional
-            A matplotlib colour map for values; by default grey levels, and for labels a colour each, as in a PNG.
+            A matplotlib colour map; by default, grey levels for values and one colour per label, as in a PNG.
         limits : sequence of 2 floats, optional
             The values at the ends of the colour map; by default the 1st and 99th percentiles.
 
@@ -302,7 +302,7 @@ class FlatPage(Planar):
         Raises
         ------
         InputError
-            If the image does not belong to this page or shows nothing, or there is no such colour map.
+            If the image does not belong to this page or shows nothing, or if there is no such colour map.
 
         See Also
         --------
@@ -323,7 +323,7 @@ class FlatPage(Planar):
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return colours without opacity; pixels without a colour get that of the nearest pixel."""
+    """Return colours without opacity; pixels without a colour get the colour of the nearest pixel."""
     empty = picture[..., 3] == 0
     if empty.all():
         raise InputError("the image shows nothing on the page. Pass one that covers the pieces")

@@ -1,4 +1,4 @@
-"""A surface in flat pieces: the arrays that all atlases hold."""
+"""A surface divided into flat pieces: the arrays that all atlases hold."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,9 +29,9 @@ class Piece:
     face_ids : ndarray of int64, shape (G,)
         Its triangles, as rows of the atlas's `faces`.
     vertex_ids : ndarray of int64, shape (P,)
-        The row of the atlas's `points` for each row of `uv`; a vertex on both sides of a cut has two.
+        The row of the atlas's `points` for each row of `uv`; a vertex on both sides of a cut has two rows.
     uv : ndarray, shape (P, 2)
-        Places in the plane, mm.
+        Positions in the plane, mm.
     faces : ndarray of int64, shape (G, 3)
         Its triangles, as rows of `uv`; counterclockwise.
     area : float
@@ -58,7 +58,7 @@ Own = TypeVar("Own", bound="FlatPieces")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPieces:
-    """A surface as flat pieces: every triangle lies in one of them. `Atlas` documents the arrays."""
+    """A surface divided into flat pieces; every triangle lies in one piece. `Atlas` documents the arrays."""
 
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
@@ -95,11 +95,11 @@ class FlatPieces:
 
     @property
     def provenance(self) -> Record:
-        """The record of how the atlas was made: version, function, parameters, and input files."""
+        """The record of how the atlas was made: version, function, parameters and input files."""
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self: Own, record: Record) -> Own:
-        """Return a copy with a record of how it was made."""
+        """Return a copy with a record of how the atlas was made."""
         return replace(self, metadata={**self.metadata, "provenance": record})
 
     @cached_property
@@ -110,7 +110,7 @@ class FlatPieces:
 
         See Also
         --------
-        FlatMap : Holds normals, too.
+        FlatMap : Also holds normals.
 
         Examples
         --------

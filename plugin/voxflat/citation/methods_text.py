@@ -1,4 +1,4 @@
-"""Citations of voxflat: facts are taken from maps, the prose from methods_text.txt, references from references.bib."""
+"""Citations of voxflat, with facts from maps, prose from methods_text.txt and references from references.bib."""
 
 import json
 import re
@@ -24,7 +24,7 @@ _LISTED = 4  # maps whose errors are listed one by one
 class Citation:
     """A paragraph for the methods section of a paper, with its references.
 
-    `str` of it is the paragraph followed by the list of references.
+    Its `str` is the paragraph followed by the list of references.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def cite(*maps: FlatMap) -> Citation:
     Parameters
     ----------
     *maps : FlatMap
-        The maps that the paper shows. Without maps the paragraph is a general one, which cites all references.
+        The maps that the paper shows. Without maps, the paragraph is general and cites all references.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def cite(*maps: FlatMap) -> Citation:
 
     See Also
     --------
-    voxflat.FlatMap.provenance : The record that the facts come from.
+    voxflat.FlatMap.provenance : The record from which the facts are taken.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
     figures, parameters = record["figures"], record.get("parameters", {})
     used = {**parameters.get("method", {}), "method": None}
     used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": metadata["seed"]}
-    used |= {"sources": metadata["sources"]} if "sources" in metadata else {}  # fewer than asked for on small surfaces
+    used |= {"sources": metadata["sources"]} if "sources" in metadata else {}  # fewer than requested on small surfaces
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
     automatic, triangles = metadata.get("automatic_cuts", []), figures["triangles"] or {}
     how = {
@@ -135,7 +135,7 @@ _SCALES = ("raw", "best_scale")
 
 def citation_of(facts: Sequence[Facts]) -> Citation:
     """Return the citation of maps whose facts are known."""
-    from jinja2 import Environment, StrictUndefined  # takes time to import
+    from jinja2 import Environment, StrictUndefined  # slow to import
 
     alike: dict[str, list[Facts]] = {}
     for one in facts:
@@ -158,13 +158,13 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
 
 
 def _span(maps: Sequence[Facts], name: str) -> str:
-    """Return the least and the greatest of a number; some are texts that begin with one."""
+    """Return the smallest and the greatest of several numbers; some are texts that begin with a number."""
     found = {float(str(one[name]).split()[0]): f"{one[name]:,}" if name == "points" else str(one[name]) for one in maps}
     return found[min(found)] if len(found) == 1 else f"{found[min(found)]} to {found[max(found)]}"
 
 
 def _errors(maps: Sequence[Facts], scale: str) -> str:
-    """Return the relative errors of maps with their standard errors, one by one or, of many maps, as a range."""
+    """Return the relative errors of maps with their standard errors, one by one, or as a range for many maps."""
     if len(maps) <= _LISTED:
         *others, last = (
             f"{_percent(value)} (standard error {_percent(error)})" for value, error in (of[scale] for of in maps)
@@ -203,7 +203,7 @@ def _authors(entry: dict[str, str]) -> list[str]:
 
 
 def _named(entry: dict[str, str]) -> str:
-    """Return an entry as a sentence names it, such as "Kimmel and Sethian (1998)"."""
+    """Return the name of an entry in a sentence, such as "Kimmel and Sethian (1998)"."""
     names = [author.split(",")[0] for author in _authors(entry)]
     return f"{names[0]} et al. ({entry['year']})" if len(names) > 2 else f"{' and '.join(names)} ({entry['year']})"
 

@@ -1,7 +1,7 @@
 """Figures of flat maps (`flat_map`, `scatter`, `heat_map`, `patch_3d`, ...) and of atlases (`atlas_page`, ...).
 
 Most functions return a `matplotlib.figure.Figure`, which can be changed, and which `save` writes. They do not use
-pyplot, so they work without a screen, in threads, and beside the user's own figures. The 3-D functions draw with
+pyplot, so they work without a screen, in threads, and alongside the user's own figures. The 3-D functions draw with
 PyVista and return an image, which `save_picture` writes. `movie` returns a sequence of images, which `save_movie`
 writes.
 """

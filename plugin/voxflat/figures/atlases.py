@@ -16,13 +16,13 @@ from voxflat.io.grid import in_unit
 def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     """Draw the pieces of an atlas side by side, coloured by patch.
 
-    All pieces have the same scale, in mm. The colours are those of `atlas_3d`, of image files and of textures. The
+    All pieces have the same scale, in mm. The colours are the same as in `atlas_3d`, image files and textures. The
     outlines of a glued atlas are black.
 
     Parameters
     ----------
     atlas : Atlas
-        An atlas of patches, or a glued one.
+        An atlas of patches, or a glued atlas.
     packing : {"boxes", "shapes"}
         How to pack the pieces, as in `FlatAtlas.page`.
 
@@ -80,7 +80,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
 
     See Also
     --------
-    heat_map : The same for a flat map.
+    heat_map : The distance errors of a flat map.
 
     Examples
     --------

@@ -38,7 +38,7 @@ def top(values: NDArray[np.float64]) -> float:
 class Look:
     """How values are shown."""
 
-    label: str  # text at the colour bar, with the unit
+    label: str  # label of the colour bar, with the unit
     cmap: str  # the colour map's name
     factor: float = 1.0  # multiplies the values before they are shown: 100 for %
     least: float | None = 0.0  # lower end of the colours; None for a scale that is symmetric about 0

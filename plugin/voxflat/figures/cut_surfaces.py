@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from voxflat.surfaces.manifold import Manifold
 
 _CUT = "#d62728"
-_SHADES = (0.35, 0.9)  # grey of points that face sideways, and that face the viewer
+_SHADES = (0.35, 0.9)  # grey levels of points that face sideways and of points that face the viewer
 _VIEW = 3.2  # length of the longer side of a view, inches
 
 

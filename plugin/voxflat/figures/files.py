@@ -18,7 +18,7 @@ from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
 
-MOVIE_ENDINGS = (".mp4", ".gif")  # how the name of a movie may end
+MOVIE_ENDINGS = (".mp4", ".gif")  # valid endings of movie files
 
 _DPI = 200
 _QUALITY = "18"  # of H.264, from 0 (best) to 51; at 18 no loss is visible
@@ -40,7 +40,7 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     path : path
         The file: ``.png``, ``.pdf``, ``.svg`` or another format of Matplotlib.
     record : dict, optional
-        The provenance to store in the file: as text in PNG, as the subject in PDF, as the description in SVG.
+        The provenance to store in the file: as text in PNG, as the subject in PDF, and as the description in SVG.
 
     Raises
     ------
@@ -74,14 +74,14 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
 
 
 def _metadata(kind: str, record: Record | None) -> dict[str, Any] | None:
-    """Return the metadata of a file: the record, and no date, so that equal figures give equal files."""
+    """Return the metadata of a file: the record, and no date, so that identical figures give identical files."""
     place = {"png": "Provenance", "pdf": "Subject", "svg": "Description"}.get(kind)
     stored = {} if place is None or record is None else {place: as_text(record)}
     return {**stored, **{"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind, {})} or None
 
 
 def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], record: Record | None = None) -> None:
-    """Write an image, such as `patch_3d` returns, to a file.
+    """Write an image, such as the result of `patch_3d`, to a file.
 
     The file is written completely or not at all.
 

@@ -27,7 +27,7 @@ _NO_FOLDS = 0.66  # grey where the folds are unknown
 _EDGES = {
     "curvature": 0.02,
     "sulcal depth": 0.8,
-}  # values from which a point is drawn as all gyrus or all sulcus, 1/mm, mm
+}  # values from which a point is drawn as gyrus or sulcus only, 1/mm and mm
 _PARCELS_OPACITY = 0.75
 
 
@@ -57,10 +57,10 @@ def flat_map(
     flat_map : FlatMap, or sequence of two
         A flat map, or the maps of the left and the right hemisphere, which share one colour scale.
     overlay : Overlay, path, ndarray, image object or Volume, optional
-        Data over the folds: everything that `FlatMap.image` accepts, or an `Overlay` with display options. For two
-        maps, a volume or CIFTI file that covers both, or a sequence of two, one for each map.
+        Data to draw over the folds: any input that `FlatMap.image` accepts, or an `Overlay` with display options. For
+        two maps, pass a volume or CIFTI file that covers both, or a sequence of two inputs, one for each map.
     depth, fraction : float or sequence of float, optional
-        Where to sample overlay and parcels that are volumes, as in `FlatMap.image`.
+        Where to sample overlays and parcels that are volumes, as in `FlatMap.image`.
     layering : str
         The meaning of `fraction`, as in `FlatMap.image`.
     opacity : float, Overlay, path, ndarray, image object or Volume, optional
@@ -253,7 +253,7 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
 
 
 def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
-    """Return the overlay of all sides and its strength, each as one image, to choose colours from."""
+    """Return the overlay of all sides and its strength, each as one image, from which colours are chosen."""
     found = []
     for images in ([side.image for side in sides], [side.strength for side in sides]):
         first = images[0]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from voxflat.maps.flat_map import FlatMap
 
-_MIDDLE = 0.35  # of the radius of a disk of the map's area
-_TELLING = 0.3  # R² from which a direction counts as lying in the plane
+_MIDDLE = 0.35  # share of the radius of a disk with the map's area
+_TELLING = 0.3  # R² at or above which a direction counts as lying in the plane
 _APART = np.cos(np.radians(30))
 _SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
 
@@ -57,13 +57,13 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 
 def side(flat_map: FlatMap) -> str | None:
-    """Return "L" or "R" if the file or the registered sphere of a map tells its hemisphere, otherwise None."""
+    """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, otherwise None."""
     known = (flat_map.metadata.get("structure"), (flat_map.metadata.get("sphere") or {}).get("side"))
     return next((_SIDES[one] for one in known if one in _SIDES), None)
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
-    """Return the names of cuts with their positions (u, v) in mm: between both sides, where the gap is wide."""
+    """Return the names of cuts with their positions (u, v) in mm, between the two sides, where the gap is wide."""
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []
     rows: dict[object, list[int]] = {}
@@ -83,7 +83,7 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
 
 
 def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
-    """Return the middle between both sides of a cut, where two thirds of the cut have a smaller gap."""
+    """Return the midpoint between the two sides of a cut, where the gap is wider than along two thirds of the cut."""
     gaps = [float(np.ptp(points, axis=0).max()) for points in places]
     widest = int(np.argmax(gaps))
     if gaps[widest] == 0:
@@ -95,6 +95,6 @@ def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
 
 
 def round_length(room: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is not longer than the available room."""
+    """Return the greatest length (1, 2 or 5 times a power of ten) that fits into the available room."""
     power = 10.0 ** np.floor(np.log10(room))
     return float(power * max(step for step in (1, 2, 5) if step * power <= room * (1 + 1e-9)))

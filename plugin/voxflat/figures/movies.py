@@ -101,7 +101,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
         return (self._below.height, self._below.width)
 
     def _caption(self, n: int) -> str:
-        """Return the text above a frame: its time, or its name, or its number from 0."""
+        """Return the text above a frame: its time, its name, or its number (from 0)."""
         times = self.stack.times
         if times is None:
             return self.stack.names[n] or f"frame {n}"
@@ -154,8 +154,8 @@ def movie(
     flat_map : FlatMap, or sequence of two
         A flat map, or the maps of both hemispheres, as in `flat_map`.
     overlay : Overlay, path, ndarray or image object
-        A series: everything that `FlatMap.images` accepts, or an `Overlay` with display options. Values are
-        interpolated linearly between voxels by default.
+        A series: any input that `FlatMap.images` accepts, or an `Overlay` with display options. Values are interpolated
+        linearly between voxels by default.
     depth, fraction : float or sequence of float, optional
         Where to sample volumes, as in `FlatMap.images`. With several depths, the mean is shown.
     layering : str
@@ -246,7 +246,7 @@ def _check_series(stack: FlatStack) -> None:
 
 
 def _look(stacks: Sequence[FlatStack]) -> FlatImage:
-    """Return values of evenly spaced frames as one image, to choose colours from."""
+    """Return the values of evenly spaced frames as one image, from which colours are chosen."""
     first, count = stacks[0], len(stacks[0])
     frames = np.unique(np.linspace(0, count - 1, min(_LOOKED_AT, count)).round().astype(int)).tolist()
     every = max(1, len(frames) * sum(stack[0].data.size for stack in stacks) // _VALUES)

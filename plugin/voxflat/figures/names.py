@@ -13,7 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 _SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
 _READABLE = 6.0
-_LINE = 1.25  # height of a line, in sizes of the font
+_LINE = 1.25  # line height, in multiples of the font size
 _POINT = 25.4 / 72  # mm
 _MARGIN = 0.3  # around a name, mm
 
@@ -48,7 +48,7 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
 
 
 def text_size(text: str, size: float) -> tuple[float, float]:
-    """Return width and height of a text on paper, mm; the font size is in points."""
+    """Return the width and height of a text on paper, mm; the font size is in points."""
     lines = text.split("\n")
     return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)
 
@@ -83,7 +83,7 @@ def _tries(name: str) -> Iterable[tuple[str, float, bool]]:
 
 
 def _broken(name: str, lines: int) -> str:
-    """Return a name in so many lines of nearly the same length, broken after separators or before capitals."""
+    """Return a name in a given number of lines of similar length, broken after separators or before capitals."""
     places = [found.end() for found in re.finditer(r"[\s_\-./]+|[a-z](?=[A-Z])", name) if found.end() < len(name)]
     if len(places) < lines - 1:
         return name

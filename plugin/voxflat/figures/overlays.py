@@ -21,21 +21,21 @@ Limits: TypeAlias = Sequence[float | str]
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Data over the folds of a figure, with display options.
+    """Data drawn over the folds of a figure, with display options.
 
     `flat_map` and `movie` accept plain data, or an overlay that sets thresholds, colours and labels.
 
     Parameters
     ----------
     values : path, ndarray, image object or Volume
-        The data: everything that `FlatMap.image` accepts. For movies, a series that `FlatMap.images` accepts.
+        The data: any input that `FlatMap.image` accepts. For movies, a series that `FlatMap.images` accepts.
     channel : int or str, optional
-        Name, or number from 0, of a map in data with several maps. Not for movies.
+        Name or number (from 0) of the map to show, for data with several maps. Not for movies.
     interpolation : str, optional
         Interpolation between voxels, as in `FlatMap.image`.
     threshold : float, or (above, below), optional
         Show data only where their magnitude is greater than this, as in nilearn: 2.3 shows values above 2.3 and below
-        -2.3. A pair sets each side, where None disables a side: ``(2.3, None)`` shows values above 2.3,
+        -2.3. A pair sets each side separately, and None disables a side: ``(2.3, None)`` shows values above 2.3,
         ``(None, -2.3)`` shows values below -2.3, and ``(3, -2)`` shows both. If the second number is greater, as in
         ``(1, 3)``, values between the two are shown.
     strength : path, ndarray, image object, Volume or Overlay, optional
@@ -53,7 +53,7 @@ class Overlay:
     colour_map : str, optional
         A Matplotlib colour map. By default "viridis", "RdBu_r" if the limits have different signs, or "hsv" for phases.
     label : str, optional
-        Text at the colour bar, such as quantity and unit. By default the name of the data.
+        Label of the colour bar, such as the quantity and its unit. By default, the name of the data.
     time_step : float, optional
         Time between the frames of a series, s, for movies. By default the time step of the file.
 
@@ -126,7 +126,7 @@ class Overlay:
     def provenance(self) -> dict[str, Any]:
         """The values and options, for records.
 
-        Long arrays are given by their SHA-256.
+        Long arrays are recorded as their SHA-256 checksum.
 
         See Also
         --------
@@ -173,12 +173,12 @@ class OverlayColours:
     above: float | None = None  # thresholds, as in `Overlay`
     below: float | None = None
     opacity: float = 1.0
-    is_cyclic: bool = False  # phases: values beyond one end continue at the other
-    is_by_strength: bool = False  # the thresholds apply to other values than those of the overlay
+    is_cyclic: bool = False  # for phases, values beyond one end continue at the other
+    is_by_strength: bool = False  # the thresholds apply to values other than the overlay's
 
     @classmethod
     def of(cls, image: FlatImage, strength: FlatImage | None, overlay: Overlay, opacity: float = 1.0) -> OverlayColours:
-        """Choose the options that were not given from the values on the map."""
+        """Choose the unspecified options from the values on the map."""
         above, below = overlay.thresholds
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)

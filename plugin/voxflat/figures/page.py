@@ -27,7 +27,7 @@ STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, without and w
 
 _INCH = 25.4  # mm
 _MOST_PIXELS, _LEAST_DPI = 1700, 300
-_EDGE, _TITLE = 1.5, 5.0  # mm of paper: margin, and height of the title
+_EDGE, _TITLE = 1.5, 5.0  # mm on paper: margin and height of the title
 _WHEEL, _HOLE = 11.0, 0.45  # diameter of the colour wheel, mm; its hole, as a share of the radius
 _WHEEL_PIXELS = 400
 _TALLEST = 1.4  # greatest height, as a multiple of the width
@@ -70,7 +70,7 @@ class Panel:
         self._show_all()
 
     def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
-        """Draw lines in mm of the map."""
+        """Draw lines given in map coordinates, mm."""
         drawn = LineCollection(
             lines, linewidths=width, colors=colour, capstyle="round", joinstyle="round", gid=layer, clip_on=False
         )
@@ -247,7 +247,7 @@ class Page:
                 self.text(at_x, at_y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
-        """Draw the anatomical directions and the hemisphere from `x` on, and return where they end, mm."""
+        """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, mm."""
         middle = STRIP / 2
         found = directions(flat_map)
         if not found and flat_map.space.name == "unknown":

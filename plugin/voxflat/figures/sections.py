@@ -1,4 +1,4 @@
-"""Draw sections through a white-matter mask with the outline of a template that did not fit."""
+"""Draw sections through a white-matter mask, with the outline of a template that did not fit it."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def patch_3d(
     flat_map : FlatMap
         A flat map.
     whole : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface, optional
-        The volume or mesh that was flattened, to draw the surface around the patch in grey.
+        The flattened volume or mesh, whose surface is drawn in grey around the patch.
     size : tuple of 2 ints
         Width and height in pixels.
 
@@ -67,7 +67,7 @@ def patch_3d(
 
     See Also
     --------
-    heat_map : The same on the map.
+    heat_map : The same errors on the map.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     Parameters
     ----------
     atlas : Atlas
-        An atlas of patches, or a glued one.
+        An atlas of patches, or a glued atlas.
     towards : sequence of 3 floats
         The direction from the surface to the viewer, RAS+.
     size : int
@@ -144,7 +144,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
 
 
 def _both(size: object) -> tuple[int, int]:
-    """Return width and height in pixels."""
+    """Return the width and height in pixels."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
         raise InputError(f"size is {shown(size)}. Pass width and height in pixels")
     width, height = (checked_pixels(side, "size") for side in size)
@@ -196,7 +196,7 @@ def drawn_from_both_sides(
 
 
 def load_pyvista() -> Any:
-    """Import PyVista; raise an error for an old VTK without a display, which would end the process."""
+    """Import PyVista; raise an error if an old VTK without a display would end the process."""
     try:
         import pyvista
     except ImportError as error:
@@ -210,7 +210,7 @@ def _drawn(
     pyvista: Any, meshes: Sequence[tuple[Any, dict[str, Any]]], window: tuple[int, int], look: Callable[[Any], None]
 ) -> NDArray[np.uint8]:
     """Draw meshes with their materials; `look` places the camera."""
-    with pyvista.vtk_verbosity("error"):  # VTK warns if there is no display, and draws all the same
+    with pyvista.vtk_verbosity("error"):  # VTK warns if there is no display, but draws anyway
         plotter = pyvista.Plotter(off_screen=True, window_size=list(window), theme=pyvista.themes.DocumentTheme())
         try:
             for mesh, material in meshes:

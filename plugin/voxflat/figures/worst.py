@@ -43,7 +43,7 @@ def worst_places(worst: WorstPlaces) -> Figure:
 
     See Also
     --------
-    worst_places_3d : The same on the surface.
+    worst_places_3d : The same regions on the surface.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) 
 
     See Also
     --------
-    worst_places : The same on the map.
+    worst_places : The same regions on the map.
 
     Examples
     --------

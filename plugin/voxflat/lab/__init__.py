@@ -1,6 +1,6 @@
 """Flatten the hemispheres of a subject or a study, and write maps, measures and reports in the layout of other tools.
 
-`inputs` finds the input files, `results` names the output files, `freshness` tells whether they are up to date,
-`subject` makes them, `study` runs over participants, `group` compares participants, and `report` and `study_report`
+`inputs` finds the input files, `results` names the output files, `freshness` checks whether they are up to date,
+`subject` makes them, `study` processes participants, `group` compares participants, and `report` and `study_report`
 write the HTML pages.
 """

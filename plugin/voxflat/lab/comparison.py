@@ -11,7 +11,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 _PIXEL = 1.0  # mm
-_LEAST = 5  # least number of maps among which outliers are reported
+_LEAST = 5  # smallest number of maps for which outliers are reported
 _FAR = 3.5  # threshold on modified z scores (Iglewicz, Hoaglin 1993)
 _NORMAL = 0.6745  # median absolute deviation of a normal distribution with standard deviation 1
 
@@ -25,13 +25,13 @@ class Row:
     letter: str  # L or R
     page: str  # file of the report
     record: dict[str, Any] | None  # record of its results; None if there are none
-    reason: str = ""  # why there are no results
+    reason: str = ""  # reason why there are no results
     outliers: tuple[str, ...] = ()  # names of measures in which it is an outlier
 
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation over standard maps; NaN where fewer than half of them, or than two, have values."""
+    """Mean and standard deviation of standard maps; NaN where fewer than half, or fewer than two, have values."""
 
     name: str
     letter: str
@@ -87,7 +87,7 @@ class Sums:
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which values are outliers, with a modified z score above 3.5; never NaN, nor any of fewer than five."""
+    """Return which values are outliers (modified z score above 3.5); NaN and groups of fewer than five never are."""
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:
         return np.zeros(len(values), dtype=np.bool_)

@@ -15,7 +15,7 @@ from voxflat.io.files import atomic_path
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record
 
-_FORMAT = 1  # version of the output; increase it if a rerun should make all results again
+_FORMAT = 1  # version of the output; increase it to make all results again at the next run
 _BLOCK = 1 << 20
 _HEAD = 4096  # number of bytes at the beginning of a page that contain its key
 
@@ -24,7 +24,7 @@ Request = dict[str, Any]
 
 
 def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
-    """Return what determines the results; they are up to date as long as it does not change."""
+    """Return everything that determines the results; they are up to date as long as it does not change."""
     inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
     options = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
     return {"voxflat": __version__, "format": _FORMAT, "parameters": options, "inputs": inputs}
@@ -68,7 +68,7 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
 
 
 def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
-    """Return the SHA-256 of everything that determines a page: records, and reasons of failures."""
+    """Return the SHA-256 of everything that determines a page: records, and reasons for failures."""
     made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
     return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()
 

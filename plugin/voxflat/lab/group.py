@@ -26,10 +26,10 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
 
     `source`, `labels`: as in `participants`; participants without results are listed as well. `out`: the output
     directory of `study`. It receives ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that describes it), images
-    of means and standard deviations (``.nii.gz``) and the page ``group.html``. Returns a dict: ``maps`` (number),
-    ``missing`` (reasons, by participant and hemisphere), ``outliers`` (measures, likewise), and ``written`` (names of
-    files, empty if all was up to date). Raises InputError if there are no results, and OSError if a file cannot be read
-    or written.
+    of means and standard deviations (``.nii.gz``) and the page ``group.html``. Returns a dict: ``maps`` (number of
+    maps), ``missing`` (reasons, keyed by participant and hemisphere), ``outliers`` (measures, with the same keys), and
+    ``written`` (names of written files; empty if all were up to date). Raises InputError if there are no results, and
+    OSError if a file cannot be read or written.
     """
     rows = _with_outliers(list(_rows(source, out, labels)))
     there = [row for row in rows if row.record is not None]
@@ -40,7 +40,7 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
     page, table = out / "group.html", out / f"{_STEM}_measures.tsv"
     written: list[str] = []
     if not is_page_of(page, key) or not table.is_file():
-        from voxflat.lab.study_report import map_picture, study_page  # brings in matplotlib
+        from voxflat.lab.study_report import map_picture, study_page  # imports Matplotlib
 
         maps: list[dict[str, Any]] = []
         means = _means(out, there, lambda row, flat_map: maps.append(map_picture(row, flat_map, len(there))))

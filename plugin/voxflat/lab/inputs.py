@@ -1,4 +1,4 @@
-"""Find the input files of hemispheres: in FreeSurfer directories, sMRIPrep derivatives, or as segmentations."""
+"""Find the input files of hemispheres in FreeSurfer directories or sMRIPrep derivatives, or as segmentations."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ class Parameters:
     cuts: str = "standard"  # or "automatic", or a file; {hemi} in its name stands for lh or rh, or L or R
     geometry: str = "midthickness"  # one of `GEOMETRIES`, on which distances are measured
     volume: bool = False  # whether to start from a white-matter volume instead of surfaces
-    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
+    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; by default, thickness
     seed: int = 0
 
 
@@ -95,7 +95,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
         overlays[_USUAL_OVERLAY] = usual
     for text in parameters.overlays:
         name = _name_of(text)
-        if name.lower() in map(str.lower, overlays):  # files of the results are named by it
+        if name.lower() in map(str.lower, overlays):  # result files are named after it
             raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
         overlays[name] = find.one(text) or _given(find, text, "the overlay")
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
@@ -112,7 +112,7 @@ def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
 
 
 def _name_of(overlay: str) -> str:
-    """Return the name of an overlay, such as thickness of ``sub-01_hemi-L_thickness.shape.gii``."""
+    """Return the name of an overlay, such as thickness for ``sub-01_hemi-L_thickness.shape.gii``."""
     name = Path(overlay).name.replace("{hemi}", "lh").replace("{subject}", "sub")
     name = re.sub(r"^[lr]h\.", "", name).split("_")[-1]
     name = re.sub(r"\.(nii|func|shape|label)?\.?(gz|gii|nii|mgz|mgh|npy|txt|annot)$", "", name)
@@ -211,8 +211,8 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
 
     `folder`: a FreeSurfer subjects directory, derivatives, or a BIDS dataset with either of them in ``derivatives`` or
     ``sourcedata/freesurfer``. The directory itself is searched first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`:
-    participants to include, with or without ``sub-``; all by default. Participants without files have no folder. Raises
-    InputError if there are no participants.
+    participants to include, with or without ``sub-``; by default, all participants. Participants without files have no
+    folder. Raises InputError if there are no participants.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: the directory does not exist. Check the path")
@@ -282,7 +282,7 @@ def _is_input(name: str) -> bool:
 
 
 def _label(name: str) -> tuple[str, str | None] | None:
-    """Return label and session of a directory's name, without characters that a BIDS label cannot have."""
+    """Return the label and session from a directory name, without characters that a BIDS label cannot have."""
     match = re.fullmatch(r"sub-([A-Za-z0-9]+)(?:_ses-([A-Za-z0-9]+))?", name)
     if match:
         return match[1], match[2]

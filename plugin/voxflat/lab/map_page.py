@@ -88,7 +88,7 @@ class MapPage:
 
 
 def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
-    """Show a flat map beside its surface in a notebook or a browser.
+    """Show a flat map next to its surface in a notebook or a browser.
 
     The pointer marks the same point on both and shows its values. The page has a menu of measures and a slider that
     morphs the surface into the map. Larger maps are reduced to about 20,000 points.
@@ -172,7 +172,7 @@ def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return triangle values at points: integers by majority, booleans if any is true, other numbers as the mean."""
+    """Return triangle values at points: the majority of integers, whether any boolean is true, or the mean."""
     corners, held = faces.ravel(), np.repeat(values, 3)
     if values.dtype.kind == "f":
         known = np.isfinite(held)

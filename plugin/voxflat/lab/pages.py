@@ -26,14 +26,14 @@ from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
-_MOST_POINTS = 20_000  # in a scene: 0.5 MB of the page
+_MOST_POINTS = 20_000  # in a scene; they take 0.5 MB of the page
 _POINTS_A_STEP = 60  # points per smoothing step, so that the smoothing does not depend on the number of points
 _NOTHING = 65_535  # code of a missing value
 _EXACT = 2**53  # smaller integers are exact in JavaScript
 _COLOURS = 64  # number of colours of a layer in a scene
 PICTURE_WIDTH = 620  # width of an image, pixels
 _BAR = 12  # number of colours of a colour bar
-_SHADE = 0.45  # how much the folds darken an overlay
+_SHADE = 0.45  # greatest share by which the folds darken an overlay
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +182,9 @@ def scene(
     `cuts`: points of the map along each cut. `target` (N, 3): positions to which the slider moves the points of the
     surface; by default the surface without its folds. `view`: the initial view in radians: rotation about z (0 looks
     along y), and elevation; by default the medial side of a hemisphere. `unit`: the unit of positions. The JSON object
-    has numbers of points and triangles, ranges, and ``data``: all arrays, concatenated, deflated, in base64. Positions
-    have 16 bits per axis (0.005 mm), values 16 bits between minimum and maximum; integers are exact.
+    has the numbers of points and triangles, the ranges, and ``data``: all arrays, concatenated, deflated and encoded in
+    base64. Positions have 16 bits per axis (0.005 mm), and values have 16 bits between minimum and maximum; integers
+    are exact.
     """
     rows = distinct(flat_map.ids).which  # both sides of a cut share a row
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
@@ -259,9 +260,9 @@ def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
 def thinned(
     uv: NDArray[np.float64], faces: NDArray[Any], ids: NDArray[np.int64], most: int = _MOST_POINTS
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Reduce the points of a map for display: one in each cell of a grid over the plane, and all points along cuts.
+    """Reduce the points of a map for display: keep one per cell of a grid over the plane, and all points along cuts.
 
-    `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share one. `most`: the
+    `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share a vertex. `most`: the
     approximate number of points to keep. Returns the kept points, (k,), which include points of the border in border
     cells, and their triangles, (G, 3).
     """

@@ -1,4 +1,4 @@
-"""The results of a hemisphere: their files, their measures, and how to read them."""
+"""The results of a hemisphere: files, measures, and functions that read them."""
 
 import json
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ class Results:
 
     folder: Path
     prefix: str  # prefix of their names
-    of_freesurfer: bool  # lh.voxflat.flat.surf.gii; else sub-01_hemi-L_desc-voxflat_flat.surf.gii
+    of_freesurfer: bool  # lh.voxflat.flat.surf.gii, otherwise sub-01_hemi-L_desc-voxflat_flat.surf.gii
 
     @classmethod
     def in_freesurfer(cls, folder: Path, hemi: str) -> "Results":
@@ -64,7 +64,7 @@ class Results:
 
     @property
     def failure(self) -> Path:
-        """The JSON file with the reason of a failure."""
+        """The JSON file with the reason for a failure."""
         return self._named("failure.json")
 
     @property
@@ -127,7 +127,7 @@ class LoadedResults:
 
     @property
     def cuts(self) -> dict[str, NDArray[np.int64]]:
-        """The points of the map along each cut, by the name of the cut."""
+        """The map points along each cut, keyed by cut name."""
         metadata = self.flat_map.metadata
         rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
         given = zip(metadata["cut_names"], metadata["cuts"], strict=True)

@@ -1,4 +1,4 @@
-"""Run over the participants of a study: make missing or outdated results, and continue after failures."""
+"""Process the participants of a study: make missing or outdated results, and continue after failures."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -39,8 +39,8 @@ class Outcome:
 
     name: str  # name of the participant: sub-01, sub-01_ses-02, or the FreeSurfer subject
     hemi: str  # lh or rh
-    state: str  # made, done (up to date) or failed; in a plan also missing or stale, which have to be made
-    reason: str = ""  # why it failed, or has to be made
+    state: str  # made, done (up to date) or failed; in a plan also missing or stale (has to be made)
+    reason: str = ""  # reason why it failed or has to be made
     record: dict[str, Any] | None = None  # record of the results that were made
 
     @property
@@ -78,11 +78,11 @@ def study(
 ) -> list[Outcome]:
     """Flatten the hemispheres of participants, and write BIDS derivatives.
 
-    `source`, `labels`: as in `participants`. `out`: the output directory; made if it does not exist. `tell`, `**how`:
-    as in `freesurfer`. `dask`: a cluster, as in `connected`, on which each worker processes one participant at a time;
-    the workers must see the same files. By default this process does all the work. Raises InputError if there are no
-    participants or if `out` belongs to another program, OSError if `out` cannot be written, and Cancelled if `progress`
-    returned False.
+    `source`, `labels`: as in `participants`. `out`: the output directory; created if it does not exist. `tell`,
+    `**how`: as in `freesurfer`. `dask`: a cluster, as in `connected`, on which each worker processes one participant at
+    a time; the workers must have access to the same files. By default this process does all the work. Raises InputError
+    if there are no participants or if `out` belongs to another program, OSError if `out` cannot be written, and
+    Cancelled if `progress` returned False.
     """
     everybody = participants(source, labels)
     describe(source, out)
@@ -156,7 +156,7 @@ def pages_of(one: Participant, out: Path) -> Path:
 
 
 def describe(source: Path, out: Path) -> None:
-    """Write the dataset description of BIDS derivatives; a directory of another program raises an InputError."""
+    """Write the dataset description of BIDS derivatives; raise an InputError if another program owns the directory."""
     path = out / "dataset_description.json"
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
         raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")
@@ -233,7 +233,7 @@ def _one(
 
 
 def _failed(name: str, hemi: str, results: Results, error: Exception) -> Outcome:
-    """Write the reason of a failure, and return the outcome."""
+    """Write the reason for a failure, and return the outcome."""
     reason = user_message(error)
     with suppress(OSError):  # the outcome has the reason even if the file cannot be written
         write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})

@@ -18,7 +18,7 @@ from voxflat.maps.raster import FlatImage
 _SHOWN = 0.9  # pixels of the page per mm of a map
 _AT_FULL = 60  # up to this number of maps, 1 pixel is 1 mm; larger studies get larger pixels to keep the page small
 _DOTS = (240.0, 26.0)  # pixels of a row of dots
-_RANKED_BY = "best_scale.relative_error"  # the table begins with the map where it is largest
+_RANKED_BY = "best_scale.relative_error"  # the table begins with the map in which this measure is largest
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:

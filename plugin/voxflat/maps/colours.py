@@ -23,7 +23,7 @@ def are_labels(data: NDArray[Any]) -> bool:
     # larger than a voxel (two pixels by default), smaller than an area
     step = max(3, max(data.shape) // 50)
     pairs = [(data[step:], data[:-step]), (data[:, step:], data[:, :-step])]
-    equal = sum(int(np.count_nonzero(a == b)) for a, b in pairs)  # NaN, outside the map, equals nothing
+    equal = sum(int(np.count_nonzero(a == b)) for a, b in pairs)  # NaN (outside the map) equals nothing
     inside = sum(int(np.count_nonzero(np.isfinite(a) & np.isfinite(b))) for a, b in pairs)
     return 2 * equal >= inside
 
@@ -31,7 +31,7 @@ def are_labels(data: NDArray[Any]) -> bool:
 def coloured(
     data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None, *, labels: bool
 ) -> NDArray[np.uint8]:
-    """Return an image as RGBA, opacity 0 outside the map; by default scalars in grey, 1st to 99th percentile."""
+    """Return an image as RGBA, with opacity 0 outside the map; by default scalars are grey, 1st to 99th percentile."""
     if data.ndim == 3:
         return data
     if colour_map is None and limits is None and labels:
@@ -42,7 +42,7 @@ def coloured(
     pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
     try:
         pixels[inside] = colormaps[colour_map or "gray"](level[inside], bytes=True)
-    except (KeyError, TypeError, ValueError):  # TypeError or ValueError if it is not a name
+    except (KeyError, TypeError, ValueError):  # TypeError or ValueError if this is not a valid name
         raise InputError(f"colour_map is {shown(colour_map)}. Pass the name of a matplotlib colour map") from None
     return pixels
 

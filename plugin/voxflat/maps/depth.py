@@ -20,7 +20,7 @@ class Depths:
     """One or several depths at which to sample."""
 
     values: tuple[float, ...]  # mm outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
-    layering: str | None = None  # for fractions, one of `LAYERINGS`
+    layering: str | None = None  # one of `LAYERINGS`, for fractions
 
     @classmethod
     def of(
@@ -84,7 +84,7 @@ def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDA
 def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[np.float64]:
     """Return the equivolume depth: the fraction of the distance below which a fraction of the volume lies.
 
-    Equation 10 of Waehnert et al. 2014, *Anatomically motivated modeling of cortical laminae*, where areas grow
+    This is equation 10 of Waehnert et al. 2014, *Anatomically motivated modeling of cortical laminae*, where areas grow
     linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀). The equivalent form α (A₁ +
     A₀) / (√(α A₁² + (1 − α) A₀²) + A₀) is used, which also holds for equal areas. The result is α where both areas are
     0.

@@ -33,7 +33,7 @@ _BESIDE = 1.5  # pixels by which a label image is extended beyond the map
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Outlines of regions; later ones cover earlier ones."""
+    """Outlines of regions; later outlines cover earlier ones."""
 
     outlines: tuple[Outline, ...]
     keys: tuple[int, ...]
@@ -96,7 +96,7 @@ class _Pixels:
 
 
 def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
-    """Return regions from any supported input, as `FlatMap.regions`."""
+    """Return regions from any supported input, as `FlatMap.regions` does."""
     name = Path(rois).name.lower() if isinstance(rois, str | os.PathLike) else ""
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
@@ -219,7 +219,7 @@ def _of_shapes(layer: Any) -> list[Outline]:
 
 
 def _read_polygons(path: Path) -> list[Outline]:
-    """Read polygons by name: {"V1": [[u, v], ...]}, with one or several polygons each."""
+    """Read polygons keyed by name: {"V1": [[u, v], ...]}, with one or several polygons each."""
     with naming(path, 'write {"name": [[u, v], ...]} in mm'):
         content = from_json(contents(path))
         if not isinstance(content, dict):

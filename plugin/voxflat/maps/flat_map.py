@@ -41,46 +41,45 @@ MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply",
 class FlatMap(Planar):
     """A flattened surface.
 
-    It holds the place of each point in the plane and on the surface. Methods draw data on the map, carry pictures and
-    regions back to the surface, and save it.
+    It holds the position of each point in the plane and on the surface. Its methods draw data on the map, transfer
+    pictures and regions back to the surface, and save the map.
 
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Places of the points in the plane, mm. The surface is seen from outside, with superior up.
+        Positions of the points in the plane, mm. The surface is seen from outside, with superior up.
     points : ndarray of float64, shape (N, 3)
         Positions of the points on the surface, RAS+ mm in `space`; for meshes the coordinates of the file.
     normals : ndarray of float64, shape (N, 3)
         Outward unit normals (towards the background, RAS+). NaN for a one-voxel-thick surface, which has background on
         both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices (i, j, k) or vertex numbers of the points; the two sides of a cut have the same. Vertices of a
-        mesh that were merged with another have rows of their own, the last ones, at the same place and without
+        Voxel indices (i, j, k) or vertex numbers of the points; the two sides of a cut have the same values. Mesh
+        vertices that were merged with another vertex have their own rows at the end, at the same position and without
         triangles.
     faces : ndarray of uint32, shape (F, 3)
         Triangles that cover the map, counterclockwise except where they are flipped.
     torn : ndarray of bool, shape (F,)
-        Triangles whose corners are neighbours in the plane but not on the surface: there the map is compressed or
-        folded. Only maps over the 26-neighbour graph, whose triangles are made in the plane, can have them.
+        Triangles whose corners are neighbours in the plane but not on the surface: the map is compressed or folded
+        there. Only maps over the 26-neighbour graph, whose triangles are made in the plane, can have torn triangles.
     sources : ndarray of int64, shape (m,)
         Points from which distances were measured, as row numbers.
     eigenvalues : ndarray of float64, shape (K,)
-        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values mean a planar surface.
+        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values imply a planar surface.
     distortion : Distortion
         Errors of distances and changes of triangles.
     metadata : dict
-        Parameters, affine, versions, checksum of the input, topology.
+        Parameters, affine, versions, checksum of the input, and topology.
     rows : ndarray of float32, shape (m, N), or Table, or None
-        Geodesic distances from the sources, mm, if requested. Those in a store (``metadata["store"]``) stay there:
+        Geodesic distances from the sources, mm, if requested. Rows in a store (``metadata["store"]``) stay there:
         `save` does not include them, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
-        Triangles of the mesh that the map does not have although it has all their corners. A patch file must exclude
-        them.
+        Mesh triangles that the map lacks although it has all their corners. A patch file must exclude them.
     curvature : ndarray of float64, shape (N,), or None
-        Mean curvature at the points, 1/mm, positive on gyri: `Surface.mean_curvature` of the whole surface before it
-        was cut. None for the method "grossmann2002", whose surface has no triangles.
+        Mean curvature at the points, 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface before
+        it was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
-        Depth of the points in folds, mm, positive in sulci, from `Surface.sulcal_depth` in the same way.
+        Depth of the points in folds, mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
         Positions of the points on the white and pial surfaces, in `space`, if both are known.
 
@@ -131,9 +130,9 @@ class FlatMap(Planar):
 
     @property
     def is_voxels(self) -> bool:
-        """Whether a volume was flattened, and not a mesh.
+        """Whether a volume, rather than a mesh, was flattened.
 
-        The points of a map of a volume are surface voxels.
+        If so, the points of the map are surface voxels.
 
         See Also
         --------
@@ -244,7 +243,7 @@ class FlatMap(Planar):
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
         """Return the distance error at each point as an image.
 
-        The image has the same pixels as those from `image`.
+        It has the same pixels as the images that `image` returns.
 
         Parameters
         ----------
@@ -254,7 +253,7 @@ class FlatMap(Planar):
         Returns
         -------
         FlatImage
-            Mean relative error of the distances from each place, as a fraction; NaN outside the map.
+            Mean relative error of the distances from each position, as a fraction; NaN outside the map.
 
         See Also
         --------
@@ -327,7 +326,7 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If it is not a picture, or does not cover the map and `repeat` is False.
+            If `picture` is not a picture, or does not cover the map and `repeat` is False.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
 
@@ -349,9 +348,9 @@ class FlatMap(Planar):
         return TexturedSurface(self.space.to_scanner(self.points), faces, coordinates, colours, repeat, source)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
-        """Write values at the points into a volume of the flattened volume's shape.
+        """Write values of the points into a volume with the shape of the flattened volume.
 
-        Only maps of volumes have voxels.
+        This requires the map of a volume.
 
         Parameters
         ----------
@@ -368,7 +367,7 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If there is not one value per point, or the type of the values cannot hold the background.
+            If the number of values is not the number of points, or the type of the values cannot hold the background.
 
         See Also
         --------
@@ -402,15 +401,15 @@ class FlatMap(Planar):
         Parameters
         ----------
         rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
-            Polygons (k, 2) in mm: one, a list, or a dict by name, such as {"V1": polygon}; several polygons under one
-            name enclose a region together. Or a label image on the map's pixels, shape (H, W), with 0 for none. Or a
-            napari Shapes layer over the map, with the names in the column "name" of its features. Or a file: ``.svg``,
-            a figure of voxflat with paths in a layer; ``.json``, polygons by name; ``.npy``, ``.png``, ``.tif``,
-            ``.nii`` or ``.nii.gz``, a label image.
+            Polygons (k, 2) in mm: one polygon, a list of polygons, or a dict keyed by name, such as {"V1": polygon};
+            several polygons under one name enclose a region together. Or a label image on the map's pixels, shape (H,
+            W), with 0 for no region. Or a napari Shapes layer over the map, with the names in the column "name" of its
+            features. Or a file: ``.svg``, a voxflat figure with paths in a layer; ``.json``, polygons keyed by name;
+            ``.npy``, ``.png``, ``.tif``, ``.nii`` or ``.nii.gz``, a label image.
         layer : str
-            Layer of an SVG file in which the regions were drawn.
+            Layer of the SVG file in which the regions were drawn.
         pixel_size : float, optional
-            Pixel size at which a label image was drawn, mm; by default the one in its file, or `pixel_size`.
+            Pixel size at which a label image was drawn, mm; by default the size in its file, or `pixel_size`.
 
         Returns
         -------
@@ -495,8 +494,8 @@ class FlatMap(Planar):
             ``.npz`` and ``.voxflat`` hold everything, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the triangles in
             the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and ``.flat.patch.3d``
             are FreeSurfer patches, which pycortex reads, too. Surfaces and patches have the mesh's own vertex numbers
-            and one place per vertex. Where a cut duplicates vertices, only one side is kept; patches exclude vertices
-            on both sides of cuts, so that readers find no triangle across. A warning reports how many triangles are
+            and one position per vertex. Where a cut duplicates vertices, only one side is kept; patches exclude
+            vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many triangles are
             lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data
             ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
         sidecar : bool
@@ -571,7 +570,7 @@ class FlatMap(Planar):
 
     @property
     def _places(self) -> NDArray[np.float64]:
-        """Places of the points as 3-D points with z = 0."""
+        """Positions of the points as 3-D points with z = 0."""
         return np.column_stack([self.uv, np.zeros(len(self))])
 
     def _mesh(self, *, with_torn: bool = False) -> Mesh:
@@ -702,7 +701,7 @@ class FlatMap(Planar):
     def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
         """Draw the map with matplotlib.
 
-        The options are those of `voxflat.figures.flat_map` and of the command ``voxflat figure``.
+        It accepts the options of `voxflat.figures.flat_map` and of the command ``voxflat figure``.
 
         Parameters
         ----------
@@ -763,7 +762,7 @@ def _holds(dtype: np.dtype[Any], number: float) -> bool:
 def load(path: str | os.PathLike[str]) -> FlatMap:
     """Load a flat map that was saved with `FlatMap.save`.
 
-    The file must hold everything; flat surfaces and patches do not.
+    Flat surfaces and patches cannot be loaded, because they do not hold the complete map.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ def _shown(images: _Values, count: int, name: str, progress: Progress | None) ->
 
 
 def _frames_and_channels(stack: _Stack) -> tuple[int, int]:
-    """Return the number of frames of a stack (1 if it is not a series), and of images per frame."""
+    """Return the number of frames of a stack (1 if it is not a series), and the number of images per frame."""
     channels = max(1, len(stack.layers)) if stack.timing is not None else len(stack)
     return len(stack) // channels, channels
 
@@ -349,7 +349,7 @@ def _grey(data: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
 
 
 def _measured(data: NDArray[Any]) -> NDArray[Any]:
-    """Return colours unchanged and values as float32; labels that float32 cannot represent are an error."""
+    """Return colours unchanged and values as float32; labels that float32 cannot represent raise an error."""
     if data.ndim == 3:
         return data
     single = data.astype(np.float32)

@@ -76,7 +76,7 @@ def region_corners(
 
 
 def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Join links, pairs of numbers, to lines that end at junctions; a closed line ends at its first point."""
+    """Join links (pairs of numbers) into lines that end at junctions; a closed line ends at its first point."""
     points, first, ends = np.unique(links, return_index=True, return_inverse=True)
     order = np.argsort(ends, axis=None, kind="stable")
     begin = np.searchsorted(ends.ravel()[order], np.arange(len(points) + 1)).tolist()  # each point's start in `ways`
@@ -99,7 +99,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
         return points[line].astype(np.int64)
 
     lines = []
-    for at in np.argsort(first).tolist():  # first from ends and junctions, then closed lines
+    for at in np.argsort(first).tolist():  # start at ends and junctions, then follow closed lines
         around = ways[begin[at] : begin[at + 1]]
         if len(around) != 2:
             lines += [follow(at, number) for number in around if not is_used[number]]
@@ -121,7 +121,7 @@ def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[
 def _crossings(
     uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the edges that borders cross, where (a share), links of crossings, and centres, numbered after edges."""
+    """Return the edges that borders cross, the share at which they cross, links, and centres, numbered after edges."""
     edges, of_face, _ = _edges(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)

@@ -50,7 +50,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         metadata = from_json(str(arrays.pop("metadata")))
         check_format(path, metadata.pop("format"), _FORMAT, "Flatten the surface again")
         note(path)
-        uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without them fails here
+        uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
         with naming(path, AGAIN):
             arrays = _checked(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
@@ -61,7 +61,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
-        Space._of(metadata)  # a damaged one fails here
+        Space._of(metadata)  # a damaged file fails here
         return {"distortion": Distortion._of(distances, triangles, **more), "metadata": metadata, **arrays}
 
 

@@ -1,4 +1,4 @@
-"""Match flat maps of any tool with a surface: the place of each vertex."""
+"""Match flat maps from any tool with a surface: find the position of each vertex."""
 
 import os
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Matched:
     """A map, and the surface as cut by the map."""
 
     core: _core.Surface  # the triangles over which the map is defined
-    vertices: NDArray[np.int64]  # (N,), vertex of the whole surface; both sides of a cut have the same
+    vertices: NDArray[np.int64]  # (N,), vertex of the whole surface; both sides of a cut have the same vertex
     uv: NDArray[np.float64]  # (N, 2)
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
@@ -51,7 +51,7 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def loaded(flat: object) -> object:
-    """Load a map of voxflat if a path names one; return everything else unchanged."""
+    """Load a voxflat map if a path names one; return all other input unchanged."""
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
@@ -113,7 +113,7 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
     faces, coordinates = faces[is_placed], coordinates[is_placed]
     faces = whole._merged_in(faces)
     _check_triangles(whole, faces)
-    corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # + 0.0, so that −0 is 0
+    corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # adding 0.0 turns −0 into 0
     rows, _, numbers, _ = distinct(corners)
     vertices = rows[:, 0].astype(np.int64)
     core, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3), mend=True)
@@ -121,7 +121,7 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
 
 
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
-    """Use places with given vertices, some of which a cut may have duplicated."""
+    """Use positions of given vertices, some of which a cut may have duplicated."""
     places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
         raise InputError(f"the map's places are {places.dtype} of shape {places.shape}. Pass numbers (N, 2)")
@@ -134,7 +134,7 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
         raise InputError(f"the map's vertices are {vertices.dtype} of shape {vertices.shape}. Pass one per place")
     numbers = np.full(whole.count, -1, dtype=np.int64)
-    numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # the first of several
+    numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # the first of several matches
     numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]
     is_there = (vertices >= 0) & (vertices < whole.count)
     found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)

@@ -48,7 +48,7 @@ class Parcels:
         return self.flat_map.faces[~self.flat_map.torn]
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
-        """Return the label of each pixel, divided by the same lines as `borders`; −1 for none, and outside the map."""
+        """Return the label of each pixel, divided by the same lines as `borders`; −1 where there is no label."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
@@ -74,10 +74,11 @@ def parcels_of(
     """Return labels on a map.
 
     `flat_map`: a flat map. `labels`: labels at the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``,
-    whole numbers of shape (V,)), or a volume of labels, of which each point takes the nearest voxel's. `table`: names
-    and colours, if the file has none: a table such as FreeSurferColorLUT.txt, or a BIDS dseg.tsv. `channel`: the map in
-    the file, as in `FlatMap.image`. `depths`: where to sample a volume; with several depths each point takes the most
-    frequent label of the surrounding voxels. Raises InputError if there are no labels, or none on the map.
+    whole numbers of shape (V,)), or a volume of labels, from which each point takes the label of the nearest voxel.
+    `table`: names and colours, if the file has none: a table such as FreeSurferColorLUT.txt or a BIDS dseg.tsv.
+    `channel`: the map in the file, as in `FlatMap.image`. `depths`: where to sample a volume; with several depths each
+    point takes the most frequent label of the surrounding voxels. Raises InputError if there are no labels, or if none
+    of them lies on the map.
     """
     points = np.repeat(np.arange(len(flat_map), dtype=np.uint32), 3).reshape(-1, 1, 3)
     weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)

@@ -1,4 +1,4 @@
-"""What a map and the page of an atlas share: pixels, the data that they show, and lookups on the surface."""
+"""Features shared by maps and atlas pages: pixels, the data that they show, and lookups on the surface."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places in the plane, with their positions on the surface.
+    """Points in the plane, with their positions on the surface.
 
     `FlatMap.look_up` returns them.
 
     Parameters
     ----------
     face_ids : ndarray of int64, shape (...)
-        The triangle at each place, as a row of `faces`; −1 for none.
+        The triangle at each point, as a row of `faces`; −1 for none.
     weights : ndarray of float64, shape (..., 3)
         Barycentric coordinates for the corners of the triangle; NaN for none.
     points : ndarray of float64, shape (..., 3)
@@ -39,7 +39,7 @@ class Places:
 
     See Also
     --------
-    FlatMap.look_up : Look up places.
+    FlatMap.look_up : Look up points of the plane.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class FlatTriangles:
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Places in the plane, mm.
+        Positions in the plane, mm.
     faces : ndarray of uint32, shape (F, 3)
         The triangles.
     torn : ndarray of bool, shape (F,)
@@ -75,7 +75,7 @@ class FlatTriangles:
     on_surface : Sampler
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
-        The piece of each triangle, if there are several.
+        The piece of each triangle, if there are several pieces.
 
     See Also
     --------
@@ -120,7 +120,7 @@ class Planar(ABC):
     def raster(self, pixel_size: float | None = None) -> Raster:
         """Return the pixels, with their positions on the surface.
 
-        Rasters are kept, so that repeated calls are fast.
+        Rasters are cached, so repeated calls are fast.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class Planar(ABC):
         Returns
         -------
         Raster
-            Its corners are points of a map. On a page, corner 3 t + k is corner k of triangle t.
+            On a map, its corners are points of the map. On a page, corner 3 t + k is corner k of triangle t.
 
         Raises
         ------
@@ -169,11 +169,11 @@ class Planar(ABC):
         ids : ndarray of int64, shape (H, W, 3) or (H, W)
             The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
-            Positions, RAS+ mm in the surface's `space`, linear between vertices; NaN outside the map.
+            Positions, RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
 
         See Also
         --------
-        FlatMap.look_up : Look up single places.
+        FlatMap.look_up : Look up single points.
 
         Examples
         --------
@@ -185,7 +185,7 @@ class Planar(ABC):
         return self._triangles.on_surface.locate(self.raster(pixel_size))
 
     def look_up(self, places: ArrayLike) -> Places:
-        """Look up places: the triangle and piece there, and the position on the surface.
+        """Look up the triangle, the piece and the surface position at points of the plane.
 
         In a torn triangle, which has no surface between its corners, the nearest corner is used. Where triangles
         overlap, the first one is used.
@@ -193,7 +193,7 @@ class Planar(ABC):
         Parameters
         ----------
         places : array_like, shape (..., 2)
-            Places (u, v), mm.
+            Positions (u, v), mm.
 
         Returns
         -------
@@ -203,7 +203,7 @@ class Planar(ABC):
         Raises
         ------
         InputError
-            If the places have another shape.
+            If `places` has the wrong shape.
 
         See Also
         --------
@@ -246,7 +246,7 @@ class Planar(ABC):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Find points in space on the map, each at the nearest position of the surface.
 
-        Points on a cut are assigned to either of its sides.
+        Points on a cut are assigned to one of its sides.
 
         Parameters
         ----------
@@ -254,7 +254,7 @@ class Planar(ABC):
             Points, RAS+ mm.
         limit : float
             Greatest distance between a point and the surface, mm; by default 5, more than the thickness of the cortex.
-            The surface is the one of the map's `points`, which lies midway if ``pial=`` was passed.
+            The surface is that of the map's `points`, which lies midway between white and pial if ``pial=`` was passed.
         space : {"surface", "scanner"}
             Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
             volumes.
@@ -262,18 +262,18 @@ class Planar(ABC):
         Returns
         -------
         uv : ndarray of float64, shape (..., 2)
-            Places on the map, mm; NaN for points beyond the limit.
+            Positions on the map, mm; NaN for points beyond the limit.
         distance : ndarray of float64, shape (...)
             Exact distance from each point to the triangles of the surface, mm; NaN beyond the limit.
 
         Raises
         ------
         InputError
-            If the points have another shape, or the limit or the space is not valid.
+            If `points` has the wrong shape, or the limit or the space is not valid.
 
         See Also
         --------
-        FlatMap.look_up : Find places of the map on the surface.
+        FlatMap.look_up : Find map positions on the surface.
 
         Examples
         --------
@@ -302,7 +302,7 @@ class Planar(ABC):
     @property
     @abstractmethod
     def provenance(self) -> Record:
-        """The record of how it was made."""
+        """The record of how the map or page was made."""
 
     @telling()
     def image(
@@ -320,16 +320,16 @@ class Planar(ABC):
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the map.
 
-        Of several depths, the mean is shown. `images` returns each depth, frame or channel separately.
+        The mean of several depths is shown. `images` returns each depth, frame or channel separately.
 
         Parameters
         ----------
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). The grid may differ from that of the
             flattened volume: the affine defines the position, in scanner RAS. An array without an affine must have the
-            shape of the flattened volume, and has its position. A dask or zarr array, or an OME-Zarr path, may be
-            larger than memory; each chunk that the surface meets is read once. For meshes, values at the vertices are
-            also accepted: an array of shape (V,), or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, NIfTI of
+            shape of the flattened volume, and is placed like it. A dask or zarr array, or an OME-Zarr path, may be
+            larger than memory; each chunk that the surface intersects is read once. For meshes, values at the vertices
+            are also accepted: an array of shape (V,), or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, NIfTI of
             shape (V, 1, 1)); uint8 colours of shape (V, 3) or (V, 4); or the texture of the surface as .obj, .vtp or
             .ply (Zigelman et al. 2002, figure 3). Files with several maps, arrays of shape (V, K) and series of volumes
             need `channel`.
@@ -342,17 +342,18 @@ class Planar(ABC):
             outside white matter. The mean of several depths is shown.
         fraction : float or sequence of float, optional
             Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. The map
-            must be made of a white surface with ``pial=``. The mean of several fractions is shown.
+            must be made from a white surface with ``pial=``. The mean of several fractions is shown.
         layering : {"equivolume", "equidistant"}
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
         interpolation : {"linear", "nearest", "majority"}, optional
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours. "majority", for labels, takes the label with the greatest weight among the surrounding
-            voxels (of an overlay, the triangle's corners) over all depths; its borders are smoother than voxels.
+            voxels (for an overlay, the triangle's corners) over all depths; its borders are smoother than voxel
+            borders.
         period : float, optional
-            The values are phases with this period, such as 360. Means of phases are then circular, from 0 to the
-            period, and interpolation is "linear" by default.
+            Period of values that are phases, such as 360. Means of phases are circular, from 0 to the period, and
+            interpolation is "linear" by default.
         name : str, optional
             Title of the image.
 
@@ -423,16 +424,17 @@ class Planar(ABC):
         period : float, optional
             As in `image`.
         time_step : float, optional
-            Time between frames of a series, s. By default the file's: NIfTI if its header has a unit of time, always
-            for ``.mgh`` and CIFTI series, never for GIFTI and arrays.
+            Time between frames of a series, s. By default, the time step of the file: NIfTI files have one if the
+            header has a unit of time, ``.mgh`` and CIFTI series always have one, and GIFTI files and arrays never do.
         name : str, optional
             As in `image`.
 
         Returns
         -------
         FlatStack
-            A sequence of `FlatImage`, by number or name: for each channel all depths. `FlatStack.data` is the array
-            (depth, row, column), `FlatStack.times` holds the times of frames, and `FlatStack.save` writes all images.
+            A sequence of `FlatImage`, indexed by number or name, with all depths of each channel. `FlatStack.data` is
+            the array (depth, row, column), `FlatStack.times` holds the times of frames, and `FlatStack.save` writes all
+            images.
 
         Raises
         ------

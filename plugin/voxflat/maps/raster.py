@@ -33,7 +33,7 @@ class Raster:
     weights : ndarray of float32, shape (H, W, 3)
         Barycentric coordinates in that triangle; NaN outside the map.
     origin : tuple of 2 floats
-        Place (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), mm.
     pixel_size : float
         Side length of a pixel, mm.
     unit : str
@@ -162,13 +162,13 @@ class FlatImage(Recorded):
     pixel_size : float
         Side length of a pixel, mm.
     origin : tuple of 2 floats
-        Place (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), mm.
     name : str
         Title, with the unit of the values.
     labels : bool or None
-        Whether the values are labels, each with its own colour. None: yes if they are whole numbers that form areas.
+        Whether the values are labels, each with its own colour. If None, whole numbers that form areas are labels.
     provenance : dict
-        Record of how it was made: the volume, the sampling, and the record of the map or atlas.
+        Record of how the image was made: the volume, the sampling, and the record of the map or atlas.
     unit : str
         Unit of lengths on the map; "unknown" if it is not defined. Files are in mm, or without a unit.
 
@@ -275,7 +275,7 @@ class FlatImage(Recorded):
     def affine(self) -> NDArray[np.float64]:
         """The affine from (row, column, 0, 1) to (u, v, 0, 1) in mm, shape (4, 4).
 
-        NIfTI files of the image have it.
+        NIfTI files of the image contain it.
 
         See Also
         --------
@@ -295,11 +295,11 @@ class FlatImage(Recorded):
     def extent(self) -> tuple[float, float, float, float]:
         """The left, right, bottom and top edges in mm.
 
-        They have the order that matplotlib's imshow expects.
+        They are in the order that matplotlib's imshow expects.
 
         See Also
         --------
-        FlatImage.affine : From pixels to places on the map.
+        FlatImage.affine : From pixels to positions on the map.
 
         Examples
         --------
@@ -321,9 +321,9 @@ class FlatImage(Recorded):
         ----------
         path : path
             ``.png`` is for viewing: scalars in grey levels from the 1st to the 99th percentile, labels in their own
-            colours, colours unchanged, transparent outside the map. ``.tif``, ``.tiff``, ``.nii`` and ``.nii.gz`` are
-            for measurements: values as float32, NaN outside the map, with the pixel size in mm. ``.npy`` holds the
-            array. All formats except ``.npy`` include `provenance`.
+            colours, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii`` and
+            ``.nii.gz`` are for measurements: values as float32, NaN outside the map, with the pixel size in mm.
+            ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
         sidecar : bool
             Also write `provenance` to ``<path>.json``.
         overwrite : bool
@@ -365,13 +365,13 @@ class FlatStack(Sequence[FlatImage], Recorded):
     pixel_size : float
         Side length of a pixel, mm.
     origin : tuple of 2 floats
-        Place (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), mm.
     name : str
         Title.
     provenance : dict
         As in `FlatImage`.
     layers : tuple of str
-        Names of the depths, if each channel is shown at several. All depths of the first channel come first.
+        Names of the depths, if each channel is shown at several depths. All depths of the first channel come first.
     unit : str
         As in `FlatImage`.
 
@@ -406,7 +406,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The name of each channel, empty if it has none.
+        """The name of each channel; empty if the channel has none.
 
         Images can be selected by name.
 
@@ -486,7 +486,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     def of_channel(self, channel: int) -> "FlatStack":
         """Return the images of one channel.
 
-        There is one for each depth.
+        There is one image for each depth.
 
         Parameters
         ----------
@@ -601,13 +601,13 @@ class FlatStack(Sequence[FlatImage], Recorded):
         path : path
             ``.tif`` and ``.tiff``: OME-TIFF with one page per image. ``.nii`` and ``.nii.gz``: (H, W, D, K) for K
             channels at D depths, with the names in a header extension (JSON). ``.zarr``: OME-Zarr 0.4, a new directory
-            with one chunk per image, y = −v and x = u. These formats have the pixel size in mm and, for series, the
+            with one chunk per image, y = −v and x = u. These formats store the pixel size in mm and, for series, the
             time between frames in s. ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without names. Values are float32,
             NaN outside the map. All formats except ``.npy`` include `provenance`.
         sidecar, overwrite : bool
             As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` after each image. If it returns False nothing is written.
+            Called as ``progress(stage, done, total)`` after each image. If it returns False, nothing is written.
 
         Raises
         ------
@@ -649,7 +649,7 @@ def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDA
 def series_showing(
     raster: Raster, ids: NDArray[np.int64], interpolation: str | None
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Return `show` for a series of overlays, with weights computed once; `ids` are the vertices of the points."""
+    """Return a `show` function for a series of overlays, with weights computed once; `ids` are the points' vertices."""
     held: dict[str, Mixing] = {}
 
     def shown(values: NDArray[Any]) -> NDArray[np.float64]:

@@ -33,17 +33,17 @@ REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
 
 
 class _Places(Protocol):
-    """Any object that knows the region at each place."""
+    """Any object that returns the region at each position."""
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the key at each place, shape (P,); 0 for none."""
+        """Return the key at each position, shape (P,); 0 for none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regions(Recorded):
     """Regions on a map, as returned by `FlatMap.regions`.
 
-    They can be evaluated at places of the map, vertices and voxels.
+    They can be evaluated at map positions, vertices and voxels.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ class Regions(Recorded):
     names : tuple of str
         Names of the regions.
     keys : tuple of int
-        Number of each region in label files, not 0.
+        Number of each region in label files; never 0.
     colours : ndarray of uint8, shape (R, 3)
         Red, green, blue.
     places : object
-        An object whose method ``labels(places)`` returns the keys at places.
+        An object whose method ``labels(places)`` returns the keys at the given positions.
     provenance : dict
-        Record of how they were made.
+        Record of how the regions were made.
 
     See Also
     --------
@@ -95,14 +95,14 @@ class Regions(Recorded):
         return self.of._triangles.on_surface
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the region at places of the map.
+        """Return the region at positions on the map.
 
         Where regions overlap, the last one counts.
 
         Parameters
         ----------
         places : ndarray, shape (..., 2)
-            Places (u, v), mm.
+            Positions (u, v), mm.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class Regions(Recorded):
         """The key of the region at each vertex of the whole mesh, shape (V,).
 
         Vertices in no region, or outside the map, have 0. A vertex on a cut, which is on the map twice, is in a region
-        if either of its places is.
+        if either of its positions is.
 
         See Also
         --------
@@ -170,7 +170,7 @@ class Regions(Recorded):
     def image(self, pixel_size: float | None = None) -> FlatImage:
         """Return an image of the regions on the map.
 
-        It has the same pixels as those from `FlatMap.image`.
+        It has the same pixels as the images that `FlatMap.image` returns.
 
         Parameters
         ----------
@@ -203,8 +203,8 @@ class Regions(Recorded):
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Transfer the regions through the cortex to the voxels of a volume.
 
-        A voxel whose centre lies in the column of a triangle gets the region at its place in that column. Columns lead
-        from the white to the pial surface if both are known, otherwise along the normals.
+        A voxel whose centre lies in the column of a triangle gets the region at its position in that column. Columns
+        extend from the white to the pial surface if both are known, otherwise along the normals.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class Regions(Recorded):
         Raises
         ------
         InputError
-            If the volume or the depths do not fit, or no voxel's centre lies in a region.
+            If the volume or the depths do not fit, or if no voxel centre lies in a region.
 
         See Also
         --------
@@ -341,7 +341,7 @@ class Regions(Recorded):
 def _columns(
     of: Planar, affine: NDArray[np.float64], shape: tuple[int, int, int], depth: tuple[float, float] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the voxels in the cortex, by number, and their places (u, v) on the map, shape (P, 2)."""
+    """Return the voxels in the cortex, by number, and their positions (u, v) on the map, shape (P, 2)."""
     flat = of._triangles
     surface, middle = flat.on_surface, 0.5
     if surface.white_points is not None and surface.pial_points is not None:

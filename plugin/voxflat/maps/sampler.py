@@ -34,7 +34,7 @@ _CURVED = 0.15  # correlation with the mean curvature: on fsaverage5 curv has 0.
 
 
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
-    """Return the typical distance of neighbours, mm: the spacing of voxels, or the median edge in the plane."""
+    """Return the typical distance between neighbours, mm: the spacing of voxels, or the median edge in the plane."""
     if metadata["kind"] == "voxels":
         return voxel_size(metadata["affine"])
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
@@ -82,7 +82,7 @@ class Sampler:
 
     @property
     def is_voxels(self) -> bool:
-        """Whether the surface was made of a volume."""
+        """Whether the surface was made from a volume."""
         return bool(self.metadata["kind"] == "voxels")
 
     @property
@@ -104,12 +104,12 @@ class Sampler:
         return (i, j, k)
 
     def need_volume(self, what: str) -> None:
-        """Raise an error unless the map was made of a volume."""
+        """Raise an error unless the map was made from a volume."""
         if not self.is_voxels:
             raise InputError(f"the map of a mesh {what}. Pass a volume with an affine, or values at its vertices")
 
     def locate(self, raster: Raster) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Find the position of each pixel on the surface: as `FlatMap.locate`."""
+        """Find the position of each pixel on the surface, as `FlatMap.locate` does."""
         nearest = raster.nearest
         inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
         ids = np.where(inside, self.ids[nearest], -1)
@@ -194,14 +194,14 @@ class Sampler:
         period: float | None = None,
         name: str = "",
     ) -> FlatImage:
-        """Sample one channel of a volume, an overlay or a texture at pixels: as `FlatMap.image`."""
+        """Sample one channel of a volume, an overlay or a texture at pixels, as `FlatMap.image` does."""
         how: dict[str, Any] = {"interpolation": interpolation, "period": period, "name": name}
         stack = self.images(raster, volume, depths=depths, average=True, several=False, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
     def _volumes(self, volume: object) -> tuple[Channels, Callable[[NDArray[Any]], Volume], Path | None]:
-        """Return voxels (one by one for several volumes), a function that makes a volume of them, and the file."""
+        """Return voxels (one by one for several volumes), a function that makes a volume from them, and the file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
             chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
@@ -232,7 +232,7 @@ class Sampler:
         return np.asarray(volume) if are_colours(volume, count) else None
 
     def is_overlay(self, values: object) -> bool:
-        """Return whether values lie at the mesh's vertices, and so have no depth."""
+        """Return whether values lie at the mesh's vertices and therefore have no depth."""
         return not self.is_voxels and self._overlay(values) is not None
 
     def _overlay(self, volume: object) -> Channels | None:
@@ -247,7 +247,7 @@ class Sampler:
             channels = read_channels(volume, count, structure=structure)
             self._doubt(Path(volume), channels.read(0))
             return channels
-        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # including a pandas Series
+        is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # includes a pandas Series
         if (
             is_array
             and not hasattr(volume, "dataobj")
@@ -259,7 +259,7 @@ class Sampler:
         return values_of_object(volume, count, structure)
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
-        """Warn if a file seems to belong to another surface, by its name or its curvature."""
+        """Warn if the name or the curvature of a file suggests that it belongs to another surface."""
         names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
             log.warning("%s is of %s, but the surface is of %s. Check the file", path.name, names[1][-1], names[0][-1])
@@ -287,7 +287,7 @@ class Sampler:
             return float(np.corrcoef(curvature, values[seen].astype(np.float64))[0, 1])
 
     def _doubt_place(self, affine: NDArray[np.float64], path: Path | None) -> None:
-        """Warn if a volume's file does not define its position, unless it equals that of the flattened volume."""
+        """Warn if a volume's file does not define its position, unless it has the affine of the flattened volume."""
         is_same = self.is_voxels and np.array_equal(affine, self.affine)
         if path is not None and not is_same and not has_place(path):
             log.warning(
@@ -343,12 +343,12 @@ class Sampler:
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with an affine; without its own, it has that of the flattened volume."""
+        """Return a volume with an affine; if it has none, with the affine of the flattened volume."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 
     def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return the affine of the flattened volume for one of the same shape."""
+        """Return the affine of the flattened volume for a volume of the same shape."""
         if shape[:3] != self.volume_shape:
             raise InputError(
                 f"the volume has shape {shape} and no affine, but the flattened volume has shape {self.volume_shape}. "
@@ -358,7 +358,7 @@ class Sampler:
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
-    """Return images of several depths as channels; those of one channel are sampled together."""
+    """Return images of several depths as channels; images of one channel are sampled together."""
     held: dict[int, Any] = {}
 
     def read(n: int) -> NDArray[Any]:
@@ -383,7 +383,7 @@ def _of_phases(period: float, interpolation: str | None) -> str:
 
 
 def _timed(channels: Channels, step: float | None, name: str) -> Channels:
-    """Return channels with the given time step, or that of their file."""
+    """Return channels with the given time step, or with the time step of their file."""
     if step is not None:
         timing = Timing.told(checked_number(step, "time step"))
         if timing is None:

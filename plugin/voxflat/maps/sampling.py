@@ -26,7 +26,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
     "majority", for labels, takes the label with the greatest weight among the eight surrounding voxels, with the
     weights of "linear". By default "nearest" for bool and integer volumes, which may be labels, and "linear" for
-    floating-point ones and colours.
+    floating-point volumes and colours.
     """
     data = volume.data
     colour = data.ndim == 4
@@ -57,7 +57,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
 
 def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return voxel indices of positions, and which lie in the volume (half a voxel beyond outer centres counts)."""
+    """Return voxel indices of positions, and whether they lie in the volume (up to half a voxel beyond centres)."""
     inverse = np.linalg.inv(volume.affine)
     where = points @ inverse[:3, :3].T + inverse[:3, 3]
     size = np.asarray(volume.data.shape[:3])
@@ -93,7 +93,7 @@ def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Return the values of the eight voxels around each position, shape (P, 8), and the lowest one's indices."""
+    """Return the values of the eight voxels around each position, shape (P, 8), and the indices of the lowest one."""
     low = _lowest(at, data)
     return voxels_at(data, low, _CORNERS), low
 
@@ -136,8 +136,8 @@ def _check_labels(values: NDArray[Any]) -> None:
 def sample_layers(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample a volume at several depths, as `sample`; the first axis is the depth."""
-    if isinstance(volume.data, Chunked):  # all at once, so that each chunk is read once
+    """Sample a volume at several depths, as `sample` does; the first axis is the depth."""
+    if isinstance(volume.data, Chunked):  # sampled all at once, so that each chunk is read once
         together = np.stack(places)
         check_room(PLACE_BYTES * together[..., 0].size)
         return sample(volume, together, interpolation)
@@ -147,7 +147,7 @@ def sample_layers(
 def sample_mean(
     volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
 ) -> NDArray[Any]:
-    """Sample at several depths: the mean, or the majority of labels; NaN, or alpha 0, if one lies outside."""
+    """Return the mean, or the majority of labels, over several depths; NaN (or alpha 0) if one lies outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
@@ -221,7 +221,7 @@ def series_sampling(
 ) -> Callable[[Volume], NDArray[Any]]:
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
-    It returns what `sample_mean` (`average`) or `sample_layers` do: identical bits for nearest voxels, otherwise up to
+    Its results equal those of `sample_mean` (`average`) or `sample_layers`: exactly for nearest voxels, otherwise up to
     rounding of sums. Colours, chunks and majorities are sampled by these functions.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}

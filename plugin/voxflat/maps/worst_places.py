@@ -19,7 +19,7 @@ from voxflat.maps.flat_map import FlatMap
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
 _GAIN = "gain: decrease of the relative distance error of a coarse preview map ({:.2f} %), in percentage points"
-_MOST = 10.0  # limit of a triangle's log2 of areas: one without area on the map would dominate
+_MOST = 10.0  # limit of log2 area change of a triangle; a triangle without area on the map would dominate otherwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +35,13 @@ class RelievingCut:
     points : ndarray of float64, shape (k, 3)
         Their positions on the surface, mm.
     uv : ndarray of float64, shape (k, 2)
-        Their places on the map, mm.
+        Their positions on the map, mm.
     length : float
         Length, mm.
     gain : float
         Reduction of the relative distance error of a coarse preview map, as a fraction; relaxation cuts are chosen by
-        it, too. It is negative if distances become worse, which a cut that improves areas may cause; NaN without a
-        preview map.
+        the same measure. It is negative if distances become worse, as may happen with a cut that improves areas; NaN
+        without a preview map.
 
     See Also
     --------
@@ -66,7 +66,7 @@ class RelievingCut:
 
 @dataclass(frozen=True, eq=False)
 class WorstPlace:
-    """A connected region of a map whose area is stretched, or shrunk, by more than a factor.
+    """A connected region of a map whose area is stretched, or shrunk, by more than a given factor.
 
     Regions are ranked by `excess`.
 
@@ -86,9 +86,9 @@ class WorstPlace:
         A_flat / A_surface of the triangle where it is farthest from 1, and the area-weighted median, at the scale that
         preserves the total area.
     point : ndarray of float64, shape (3,)
-        Its centre on the surface, one of its vertices, mm.
+        Centre of the region on the surface (one of its vertices), mm.
     uv : ndarray of float64, shape (2,)
-        The place of that vertex on the map, mm.
+        The position of that vertex on the map, mm.
     id : ndarray of int64, shape () or (3,)
         The number of that vertex, or its voxel.
     triangles : ndarray of int64, shape (k,)
@@ -170,7 +170,7 @@ class WorstPlace:
 
 @dataclass(frozen=True, eq=False)
 class WorstPlaces(Recorded):
-    """The regions of highest distortion of a map, the worst first.
+    """The regions of highest distortion of a map, worst first.
 
     `voxflat.worst_places` returns them.
 
@@ -179,17 +179,17 @@ class WorstPlaces(Recorded):
     flat_map : FlatMap
         The map.
     beyond : float
-        Factor by which areas in these regions change at least.
+        Smallest factor by which areas in these regions change.
     places : tuple of WorstPlace
-        The regions; fewer than requested if there are not as many.
+        The regions; fewer than requested if the map has fewer.
     found : int
         Number of regions in the map.
     share : float
-        Share of the surface in all regions, like `area_beyond_1_5` of `TriangleFigures` for this factor.
+        Share of the surface that all regions cover, like `area_beyond_1_5` of `TriangleFigures` for this factor.
     sketch_error : float
         Mean relative distance error of a coarse preview map, to which `RelievingCut.gain` refers; NaN without one.
     provenance : dict
-        Record of how they were found.
+        Record of how the regions were found.
 
     See Also
     --------
@@ -218,7 +218,7 @@ class WorstPlaces(Recorded):
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
-        """The region of each triangle of the map, by number, shape (F,).
+        """The number of the region that contains each map triangle, shape (F,).
 
         Triangles in no region have 0.
 
@@ -257,14 +257,14 @@ class WorstPlaces(Recorded):
         return area_changes(self.flat_map)[1]
 
     def cuts(self, *numbers: int) -> list[list[Any]]:
-        """Return the cuts of the map, and those that reduce the distortion of regions.
+        """Return the cuts of the map, and the cuts that reduce the distortion of regions.
 
         Pass the result to `flatten` as ``cuts``, with the same part of the surface.
 
         Parameters
         ----------
         *numbers : int
-            Numbers of the regions; by default all. Cuts that meet from different sides may divide the surface.
+            Numbers of the regions; by default, all regions. Cuts that meet from different sides may divide the surface.
 
         Returns
         -------
@@ -274,7 +274,7 @@ class WorstPlaces(Recorded):
         Raises
         ------
         InputError
-            If there is no region of that number.
+            If there is no region with that number.
 
         See Also
         --------
@@ -316,7 +316,7 @@ class WorstPlaces(Recorded):
         Raises
         ------
         InputError
-            If there is no region of that number, or the path is an input file.
+            If there is no region with that number, or the path is an input file.
         OSError
             If the file cannot be written.
 
@@ -344,7 +344,7 @@ class WorstPlaces(Recorded):
         Returns
         -------
         dict
-            The figures by name; ``places`` lists those of each region.
+            The figures by name; ``places`` lists the figures of each region.
 
         See Also
         --------

@@ -37,8 +37,8 @@ def worst_places(
 ) -> WorstPlaces:
     """Find the regions where a map changes areas most, and a cut that would reduce the distortion of each.
 
-    A region is a set of connected triangles that are all stretched, or all shrunk, by more than a factor, relative to
-    the scale that preserves the total area. Regions are ranked by their area times its change.
+    A region is a set of connected triangles that are all stretched, or all shrunk, by more than the factor `beyond`,
+    relative to the scale that preserves the total area. Regions are ranked by their area times its change.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ def worst_places(
     count : int
         Maximum number of regions.
     beyond : float
-        The factor.
+        Areas in a region change by more than this factor.
     cuts : bool
         Find a cut for each region: the shortest path along edges from the border through the region to its far end. For
         a region at the border, the cut continues inwards, three times as deep as the region.
     parcels : path, ndarray, image object, Volume or Parcels, optional
-        Labels, as in `figures.flat_map`. Each region gets the name of the parcel with the largest part of it.
+        Labels, as in `figures.flat_map`. Each region gets the name of the parcel that contains the largest part of it.
     table : path, optional
         Names of the parcels, if their file has none.
     threads : int, optional
@@ -63,7 +63,7 @@ def worst_places(
     Returns
     -------
     WorstPlaces
-        The regions, the worst first.
+        The regions, worst first.
 
     Raises
     ------
@@ -190,7 +190,7 @@ class _Ways:
         self.error = self._sketch(None)
 
     def _sketch(self, path: NDArray[np.int64] | None) -> float:
-        """Return the error of a coarse preview map, with one more cut."""
+        """Return the error of a coarse preview map with one additional cut."""
         core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
         if core.topology()["euler"] != 1:
             return np.nan
@@ -219,7 +219,7 @@ class _Ways:
         return RelievingCut(self.flat_map.ids[rows], points, self.flat_map.uv[rows], length, float(gain))
 
     def _through(self, own: NDArray[np.int64], place: WorstPlace) -> NDArray[np.int64] | None:
-        """Return the path through a region's vertices, its inner end first; None if none leads to the border.
+        """Return the path through a region's vertices, inner end first; None if no path leads to the border.
 
         It starts where the deepest vertex has its shortest path to the border, and leads through the region to its far
         end. A region at the border depends on curvature farther inwards, so its path continues three times as deep as

@@ -1,7 +1,7 @@
 """Pictures: files, arrays and images as colours, their position on a map, and interpolation between texels.
 
-A texture coordinate (s, t) is a place in a picture: (0, 0) is its lower left corner, (1, 1) its upper right. Pixels of
-the picture, texels, are squares on the map, so that only flattening distorts them.
+A texture coordinate (s, t) is a position in a picture: (0, 0) is the lower left corner, (1, 1) the upper right one.
+Pixels of the picture, texels, are squares on the map, so that only flattening distorts them.
 """
 
 import os
@@ -31,7 +31,7 @@ _SLACK = 1e-9  # share of a picture's side by which rounding may move a point ac
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Return texture coordinates of a picture centred on a map, texels in mm; by default it just covers the map."""
+    """Return texture coordinates of a picture centred on a map, with texels in mm; by default it covers the map."""
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:

@@ -1,8 +1,8 @@
 """Selective subdivision: triangles are split where colours at their corners cannot carry a texture.
 
 Zigelman, Kimmel, Kiryati (2002), section IV, subdivide large triangles against aliasing, and take the colours of new
-vertices from the same subdivision in the texture's plane. Here a triangle is bisected at its longest side, and with it
-those that share the side (Rivara 1984), so that the surface stays without cracks and triangles without needles.
+vertices from the same subdivision in the texture's plane. Here, a triangle is bisected at its longest side, together
+with the triangles that share that side (Rivara 1984), so that the surface has no cracks and no needle-shaped triangles.
 """
 
 import numpy as np
@@ -51,7 +51,7 @@ def subdivide(
 
 
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
-    """Return the greatest difference between texture and linear interpolation in each triangle, one texel apart."""
+    """Return the greatest difference of texture and linear interpolation in each triangle, sampled one texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
@@ -87,7 +87,7 @@ def _bisect(
     middle = np.full(len(keys), -1)
     middle[marked] = len(places) + np.arange(np.count_nonzero(marked))
     split = marked[side_of].any(axis=1)
-    turn = (longest[split, None] + np.arange(3)) % 3  # so that the longest side is the first
+    turn = (longest[split, None] + np.arange(3)) % 3  # the longest side comes first
     new = _pieces(np.take_along_axis(faces[split], turn, 1), middle[np.take_along_axis(side_of[split], turn, 1)])
     is_new = np.arange(np.count_nonzero(~split) + len(new)) >= np.count_nonzero(~split)
     return ends[marked], np.concatenate([faces[~split], new]), is_new
@@ -98,7 +98,7 @@ def _marked(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Mark the longest sides of selected triangles, and of all triangles with a marked side."""
     rank = np.empty(len(lengths), dtype=np.int64)
-    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours also agree on equal lengths
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours agree even if lengths are equal
     longest = rank[side_of].argmax(axis=1)
     longest_side = np.take_along_axis(side_of, longest[:, None], axis=1)[:, 0]
     marked = np.zeros(len(lengths), dtype=np.bool_)

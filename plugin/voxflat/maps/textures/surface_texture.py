@@ -28,10 +28,10 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
-    """A picture, and the place of each triangle of a surface in it."""
+    """A picture, and the position of each triangle of a surface in it."""
 
     faces: NDArray[np.int64]  # (F, 3), of the surface's vertices
-    coordinates: NDArray[np.float64]  # (F, 3, 2); NaN for none. A vertex on a seam has several
+    coordinates: NDArray[np.float64]  # (F, 3, 2); NaN if there are none. A vertex on a seam has several coordinates
     picture: NDArray[np.uint8]  # (H, W, 3 or 4); row 0 is the top
 
 
@@ -112,7 +112,7 @@ def _material_pictures(library: Path) -> dict[str, str]:
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the colours of a texture, or of vertices, at the pixels of a map: RGBA, opacity 0 where there is none."""
+    """Return the colours of a texture, or of vertices, at the pixels of a map as RGBA; opacity 0 means no colour."""
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])
     image = np.zeros((*raster.shape, 4), dtype=np.uint8)
@@ -131,7 +131,7 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
     coordinates[inside] = np.einsum("pc,pcx->px", weights, corners)
     seen = np.isfinite(coordinates[..., 0])
     values = np.full((*raster.shape, texture.picture.shape[2]), np.nan)
-    # coordinates outside the picture repeat it, as in OBJ and VTK
+    # coordinates outside 0 to 1 repeat the picture, as in OBJ and VTK
     is_beyond = bool((np.abs(texture.coordinates - 0.5) > 0.5 + 1e-6).any())
     values[seen] = values_at(_reduced(texture.picture, coordinates), coordinates[seen], repeat=is_beyond)
     return values

@@ -32,7 +32,7 @@ class TexturedSurface(Recorded):
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
-        The place (s, t) of each point in the picture, from 0 to 1; values outside repeat the picture.
+        The position (s, t) of each point in the picture, from 0 to 1; values outside repeat the picture.
     picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
         Colours, optionally with opacity. Row 0 is the top, t = 1.
     repeat : bool
@@ -40,8 +40,8 @@ class TexturedSurface(Recorded):
     source : Path or None
         File of the picture.
     texture_faces : ndarray of int64, shape (F, 3), or None
-        Corners of each triangle as rows of `texture_coordinates`, if these have seams, where a point has several. None
-        if they equal `faces`.
+        Corners of each triangle as rows of `texture_coordinates`, if these have seams, where a point has several
+        coordinates. None if they equal `faces`.
     provenance : dict
         Record of how it was made.
 
@@ -118,16 +118,16 @@ class TexturedSurface(Recorded):
     def subdivided(self, tolerance: float = 16.0) -> "TexturedSurface":
         """Split triangles that are too coarse to show the picture by colours at their corners.
 
-        As in section IV of Zigelman et al. 2002. New points lie on edges of the triangles: the surface keeps its shape,
-        its first N points and its texture coordinates, and has no cracks. Triangles are bisected at the edge that is
-        longest in the picture (Rivara 1984), so that no angle there becomes smaller than half of the smallest angle
-        before.
+        This follows section IV of Zigelman et al. 2002. New points lie on edges of the triangles: the surface keeps its
+        shape, its first N points and its texture coordinates, and has no cracks. Triangles are bisected at the edge
+        that is longest in the picture (Rivara 1984), so that no angle there becomes smaller than half of the original
+        smallest angle.
 
         Parameters
         ----------
         tolerance : float
-            Greatest difference, of 255 grey levels, between the picture and the interpolated colours within a triangle.
-            Triangles no longer than a texel are kept.
+            Greatest difference, on a scale of 255 grey levels, between the picture and the interpolated colours within
+            a triangle. Triangles no longer than a texel are kept.
 
         Returns
         -------
@@ -164,10 +164,10 @@ class TexturedSurface(Recorded):
         Parameters
         ----------
         path : path
-            ``.obj`` writes an ``.mtl`` and a ``.png`` next to it, ``.vtp`` a ``.png``. ``.glb`` is one file of glTF
-            2.0, which is in metres with y up as the format requires. ``.ply`` has colours at the points and no picture;
-            see `subdivided`. At seams, OBJ keeps the points of the surface; the other formats duplicate them. The
-            ``.png`` includes `provenance`.
+            ``.obj`` writes an ``.mtl`` and a ``.png`` next to it, ``.vtp`` a ``.png``. ``.glb`` is a single glTF 2.0
+            file in metres with y up, as the format requires. ``.ply`` has colours at the points and no picture; see
+            `subdivided`. At seams, OBJ keeps the points of the surface; the other formats duplicate them. The ``.png``
+            includes `provenance`.
         sidecar : bool
             Also write `provenance` to ``<path>.json``.
         overwrite : bool
