@@ -1,4 +1,4 @@
-"""Maps of PyVista as pages for a browser."""
+"""Convert PyVista maps to pages for a web browser."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ _OWN = ("vertex_ids", "voxel_ids", "torn", "mesh_vertex_ids")
 
 @dataclass(frozen=True, eq=False)
 class _PageMap:
-    """The part of a map that a page shows."""
+    """The part of a map that is shown on a page."""
 
     uv: NDArray[np.float64]
     points: NDArray[np.float64]

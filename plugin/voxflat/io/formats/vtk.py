@@ -1,4 +1,4 @@
-"""Read ``.vtk`` and ``.vtp`` with VTK in the child process; it accepts incomplete files, so counts are checked here."""
+"""Read ``.vtk`` and ``.vtp`` files with VTK in a child process; VTK accepts incomplete files, so counts are checked."""
 
 import importlib
 import re
@@ -23,7 +23,7 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     if head[2].upper() != b"POLYDATA":
         raise InputError(f"contains {head[2].decode('latin1')}. Extract its surface and write it as POLYDATA")
     points = _POINTS.search(data, head.end())
-    has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # from 5.1 on: offsets, one more than the faces
+    has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # version 5.1 or later: one more offset than faces
     for name, number, size, offsets, array in _CELLS.findall(data, head.end()):
         if array:  # an array with this name
             continue
@@ -58,7 +58,7 @@ def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _by_vtk(path: Path, module: str, reader: str, counts: list[int | None]) -> dict[str, Any]:
-    """Read a file with a VTK class, and compare the numbers of points, faces, strips and corners to the header."""
+    """Read a file with a VTK class, and compare the numbers of points, faces, strips and corners with the header."""
     *found, parts = read_in_subprocess(_read_polydata, "vtkmodules", path, module, reader)
     names = ("points", "faces", "corners of faces", "strips", "corners of strips")
     for there, told, name in zip(found, counts, names, strict=True):
@@ -100,7 +100,7 @@ def _as_numpy(array: Any) -> NDArray[Any]:
 
 
 def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of a vtkPolyData, polygons before strips, and remarks on what was split."""
+    """Return the triangles of a vtkPolyData, polygons before strips, and remarks about split cells."""
     if mesh.GetNumberOfLines():
         raise InputError(f"has {mesh.GetNumberOfLines()} lines beside its faces. Remove them with mesh.SetLines(None)")
     if not mesh.GetNumberOfPoints():
