@@ -44,7 +44,7 @@ class VoxflatAccessor(Verbs):
     >>> flat = image.voxflat()  # the flat map as PolyData, in mm
     >>> flat_map = image.voxflat.flatten()  # the flat map as a voxflat.FlatMap
     >>> patch = image.voxflat.to_surface_polydata(flat_map)  # the surface, with the same data
-    >>> flat = pv.Plane().voxflat()  # meshes work too; their arrays are copied to the map
+    >>> flat = pv.Plane().voxflat()  # meshes work, too; their arrays are copied to the map
     >>> page = pv.Icosphere(nsub=2).voxflat.patches(max_angle=20)  # certified patches, for any topology
     >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)  # along the surface, from point 0
     """

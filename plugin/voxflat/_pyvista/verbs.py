@@ -438,7 +438,7 @@ class Verbs(Inputs):
         >>> import pyvista as pv
         >>> opened = pv.Icosphere(nsub=2).voxflat.cut()
         >>> flat = opened.voxflat()  # the map with these cuts
-        >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # the cuts as lines
+        >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
         """
         extracted = None if self._is_image else self._extracted(scalars)
         given: dict[str, Any] = {**options}
