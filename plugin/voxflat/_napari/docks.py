@@ -79,7 +79,7 @@ class Dock(QWidget):
 
 
 class TaskDock(Dock):
-    """A dock that runs tasks in another thread, one at a time."""
+    """A dock that runs one task at a time in another thread."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,7 +99,7 @@ class TaskDock(Dock):
         worker.start()
 
     def _show_work(self, what: str | None) -> None:
-        """Show the name of the running task; None if no task is running."""
+        """Show the name of the running task, or no name if it is None."""
         raise NotImplementedError
 
     def _show_message(self, message: str) -> None:

@@ -6,7 +6,7 @@ from app_model.backends.qt import QKeyBindingSequence
 from app_model.types import KeyBinding
 from napari import Viewer
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QKeySequence, QShortcut  # type: ignore[attr-defined]  # in Qt 5 it is elsewhere
+from qtpy.QtGui import QKeySequence, QShortcut  # type: ignore[attr-defined]  # in another module in Qt 5
 from qtpy.QtWidgets import QWidget
 
 

@@ -60,7 +60,7 @@ def _wait_at_exit() -> None:
 
 
 class LatestTask(QObject):
-    """Runs one task at a time in a thread; of the tasks requested in the meantime, only the last one runs."""
+    """Runs one task at a time in a thread; of the tasks requested meanwhile, only the last one is run."""
 
     done = Signal(object)
     """Emitted with the result of the task that was requested last."""

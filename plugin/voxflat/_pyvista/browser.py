@@ -42,6 +42,6 @@ def browser_page(flat: pv.PolyData, title: str) -> MapPage:
 
 
 def _values(data: pv.DataSetAttributes) -> dict[str, NDArray[Any]]:
-    """Return the arrays that can be shown: one number per point or triangle."""
+    """Return the arrays that can be shown, which have one number per point or triangle."""
     arrays = {name: np.asarray(data[name]) for name in data if name not in _OWN}
     return {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "biuf"}

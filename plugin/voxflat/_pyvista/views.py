@@ -34,7 +34,7 @@ class Shown:
     flat: pv.PolyData
     values: NDArray[Any]  # displayed values, one per point or triangle; colours have three or four components
     numbers: NDArray[Any]  # the values reported on a click
-    name: str  # of the array
+    name: str  # name of the array
     of_points: bool
     look: Look
     clim: tuple[float, float] | None  # None for colours
@@ -194,7 +194,7 @@ class _Link:
 
 
 _HINT = "Click on either view to mark a point in both"
-_UPPER_LEFT = 2  # of VTK's corner annotations
+_UPPER_LEFT = 2  # index of a VTK corner annotation
 
 
 def _usual_cmap(values: NDArray[Any]) -> str:

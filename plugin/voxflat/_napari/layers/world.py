@@ -90,7 +90,7 @@ def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float6
 
 
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
-    """Convert the last three coordinates of a position from the units of the viewer, if any, to those of a layer."""
+    """Convert the last three coordinates of a position from the viewer's units, if any, to the units of a layer."""
     place = np.asarray(position, dtype=np.float64)[-3:]
     return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
 

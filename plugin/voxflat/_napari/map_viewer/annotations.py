@@ -171,7 +171,7 @@ class VolumeAnnotations(QObject):
         return bool(self._soon.isActive())
 
     def taken(self, world: str) -> list[Annotation]:
-        """Read the annotations of all visible layers; raises InputError if the axes of one are not lengths."""
+        """Read the annotations of all visible layers; raises InputError if a layer has axes without length units."""
         point = self._viewer.dims.point
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
 

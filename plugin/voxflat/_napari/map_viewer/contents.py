@@ -73,7 +73,7 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class ContentChoice(QComboBox):
-    """Lets the user choose what the map shows; follows the layers of the viewer."""
+    """Lets the user choose the values that the map shows; follows the layers of the viewer."""
 
     chosen = Signal()
     """Emitted when something else is chosen."""

@@ -25,7 +25,7 @@ FAR = LIMIT
 _PIXELS = 1e6  # in the bounding box of the map; about as many as in a large dock
 _FINER = 4  # largest refinement of the run's pixels, for small maps
 _EVEN = 168  # the grey level of a page, whose pieces have no folds
-_ROUNDING = 1e-9  # of barycentric coordinates, so that a ray through an edge meets a triangle
+_ROUNDING = 1e-9  # tolerance of barycentric coordinates, so that a ray through an edge meets a triangle
 _NEAR = 0.8  # largest distance of a point from a ray that meets it, as a fraction of the spacing
 
 

@@ -23,7 +23,7 @@ _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
 class ListedLayers:
     """The layers of a run in a viewer.
 
-    napari takes 0.1 s to add or remove a layer, and 0.01 s to change the data of one. Therefore, a run that replaces
+    napari takes 0.1 s to add or remove a layer, and 0.01 s to change its data. Therefore, a run that replaces
     another run reuses its layers of the same kind. Layers are added and removed in steps, between which the window
     processes events.
     """

@@ -63,7 +63,7 @@ class MapPanel(QWidget):
         self.show()
 
     def show_earlier(self) -> None:
-        """State that the results are those of an earlier run, because the last one failed or was cancelled."""
+        """State that the results belong to an earlier run, because the last run failed or was cancelled."""
         if self.flat_map is not None:
             self._name_result("Previous result: ")
 
