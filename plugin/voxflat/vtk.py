@@ -1,7 +1,7 @@
 """Filters for VTK pipelines that flatten a surface, measure distances on it, or divide it into patches.
 
 `voxflat.vtk` needs PyVista and VTK 9.1 or later. Its filters return the same arrays as ``mesh.voxflat``. Options are
-attributes; a filter runs again at the next ``Update`` after an option has changed.
+attributes. After an option has changed, the next ``Update`` runs the filter again.
 
 >>> import voxflat
 >>> from vtkmodules.vtkFiltersSources import vtkPlaneSource
@@ -37,7 +37,7 @@ _Value = TypeVar("_Value")
 
 
 class _Option(Generic[_Value]):
-    """An option of a filter: a change marks the filter as modified."""
+    """An option of a filter; setting another value marks the filter as modified."""
 
     def __init__(self, default: _Value) -> None:
         self._default = default
@@ -62,7 +62,7 @@ class _Option(Generic[_Value]):
 
 
 class _Filter(VTKPythonAlgorithmBase):
-    """The common base of the filters: options, progress, abort, and errors as VTK reports them."""
+    """Base class of the filters, with their options, progress reports, cancellation and VTK error events."""
 
     OUTPUT = "vtkPolyData"
 
@@ -102,7 +102,7 @@ class _Filter(VTKPythonAlgorithmBase):
     def SetInputData(self, data: Any) -> None:  # noqa: N802
         """Set a dataset as the input.
 
-        Use ``SetInputConnection`` for the output of another filter.
+        Use ``SetInputConnection`` to connect the output of another filter.
 
         Parameters
         ----------
@@ -147,8 +147,8 @@ class _Filter(VTKPythonAlgorithmBase):
     def RequestData(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
         """Compute the output; called by VTK.
 
-        An `InputError` leads to an ErrorEvent with its message (or a message in VTK's output window) and an empty
-        output. An abort leads to an empty output.
+        An `InputError` leads to an empty output and to an ErrorEvent with its message; without an observer, the message
+        appears in VTK's output window. An aborted run also leads to an empty output.
         """
         output = vtkDataSet.GetData(outputs)
         try:
@@ -178,7 +178,7 @@ class _Filter(VTKPythonAlgorithmBase):
         def told(stage: str, done: int, total: int) -> bool:
             nonlocal last, stages, reached
             share = min(done / max(total, 1), 1.0)
-            if stage != last or share < reached:  # a stage may come again, on a finer surface
+            if stage != last or share < reached:  # a stage may be repeated on a finer surface
                 last, stages = stage, stages + 1
                 self.SetProgressText(stage)
             reached = share
@@ -203,18 +203,18 @@ class FlattenSurface(_Filter):
     Parameters
     ----------
     **options : dict
-        Values of the attributes below.
+        Initial values of the attributes below.
 
     Attributes
     ----------
     scalars : str or None
-        Name of the array of an image; None for the active array.
+        Name of the image array to use, or None for the active array.
     label : int or None
-        Label of the foreground of an image, as in `voxflat.surface`.
+        Label of the image foreground, as in `voxflat.surface`.
     threshold : float or None
-        Threshold of the foreground of an image, as in `voxflat.surface`.
+        Threshold of the image foreground, as in `voxflat.surface`.
     keep, drop : str, ndarray or None
-        Region to keep or to exclude: the name of an array of the points, or a mask.
+        Region to keep or to exclude: the name of a point array, or a mask.
     seed_point : int, position, pyvista.Cell or None
         Centre of a patch, with `radius`.
     radius : float or None
@@ -270,7 +270,7 @@ class SurfaceGeodesic(_Filter):
     Parameters
     ----------
     **options : dict
-        Values of the attributes below.
+        Initial values of the attributes below.
 
     Attributes
     ----------
@@ -281,7 +281,7 @@ class SurfaceGeodesic(_Filter):
 
     See Also
     --------
-    FlattenSurface : Flatten a surface.
+    FlattenSurface : Flatten a surface into the plane.
 
     Examples
     --------
@@ -298,7 +298,7 @@ class SurfaceGeodesic(_Filter):
     method: _Option[str] = _Option("graph")
 
     def RequestDataObject(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
-        """Create an output of the type of the input; called by VTK."""
+        """Create an output of the same type as the input; called by VTK."""
         given, made = vtkDataSet.GetData(inputs[0]), vtkDataSet.GetData(outputs)
         if made is None or made.GetClassName() != given.GetClassName():
             outputs.GetInformationObject(0).Set(vtkDataSet.DATA_OBJECT(), given.NewInstance())
@@ -317,18 +317,18 @@ class SurfacePatches(_Filter):
     Parameters
     ----------
     **options : dict
-        Values of the attributes below.
+        Initial values of the attributes below.
 
     Attributes
     ----------
     max_angle : float or None
-        Greatest angle between a triangle and the plane of its patch, in degrees. The default is 10.
+        Largest angle between a triangle and the plane of its patch, in degrees. The default is 10.
     bound, count, glue, packing, seeds, seed, scalars, label, threshold, threads : object
         As in ``mesh.voxflat.patches``.
 
     See Also
     --------
-    FlattenSurface : Flatten a surface to one map.
+    FlattenSurface : Flatten a surface into a single map.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""The napari plugin: docks to flatten surfaces and show their maps, the demo cortex, and readers and writers of files.
+"""The napari plugin: docks that flatten surfaces and show maps, sample data, and file readers and writers.
 
-`layers` converts napari's layers to volumes, meshes and points in mm. `job` describes one flattening, which `worker`
+`layers` converts napari layers to volumes, meshes and points in mm. `job` describes a flattening, which `worker`
 runs in another thread and `scripts` writes as Python. `results` converts maps and atlases to layers and text.
-`viewer_state` holds the runs of a viewer, and `gl_context` prevents crashes when layers are removed. `forms` are the
-forms, `widgets` the docks that flatten, `map_viewer` the dock with the map, `editing` the dock that draws cuts, and
-`checking` the docks with tables. `samples` opens sample data; `files` reads and writes files. `layers`, `job`,
-`scripts` and most of `results` do not use Qt. `napari.yaml` lists what the plugin contributes to napari.
+`viewer_state` holds the runs of a viewer, and `gl_context` prevents crashes when layers are removed. `forms` contains
+the forms, `widgets` the docks that flatten, `map_viewer` the dock with the map, `editing` the dock for drawing cuts,
+and `checking` the docks with tables. `samples` opens sample data; `files` reads and writes files. `layers`, `job`,
+`scripts` and most of `results` do not use Qt. `napari.yaml` lists the contributions to napari.
 """

@@ -1,4 +1,4 @@
-"""The widgets of *Layers → Measure*: defects of surfaces, and the quality of maps."""
+"""The widgets of *Layers → Measure*, which report defects of surfaces and the quality of maps."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -49,7 +49,7 @@ class Findings(TaskDock):
                 layout.addWidget(part)
 
     def look(self) -> None:
-        """Start the work; errors are shown."""
+        """Start the work, and show errors."""
         raise NotImplementedError
 
     def _show_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
@@ -102,17 +102,17 @@ class CheckForm(LayerForm):
 
 
 class CheckSurface(Findings):
-    """Reports the defects that affect the flattening of a surface, and marks where they are."""
+    """Reports the defects that affect the flattening of a surface, and marks their locations."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         self.form = CheckForm(napari_viewer)
         super().__init__("Check", self.form)
         self._viewer = napari_viewer
-        ViewerState.of(napari_viewer)  # which prevents crashes when layers are removed
+        ViewerState.of(napari_viewer)  # prevents crashes when layers are removed
         self._origin: dict[str, str] = {}
 
     def look(self) -> None:
-        """Start the check; errors are shown."""
+        """Start the check, and show errors."""
         try:
             source, foreground = self.form.source()
         except VoxflatError as error:
@@ -144,7 +144,7 @@ def _checked(source: LayerVolume | LayerMesh, foreground: dict[str, Any], progre
 
 
 def _places(found: Check) -> tuple[list[Any], list[str]]:
-    """Return where the handles and the thinnest place are, RAS+ mm, and a description of each."""
+    """Return the positions of the handles and of the thinnest part, in RAS+ mm, with a description of each."""
     places = [handle["centre"] for handle in found.handles]
     texts = [f"handle, {handle['length']:.1f} mm long loop" for handle in found.handles]
     if found.thin is not None and found.thin["place"] is not None:
@@ -154,7 +154,7 @@ def _places(found: Check) -> tuple[list[Any], list[str]]:
 
 
 class MeasureMap(Findings):
-    """Shows all measures of the map of the selected layer, or of the current run; measures patches of other tools."""
+    """Shows all measures of the map of the selected layer or current run; also measures patches from other tools."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__("Measure")
@@ -162,7 +162,7 @@ class MeasureMap(Findings):
         self.look()
 
     def look(self) -> None:
-        """Show the measures, or start to measure a patch."""
+        """Show the measures, or start measuring a patch."""
         layer = self._viewer.layers.selection.active
         about: dict[str, Any] = {} if layer is None else layer.metadata
         run = ViewerState.of(self._viewer).current

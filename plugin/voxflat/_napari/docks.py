@@ -1,4 +1,4 @@
-"""Base classes of the docks, which open as tabs, because two docks do not fit on a small screen."""
+"""Base classes of the docks, which open as tabs because two docks do not fit on a small screen."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,11 +12,11 @@ from voxflat._napari.worker import JobWorker
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
-_LATE = 2000  # ms; the sizes of windows are forgotten afterwards
+_LATE = 2000  # ms, after which the window sizes are discarded
 
 
 class Tab(QObject):
-    """Opens the dock of a widget as a tab of the docks of voxflat that are open; the user may then move it."""
+    """Opens the dock of a widget as a tab beside the open voxflat docks; the user may then move it."""
 
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
@@ -25,7 +25,7 @@ class Tab(QObject):
         self._sizes = {id(window): window.size() for window in windows}
         self._soon = single_shot(self, 0, self._join)  # after napari has placed the dock
         widget.installEventFilter(self)
-        single_shot(self, _LATE, self._sizes.clear).start()  # until then no user has resized them
+        single_shot(self, _LATE, self._sizes.clear).start()  # before a user can have resized them
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
         """Join the other tabs when the widget is shown for the first time."""
@@ -57,7 +57,7 @@ class Tab(QObject):
             dock.raise_()
             before, layout = self._sizes.get(id(window)), window.layout()
             if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
-                layout.activate()  # while both docks were stacked a small window grew
+                layout.activate()  # a small window grew while both docks were stacked
                 window.resize(before)
 
 
@@ -75,11 +75,11 @@ class Dock(QWidget):
         return bool(super().event(event))
 
     def _release(self) -> None:
-        """Cancel what is running, and stop following the viewer."""
+        """Cancel the running task, and stop following the viewer."""
 
 
 class TaskDock(Dock):
-    """A dock that runs tasks in another thread, one at a time."""
+    """A dock that runs one task at a time in another thread."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,7 +99,7 @@ class TaskDock(Dock):
         worker.start()
 
     def _show_work(self, what: str | None) -> None:
-        """Show which task is running; None for none."""
+        """Show the name of the running task, or no name if it is None."""
         raise NotImplementedError
 
     def _show_message(self, message: str) -> None:

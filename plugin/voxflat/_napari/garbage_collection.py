@@ -1,7 +1,7 @@
-"""Defer Python's full garbage collections while a job runs and layers are added.
+"""Defer Python's full garbage collection while a job runs and layers are added.
 
 A full collection takes 0.1 to 0.3 s with napari's modules in memory, and blocks the window, whichever thread triggers
-it. It is deferred until the window is idle, or for a limited time.
+it. It is deferred until the window is idle or a time limit is reached.
 """
 
 import gc
@@ -11,16 +11,16 @@ from qtpy.QtCore import QObject, Qt, QTimer
 from qtpy.QtGui import QCursor, QGuiApplication
 from qtpy.QtWidgets import QApplication
 
-_LOOK = 1000  # ms between two checks whether the window is idle
-_LOOKS = 10  # checks; then Python collects as usual again
-_PATIENCE = 100  # factor on the threshold at which Python collects nevertheless
+_LOOK = 1000  # ms between checks of whether the window is idle
+_LOOKS = 10  # number of checks, after which Python collects garbage as usual
+_PATIENCE = 100  # factor by which the collection threshold is increased
 
 
 def defer_collections() -> None:
     """Defer full collections until the window is idle, for at most ten seconds after the last call.
 
-    Explicit collections, such as those of napari when a layer is removed, are not affected. Nothing is done in Python
-    versions that collect incrementally, or if garbage collection is disabled.
+    Explicit collections, for example by napari when a layer is removed, are not affected. The function does nothing
+    in Python versions that collect incrementally, or if garbage collection is disabled.
     """
     application = QApplication.instance()
     if _Deferral.one is not None:
@@ -30,7 +30,7 @@ def defer_collections() -> None:
 
 
 class _Deferral(QObject):
-    """Waits until the mouse rests and no objects are created, then collects garbage."""
+    """Waits until the mouse is at rest and no objects are created, and then collects garbage."""
 
     one: ClassVar["_Deferral | None"] = None
 
@@ -59,8 +59,8 @@ class _Deferral(QObject):
             self._end()
 
     def _end(self) -> None:
-        """Restore the thresholds of Python."""
-        if gc.get_threshold() == self._ours:  # no other code has changed them
+        """Restore Python's collection thresholds."""
+        if gc.get_threshold() == self._ours:  # if no other code has changed the thresholds
             gc.set_threshold(*self._usual)
         type(self).one = None
         self.deleteLater()

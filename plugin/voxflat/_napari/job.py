@@ -24,7 +24,7 @@ from voxflat.pipeline.surface import surface
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All parameters of a flattening; it refers to no layer, so it can run in any thread. Defaults as in `Surface`."""
+    """The parameters of a flattening, with the defaults of `Surface`; it stores no layers, so any thread can run it."""
 
     surface: LayerVolume | LayerMesh
     method: str = "voxflat"
@@ -35,14 +35,14 @@ class Job:
     radius: float | None = None
     polygon: NDArray[np.float64] | None = None  # (k, 3): corners, RAS+ mm; moved to the nearest vertices
     pial: LayerMesh | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)  # of the method and of `Surface.flatten`
+    options: Mapping[str, Any] = field(default_factory=dict)  # options of the method and of `Surface.flatten`
     pixel_size: float | None = None  # mm
     shown: Shown | None = None
-    values: Overlay | None = None  # the values of the mesh
+    values: Overlay | None = None  # the values at the vertices of the mesh
     start: FlatMap | None = None  # the map to start from
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Flatten."""
+        """Flatten the surface."""
         _tell(progress, "reading the layer")
         flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
@@ -80,7 +80,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class PatchesJob:
-    """All parameters of a flattening in patches, as `Job`."""
+    """The parameters of a job that flattens a surface in patches, like `Job`."""
 
     surface: LayerVolume | LayerMesh
     limit: dict[str, Any]  # one of max_angle, bound and count, as in `Surface.patches`
@@ -91,7 +91,7 @@ class PatchesJob:
     shown: Shown | None = None
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Flatten in patches."""
+        """Flatten the surface in patches."""
         _tell(progress, "reading the layer")
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
         whole = surface(self.surface.read(), **foreground, progress=progress)
@@ -103,7 +103,7 @@ class PatchesJob:
 
 
 def _draw(progress: Progress, what: str) -> None:
-    """Report the drawing stage, and import the modules that the dock needs, which would block the window later."""
+    """Report the drawing stage, and import the modules that the dock needs, to avoid blocking the window later."""
     _tell(progress, f"drawing the {what}")
     importlib.import_module("voxflat.figures")
 

@@ -1,4 +1,4 @@
-"""Keyboard shortcuts of a dock, which work in the viewer and in the dock while it is open."""
+"""Keyboard shortcuts of a dock, which work in the viewer and in the dock while the dock is open."""
 
 from collections.abc import Callable, Mapping
 
@@ -6,17 +6,17 @@ from app_model.backends.qt import QKeyBindingSequence
 from app_model.types import KeyBinding
 from napari import Viewer
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QKeySequence, QShortcut  # type: ignore[attr-defined]  # in Qt 5 it is elsewhere
+from qtpy.QtGui import QKeySequence, QShortcut  # type: ignore[attr-defined]  # in another module in Qt 5
 from qtpy.QtWidgets import QWidget
 
 
 def key_text(key: int) -> str:
-    """Return the name of a key of app-model's `KeyMod` and `KeyCode` on this system, such as Ctrl+Z."""
+    """Return the name on this system, such as Ctrl+Z, of a key given by app-model's `KeyMod` and `KeyCode`."""
     return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
 
 
 class Keys:
-    """Binds keys in the dock and over napari's canvas; existing key bindings of the viewer are kept."""
+    """Binds keys in the dock and on napari's canvas; existing key bindings of the viewer are kept."""
 
     def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:
         self._viewer = viewer
@@ -37,7 +37,7 @@ class Keys:
 
 
 def _for_viewer(act: Callable[[], object]) -> Callable[[Viewer], None]:
-    def pressed(viewer: Viewer) -> None:  # a function, because napari reads its name
+    def pressed(viewer: Viewer) -> None:  # must be a function, because napari reads its name
         act()
 
     return pressed

@@ -27,7 +27,7 @@ _SAMPLE = ("voxflat", "demo_cortex")
 
 
 def demo_cortex() -> list[LayerData]:
-    """Open the MNI152 template: a seed point, to which a thread adds T1 and white matter; all without a viewer."""
+    """Open the MNI152 template: a seed point, then T1 and white matter from a thread; without a viewer, all at once."""
     from napari import current_viewer
 
     viewer = current_viewer()
@@ -40,7 +40,7 @@ def demo_cortex() -> list[LayerData]:
 
 
 def _cortex(progress: Progress) -> list[LayerData]:
-    """Read T1, and white matter labelled by part."""
+    """Read the T1 image, and the white matter with one label per part."""
     from voxflat.demo import THRESHOLD, demo_cortex
     from voxflat.surfaces.hemispheres import hemisphere
 
@@ -66,7 +66,7 @@ def _cortex(progress: Progress) -> list[LayerData]:
 
 
 def _make_ready(viewer: Viewer) -> None:
-    """Prepare what the first layers need, in a thread or in small steps, while the window is drawn."""
+    """Prepare the first layers in a thread or in small steps while the window is being drawn."""
     from qtpy.QtCore import QCoreApplication, QEventLoop
 
     from voxflat._napari.garbage_collection import defer_collections
@@ -74,15 +74,15 @@ def _make_ready(viewer: Viewer) -> None:
     defer_collections()
 
     def load() -> None:
-        with suppress(ImportError):  # other versions of napari may need other modules
+        with suppress(ImportError):  # because other versions of napari may need other modules
             importlib.import_module("pandas")
-            importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the definitions of units
-            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # for the polygons of Labels
+            importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the unit definitions
+            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # used for polygons in Labels layers
 
     thread = threading.Thread(target=load, daemon=True)
     thread.start()
 
-    def live() -> None:  # user input is postponed
+    def live() -> None:  # without user input, which is postponed
         QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
         thread.join(0.005)
 
@@ -95,18 +95,18 @@ def _make_ready(viewer: Viewer) -> None:
 
 
 def _glyphs(viewer: Viewer) -> Iterator[bool]:
-    """Draw, one at a time, the letters with which vispy measures a font for the first text, such as that of Points."""
+    """Draw, one at a time, the letters with which vispy measures a font before it draws text, such as in Points."""
     qt_viewer = getattr(getattr(getattr(viewer, "__wrapped__", viewer), "window", None), "_qt_viewer", None)
     fonts: Any = getattr(qt_viewer, "_font_manager", None)
     face = getattr(qt_viewer, "_overlay_font", None)
-    if type(fonts).__name__ == "QtFontManager" and face is not None:  # that of vispy needs an OpenGL context
+    if type(fonts).__name__ == "QtFontManager" and face is not None:  # vispy's own manager needs an OpenGL context
         font = fonts.get_font(face)
         for letter in "ÅÉÑŐjgpqy":
             yield font[letter] is not None
 
 
 def _add_when_read(viewer: Viewer) -> None:
-    """Read the data in another thread, add the layers below the seed point, then show the seed point."""
+    """Read the data in another thread, add the layers below the seed point, and then show the seed point."""
     from napari.layers import Layer
     from napari.utils.notifications import show_error
     from qtpy.QtCore import QTimer
@@ -126,7 +126,7 @@ def _add_when_read(viewer: Viewer) -> None:
         shown = there()
         if shown is None:
             return
-        if not any(layer.source.sample == _SAMPLE for layer in shown.layers):  # the sample was removed in the meantime
+        if not any(layer.source.sample == _SAMPLE for layer in shown.layers):  # the sample was removed meanwhile
             for layer in arrived:
                 if layer not in shown.layers:
                     drop_controls(shown, layer)
@@ -149,7 +149,7 @@ def _add_when_read(viewer: Viewer) -> None:
     def add(found: list[LayerData]) -> None:
         """Add the layers, one step at a time."""
         steps.extend(partial(make, data=data) for data in found)
-        steps.extend((choose, look, show_seed))  # the seed point last, because alone it would fill the view
+        steps.extend((choose, look, show_seed))  # the seed point comes last, because it would fill the view on its own
         QTimer.singleShot(0, proceed)
 
     def make(shown: Viewer, data: LayerData) -> None:

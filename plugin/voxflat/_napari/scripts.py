@@ -25,12 +25,12 @@ from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
 
-_WIDTH = 100  # of the lines of a script, where possible
+_WIDTH = 100  # largest line length of a script, where possible
 _PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
 
 
 class Recipe:
-    """Runs a job, and writes it as a Python script."""
+    """Runs a job, and writes a Python script that repeats it."""
 
     def __init__(self, job: Job | PatchesJob) -> None:
         self._job = job
@@ -48,11 +48,11 @@ class Recipe:
         return result
 
     def needs_folder(self) -> bool:
-        """Return whether data are not in a file, so that they must be saved beside the script."""
+        """Return whether any data are not in a file and must be saved with the script."""
         return bool(_Script(self._job, None).unsaved)
 
     def script(self, folder: Path | None = None) -> str:
-        """Return a script; data that are not in a file are saved in a folder. InputError if layers changed."""
+        """Return a script, and save data that are not in a file in a folder; raises InputError if layers changed."""
         if _fingerprints(self._job) != self._fingerprints:
             raise InputError("Layers of this run have changed since. Flatten again, then copy the script")
         return _Script(self._job, folder).text()
@@ -110,7 +110,7 @@ class _Script:
         self._result("flat_map", job.shown, job.pixel_size)
 
     def _method(self, job: Job, method: Method) -> str:
-        """Return a method as an argument: empty for the default, its name, or an object with options."""
+        """Return a method as an argument: nothing for the default method, a name, or an object with options."""
         changed = {name: value for name, value in job.options.items() if name in type(method).__dataclass_fields__}
         parts = [f"{name}={self._value(name, value)}" for name, value in changed.items()]
         if job.start is not None:
@@ -166,7 +166,7 @@ class _Script:
     # ---------------------------------------------------------------------------------------------- data
 
     def _surface(self, source: LayerVolume | LayerMesh, variable: str | None = None) -> str:
-        """Add code that reads a layer, from its file if that has the same data, otherwise from a saved one."""
+        """Add code that reads a layer from its file if the file contains the same data, otherwise from a saved file."""
         known = self._named.get(id(source.place))
         if known is not None:
             return known
@@ -198,14 +198,14 @@ class _Script:
             self._lines.append(f"{variable} = Mesh({points}, {variable}.faces, {variable}.path{self._known(mesh)})")
             return
         path = ""
-        if mesh.path is not None:  # the registered sphere may be beside it
+        if mesh.path is not None:  # the registered sphere may be in the same folder
             self._imports.add(_PATH)
             path = f", Path({str(mesh.path)!r})"
         saved = self._load(name, points=mesh.points, faces=mesh.faces)
         self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path}{self._known(mesh)})')
 
     def _known(self, mesh: Mesh) -> str:
-        """Return the structure and space of a mesh, as arguments."""
+        """Return the structure and space of a mesh as arguments."""
         known = "" if mesh.structure is None else f", structure={mesh.structure!r}"
         if mesh.space.name != "scanner":
             return known
@@ -213,7 +213,7 @@ class _Script:
         return f'{known}, space=Space("scanner")'
 
     def _overlay(self, shown: Overlay) -> str:
-        """Add code that reads values of a mesh."""
+        """Add code that reads mesh values."""
         values = shown.values
         if shown.path is None or not _holds(shown.path, values):
             return self._array(values, shown.name)
@@ -222,7 +222,7 @@ class _Script:
         return "shown"
 
     def _array(self, values: NDArray[Any], name: str) -> str:
-        """Return an expression for an array, a literal if it is short."""
+        """Return an expression for an array, which is a literal if the array is short."""
         if values.size <= 12 and values.dtype.kind in "biuf" and np.isfinite(values).all():
             self._imports.add(_NUMPY)
             return f"np.array({values.tolist()!r}, dtype=np.{values.dtype.name})"
@@ -253,11 +253,11 @@ class _Script:
 
 
 class _Code(str):
-    """An expression, not a string literal."""
+    """A Python expression, as opposed to a string literal."""
 
 
 def _is_in_file(source: Volume | Mesh) -> bool:
-    """Return whether the file of a layer holds the same data, which may have been edited."""
+    """Return whether the file of a layer contains the same data as the layer, which may have been edited."""
     if source.path is None or not source.path.is_file():
         return False
     try:
@@ -271,7 +271,7 @@ def _is_in_file(source: Volume | Mesh) -> bool:
 
 
 def _holds(path: Path, values: NDArray[Any]) -> bool:
-    """Return whether a file holds these values of a mesh."""
+    """Return whether a file contains these mesh values."""
     try:
         return _same(read_overlay(path, len(values)).astype(values.dtype), values)
     except (InputError, OSError):
@@ -287,7 +287,7 @@ def _file_name(name: str) -> str:
 
 
 def _fingerprints(job: Job | PatchesJob) -> list[str]:
-    """Return hashes of all arrays of a job, which may be edited in place."""
+    """Return hashes of all arrays of a job, because arrays may be edited in place."""
     held = (np.ascontiguousarray(array).reshape(-1).view(np.uint8).data for array in _arrays(job))
     return [hashlib.sha256(data).hexdigest() for data in held]
 

@@ -10,7 +10,7 @@ PAUSE = 10
 
 
 def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
-    """Return a timer that calls a function once, a pause in ms after the last start."""
+    """Return a timer that calls a function once, when a pause in ms has passed since the last start."""
     timer = QTimer(parent)
     timer.setSingleShot(True)
     timer.setInterval(pause)

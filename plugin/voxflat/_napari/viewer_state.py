@@ -1,4 +1,4 @@
-"""The state of a viewer that outlives docks: its runs, and its drawn cuts."""
+"""The state of a viewer that persists when docks are closed: its runs and drawn cuts."""
 
 import weakref
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from voxflat.maps.flat_map import FlatMap
 
 @dataclass(frozen=True, eq=False)
 class DrawnCuts:
-    """Drawn cuts, by the ids of the vertices in the input."""
+    """Drawn cuts, as vertex ids of the input."""
 
     paths: list[NDArray[np.int64]]
     left_out: NDArray[np.int64]  # excluded vertices, as `drop`; may be empty
 
 
 class ViewerState:
-    """The runs of one viewer, independent of the open docks, which `changed` notifies."""
+    """The runs of one viewer, which do not depend on open docks; the signal `changed` notifies the docks."""
 
     changed = Signal()
     """Emitted when runs are added or removed, or the current run changes."""
@@ -44,16 +44,16 @@ class ViewerState:
         self._viewer = weakref.ref(viewer)
         self._runs: dict[Run, ListedLayers] = {}
         self._current: Run | None = None
-        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one by one
+        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one at a time
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
         self.keeps_earlier = False
         """Whether earlier runs are kept when a new one is added."""
 
     @classmethod
     def of(cls, viewer: Viewer) -> "ViewerState":
-        """Return the state of a viewer, which exists as long as the viewer."""
+        """Return the state of a viewer, which exists as long as the viewer does."""
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari passes a different proxy to each widget
-        key = id(viewer)  # viewers are not hashable
+        key = id(viewer)  # because viewers are not hashable
         if key not in cls._of:
             state = cls._of[key] = cls(viewer)
             viewer.layers.events.inserted.connect(state._adopt)
@@ -73,11 +73,11 @@ class ViewerState:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the layer list contains the layers of the runs, and none of removed runs."""
+        """Whether the layer list contains all layers of the runs, and no layers of removed runs."""
         return all(listed.is_settled for listed in self._runs.values())
 
     def add(self, run: Run, *, keep: bool | None = None) -> None:
-        """Make a run the current one, and add its layers; other runs are kept if `keep`, by default `keeps_earlier`."""
+        """Make a run the current one, and add its layers; `keep` (by default `keeps_earlier`) keeps other runs."""
         viewer = self._viewer()
         assert viewer is not None
         replaced: list[ListedLayers] = []
@@ -96,7 +96,7 @@ class ViewerState:
             self.changed.emit()
 
     def remove(self, run: Run) -> None:
-        """Remove a run and its layers, if it is there."""
+        """Remove a run and its layers, if the run exists."""
         if run not in self._runs:
             return
         self._runs.pop(run).remove()
@@ -121,11 +121,11 @@ class ViewerState:
             layer = event.value.as_layer_data_tuple()
             (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
             self._runs[run].take(event.value)
-            QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # an RGB layer is added visible
+            QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # RGB layers are added visible
             self.changed.emit()
 
     def map_of(self, layer: Layer | None) -> FlatMap | None:
-        """Return the displayed map, if it may be of a layer: with the same number of vertices, or of voxels."""
+        """Return the displayed map if it may show a layer, because both have as many vertices or both are voxels."""
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap):
             return None

@@ -1,4 +1,4 @@
-"""The widgets of *Layers → Transform* that flatten: a form, buttons, progress and results."""
+"""The widgets of *Layers → Transform* that flatten, each with a form, buttons, a progress bar and results."""
 
 import time
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ from voxflat.maps.flat_map import FlatMap
 
 
 class FlattenWidget(TaskDock):
-    """Runs the flattening that a form describes in another thread, and shows the result."""
+    """Runs the job that a form describes in another thread, and shows the result."""
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
         super().__init__()
@@ -132,7 +132,7 @@ class FlattenWidget(TaskDock):
 
     def _on_returned(self, result: FlatLayers) -> None:
         if self._worker is None or self._worker.abort_requested:
-            return  # cancelled just as it finished
+            return  # the task was cancelled just as it finished
         seconds = time.perf_counter() - self._started
         self._timer.stop()
         run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
@@ -142,7 +142,7 @@ class FlattenWidget(TaskDock):
         self._coming.start()
 
     def _arrive(self) -> None:
-        """Show the run, after the window has processed the events of the new dock."""
+        """Show the run after the window has processed the events of the new dock."""
         assert self._arriving is not None
         (run, summary), self._arriving = self._arriving, None
         if self._worker is not None and not self._worker.abort_requested:
@@ -152,7 +152,7 @@ class FlattenWidget(TaskDock):
         self._end()
 
     def _show_current(self) -> None:
-        """Show the current run, if it is of the kind that this widget shows."""
+        """Show the current run if this widget shows runs of its kind."""
         run = ViewerState.of(self._viewer).current
         if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
@@ -164,7 +164,7 @@ class FlattenWidget(TaskDock):
             return
         if isinstance(error, VoxflatError | MemoryError | OSError):
             self._fail(error)
-        else:  # a bug: show the traceback
+        else:  # show the traceback of a bug
             self.status.setText(f"{type(error).__name__}: {error}")
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
@@ -173,7 +173,7 @@ class FlattenWidget(TaskDock):
         self._end()
 
     def _end(self) -> None:
-        """Allow the next run, once the thread has ended and its result is shown."""
+        """Allow the next run once the thread has ended and its result is shown."""
         if self._arriving is not None or not self._has_finished:
             return
         if self._worker is not None and self._worker.abort_requested:
@@ -193,7 +193,7 @@ class FlattenWidget(TaskDock):
 
 
 class FlattenSurface(FlattenWidget):
-    """Flattens a mesh, or the surface of a label or of the voxels above a threshold, in another thread."""
+    """Flattens a mesh, the surface of a label, or the surface of the voxels above a threshold, in another thread."""
 
     form: SurfaceForm
 
@@ -224,7 +224,7 @@ class FlattenPatches(FlattenWidget):
 
 
 class _Scroll(QScrollArea):
-    """A scroll area that scrolls vertically only, and is as wide as its contents."""
+    """A scroll area that scrolls only vertically and is as wide as its contents."""
 
     def __init__(self) -> None:
         super().__init__()

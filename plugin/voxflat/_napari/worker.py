@@ -1,4 +1,4 @@
-"""Background tasks that keep napari responsive, and show their progress in its activity dock."""
+"""Background tasks that keep napari responsive and show their progress in napari's activity dock."""
 
 import atexit
 from collections.abc import Callable
@@ -17,15 +17,15 @@ from voxflat.arguments import Progress
 POLL_INTERVAL = 250
 """Interval between two updates of the progress, ms; every change redraws the complete window."""
 
-_CANCEL_INTERVAL = 50  # ms between two checks whether a task was cancelled
-_SPINNER_SPEED = 12  # %, four frames per second
+_CANCEL_INTERVAL = 50  # ms between checks of whether a task has been cancelled
+_SPINNER_SPEED = 12  # per cent; four frames per second
 
 
 class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
-    """Calls a function in a thread of Qt's pool.
+    """Calls a function in a thread of Qt's thread pool.
 
-    napari waits for threads when it closes, but not for one that starts at that moment; Python waits for that one
-    before it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
+    When napari closes, it waits for threads, except for a thread that starts at that moment; Python waits for this
+    thread before it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
     """
 
     def __init__(self, function: Callable[[], Any]) -> None:
@@ -34,11 +34,11 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
         _wait_at_exit()
 
     def work(self) -> Any:
-        """Call the function, in the thread."""
+        """Call the function in the thread."""
         return self._function()
 
     def run(self) -> None:
-        """Do the work and emit the signals, in the thread."""
+        """Do the work and emit the signals in the thread."""
         try:
             super().run()
         except RuntimeError:
@@ -60,7 +60,7 @@ def _wait_at_exit() -> None:
 
 
 class LatestTask(QObject):
-    """Runs one task at a time in a thread; of the tasks requested in the meantime, only the last one runs."""
+    """Runs one task at a time in a thread; of the tasks requested meanwhile, only the last one is run."""
 
     done = Signal(object)
     """Emitted with the result of the task that was requested last."""
@@ -81,7 +81,7 @@ class LatestTask(QObject):
         return self._worker is not None
 
     def ask(self, work: Callable[[], Any]) -> None:
-        """Run a task, which must not use widgets or layers, after the running one, whose result is discarded."""
+        """Run a task after the running one, whose result is discarded; the new task must not use widgets or layers."""
         if self._worker is not None:
             self._next = work
             return
@@ -117,7 +117,7 @@ class LatestTask(QObject):
 
 
 class JobWorker(BackgroundTask):
-    """A task with progress in napari's activity dock; errors are emitted, and `quit` cancels it."""
+    """A task with progress in napari's activity dock, which emits errors and can be cancelled by `quit`."""
 
     def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
         super().__init__(lambda: work(self._progress))
@@ -126,7 +126,7 @@ class JobWorker(BackgroundTask):
         """The current stage, the completed and the total number of steps; any thread may read it."""
 
     def start(self) -> None:
-        """Show the progress bar, then start the thread after the window has processed events; for the GUI thread."""
+        """In the GUI thread, show the progress bar, and start the thread after the window has processed events."""
         defer_collections()
 
         def show() -> None:
@@ -143,10 +143,10 @@ class JobWorker(BackgroundTask):
 
 
 class _Activity(QObject):
-    """The progress bar of a task in napari's activity dock, until `end`.
+    """The progress bar of a task in napari's activity dock, which is shown until `end` is called.
 
-    napari animates a spinner beside it at 33 frames per second, each of which redraws the window. Without a graphics
-    card, that uses most of a core. While a task runs, the spinner is slowed down to 4 frames per second.
+    napari animates a spinner beside the bar at 33 frames per second, and each frame redraws the window. Without a
+    graphics card, this uses most of a CPU core. While a task runs, the spinner is slowed down to 4 frames per second.
     """
 
     _count: ClassVar[int] = 0

@@ -3,12 +3,13 @@
 PyVista 0.48 and later load this module on the first use of ``.voxflat``. With older versions, import
 ``voxflat._pyvista`` first.
 
-Coordinates are interpreted as RAS+ mm: x increases to the right, y to the front, z upwards. Convert images from readers
-that keep LPS coordinates, such as ITK's, first: multiply the origin and the first two rows of the direction matrix by
-−1. Otherwise left and right, and front and back, are exchanged on the map.
+Coordinates are interpreted as RAS+ mm: x increases to the right, y to the front, and z upwards. First convert images
+from readers that keep LPS coordinates, such as ITK: multiply the origin and the first two rows of the direction matrix
+by −1. Otherwise, left and right, and front and back, are exchanged on the map.
 
-`extracted_surface` extracts the surface of a dataset and copies its data, `images` converts arrays of images to
-volumes, and `flat` makes meshes of maps. `accessor` has the operations on a dataset, `blocks` those on a MultiBlock.
+`extracted_surface` extracts the surface of a dataset and copies its data, `images` converts image arrays to
+volumes, and `flat` converts maps to meshes. `accessor` defines the operations on a dataset, and `blocks` defines the
+operations on a MultiBlock.
 """
 
 from typing import Any

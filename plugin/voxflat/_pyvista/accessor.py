@@ -1,4 +1,4 @@
-"""``mesh.voxflat``: the operations of voxflat on datasets of PyVista."""
+"""``mesh.voxflat``: voxflat operations on PyVista datasets."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class VoxflatAccessor(Verbs):
     Parameters
     ----------
     mesh : pyvista.DataSet
-        An ``ImageData`` with labels or intensities as point data or cell data, in RAS+ mm. For any other dataset the
-        accessor extracts the surface and triangulates it. The dataset is not modified.
+        An ``ImageData`` with labels or intensities as point data or cell data, in RAS+ mm. For any other dataset,
+        the accessor extracts the surface and triangulates it. The dataset is not modified.
 
     See Also
     --------
-    voxflat.surface : The same for arrays, files and other objects.
-    BlocksAccessor : The same for a MultiBlock.
+    voxflat.surface : Create a surface from arrays, files and other objects.
+    BlocksAccessor : The accessor of a MultiBlock.
 
     Examples
     --------
@@ -64,20 +64,20 @@ class VoxflatAccessor(Verbs):
     ) -> tuple[pv.PolyData, pv.Texture]:
         """Map an image onto the surface through its flat map.
 
-        The image is placed on the flat map, and every point of the surface gets the colour at its position there.
+        The image is placed on the flat map, and each surface point receives the colour at its position on the map.
 
         Parameters
         ----------
         picture : path, ndarray or PIL.Image.Image
             The image, as in `FlatMap.textured`.
         texel_size : float, optional
-            Side length of a pixel of the image, in mm. By default the image covers the bounding box of the map.
+            Side length of a pixel of the image, in mm. By default, the image covers the bounding box of the map.
         repeat : bool
             Whether the image is repeated beyond its borders.
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options of a call of the accessor. A mesh that is already a flat map takes none.
+            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
 
         Returns
         -------
@@ -94,7 +94,7 @@ class VoxflatAccessor(Verbs):
 
         See Also
         --------
-        FlatMap.textured : The same for a flat map, with files that other programs read.
+        FlatMap.textured : Texture a flat map, and write files that other programs can read.
 
         Examples
         --------
@@ -114,7 +114,7 @@ class VoxflatAccessor(Verbs):
         surface = flat.copy(deep=False)
         if "torn" in flat.cell_data and np.any(flat.cell_data["torn"]):
             surface = surface.remove_cells(np.flatnonzero(flat.cell_data["torn"]).tolist())
-        surface.SetPoints(pv.vtk_points(np.array(surface.point_data["surface_points"])))  # those of `flat` stay
+        surface.SetPoints(pv.vtk_points(np.array(surface.point_data["surface_points"])))  # leaves `flat` unchanged
         surface.point_data["colours"] = np.round(values_at(colours, coordinates, repeat)).astype(np.uint8)
         surface.active_texture_coordinates = coordinates
         texture: pv.Texture = pv.Texture(colours)  # type: ignore[no-untyped-call]
@@ -136,45 +136,45 @@ class VoxflatAccessor(Verbs):
     ) -> pv.Plotter:
         """Show the surface and its flat map side by side.
 
-        Both views have the same colour scale. A click in one view marks the same point in both, and shows the number of
-        the point and its value.
+        Both views have the same colour scale. A click in either view marks the same point in both, and shows the number
+        of the point and its value.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array to show: a measure such as ``"areal"``, or an array of the mesh. By default the active
-            array.
+            Name of the array to show: a measure such as ``"areal"``, or an array of the mesh. By default,
+            the active array.
         cmap : str, optional
-            Name of the colour map. By default the usual one of the measure.
+            Name of the colour map. The default depends on the array.
         clim : tuple of 2 floats, optional
-            Values at both ends of the colour bar. By default they reach up to the 99th percentile.
+            Values at the two ends of the colour bar. The default depends on the array.
         window_size : tuple of 2 ints
             Width and height of the window, in pixels.
         off_screen : bool, optional
-            Render without a window. By default PyVista's setting is used.
+            Render without a window. By default, PyVista's setting is used.
         screenshot : path, optional
             File to which a screenshot is written.
         show : bool
-            Show the plot now. Otherwise call `Plotter.show` on the result, after adding to it.
+            Show the plot now. If False, call `Plotter.show` on the result, for example after adding other meshes to it.
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options of a call of the accessor. A mesh that is already a flat map takes none.
+            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
 
         Returns
         -------
         pyvista.Plotter
-            The plotter, which is closed if the plot was shown.
+            The plotter, which is closed if the plot has been shown.
 
         Raises
         ------
         InputError, Cancelled
-            As in `flatten`, or if the map has no such array.
+            As in `flatten`, or if the map does not have the array.
 
         See Also
         --------
-        show : An interactive view in a notebook.
-        morph : An animation from the surface to the map.
+        show : Show an interactive view in a notebook.
+        morph : Animate the transition from the surface to the map.
 
         Examples
         --------
@@ -182,7 +182,7 @@ class VoxflatAccessor(Verbs):
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> plotter = flat.voxflat.plot("areal", off_screen=True)
         """
-        from voxflat._pyvista.views import side_by_side  # colours are matplotlib's, which takes long to import
+        from voxflat._pyvista.views import side_by_side  # imports Matplotlib, which is slow
 
         view = side_by_side(
             self._laid(progress_bar, options), scalars, cmap, clim, window_size=window_size, off_screen=off_screen
@@ -192,23 +192,23 @@ class VoxflatAccessor(Verbs):
         return view
 
     def morph(self, n: int = 25, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]) -> Morph:
-        """Return the surfaces between the folded and the flat one.
+        """Return a sequence of surfaces from the folded surface to the flat map.
 
         Every point moves on a straight line from its position on the surface to its position on the map.
 
         Parameters
         ----------
         n : int
-            Number of frames, both ends included.
+            Number of frames, including the first and the last one.
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options of a call of the accessor. A mesh that is already a flat map takes none.
+            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
 
         Returns
         -------
         Morph
-            A sequence of PolyData, from the surface to the map. `Morph.save` writes a movie, `Morph.plot` has a slider.
+            A sequence of meshes from the surface to the map. `Morph.save` writes a movie; `Morph.plot` shows a slider.
 
         Raises
         ------
@@ -217,7 +217,7 @@ class VoxflatAccessor(Verbs):
 
         See Also
         --------
-        plot : The surface and the map side by side.
+        plot : Show the surface and the map side by side.
 
         Examples
         --------
@@ -226,7 +226,7 @@ class VoxflatAccessor(Verbs):
         >>> halfway = morph.at(0.5)
         >>> morph.save("unfold.gif")  # doctest: +SKIP
         """
-        from voxflat._pyvista.morphs import Morph  # colours are matplotlib's, which takes long to import
+        from voxflat._pyvista.morphs import Morph  # imports Matplotlib, which is slow
 
         return Morph(self._laid(progress_bar, options), n)
 
@@ -235,7 +235,7 @@ class VoxflatAccessor(Verbs):
     ) -> MapPage:
         """Show the surface and its flat map in a notebook.
 
-        The two views are linked: the point under the pointer is marked in both. A menu selects the array that is shown,
+        The two views are linked: the point under the pointer is marked in both. A menu selects the displayed array,
         and a slider unfolds the surface.
 
         Parameters
@@ -245,7 +245,7 @@ class VoxflatAccessor(Verbs):
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options of a call of the accessor. A mesh that is already a flat map takes none.
+            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
 
         Returns
         -------
@@ -260,7 +260,7 @@ class VoxflatAccessor(Verbs):
         See Also
         --------
         export_html : Write the page to a file.
-        plot : A PyVista window with both views.
+        plot : Show both views in a PyVista window.
 
         Examples
         --------
@@ -269,7 +269,7 @@ class VoxflatAccessor(Verbs):
         >>> page = flat.voxflat.show("Enneper's surface")
         >>> page.save("enneper.html")  # doctest: +SKIP
         """
-        from voxflat._pyvista.browser import browser_page  # colours are matplotlib's, which takes long to import
+        from voxflat._pyvista.browser import browser_page  # imports Matplotlib, which is slow
 
         return browser_page(self._laid(progress_bar, options), title)
 
@@ -283,12 +283,12 @@ class VoxflatAccessor(Verbs):
     ) -> None:
         """Write the page of `show` to an HTML file.
 
-        The file needs no network connection. It holds at most about 20,000 points; a larger map is simplified.
+        The file needs no network connection. It contains at most about 20,000 points; larger maps are simplified.
 
         Parameters
         ----------
         path : path
-            Name of the file, which ends in ``.html``.
+            Name of the file, which must end in ``.html``.
         title : str
             Title of the page.
         progress_bar : bool
@@ -299,7 +299,7 @@ class VoxflatAccessor(Verbs):
         Raises
         ------
         InputError, Cancelled
-            As in `show`, or if the name has another ending.
+            As in `show`, or if the file name has another extension.
         OSError
             If the file cannot be written.
 

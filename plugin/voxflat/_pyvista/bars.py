@@ -1,4 +1,4 @@
-"""Progress bars for ``progress_bar=True``, as in PyVista's own filters."""
+"""Progress bars for ``progress_bar=True``, like those of PyVista filters."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""``blocks.voxflat``: the operations of voxflat on each block of a MultiBlock."""
+"""``blocks.voxflat``: voxflat operations on each block of a MultiBlock."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class BlocksAccessor:
     ) -> pv.MultiBlock:
         """Flatten each block into the plane z = 0.
 
-        The parameters are those of `VoxflatAccessor`. The result has a map for each block, under the same name; empty
-        blocks stay empty. Raises InputError and Cancelled as `VoxflatAccessor`; the message names the block.
+        The parameters are the same as for `VoxflatAccessor`. The result contains a map of each block, under its name;
+        empty blocks stay empty. Raises InputError and Cancelled like `VoxflatAccessor`; the message names the block.
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 
@@ -80,7 +80,7 @@ class BlocksAccessor:
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one of each block.
+            Name of the image array to use. By default, the active array or the only array of each block.
         progress_bar : bool
             Show a progress bar.
         **options : dict
@@ -89,7 +89,7 @@ class BlocksAccessor:
         Returns
         -------
         dict of str to FlatMap
-            The maps under the names of their blocks. The name of a nested block is a path such as ``"brain/left"``.
+            The maps, keyed by block name. The key of a nested block is a path such as ``"brain/left"``.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class BlocksAccessor:
 
         See Also
         --------
-        VoxflatAccessor.flatten : The same for a single dataset.
+        VoxflatAccessor.flatten : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -116,14 +116,14 @@ class BlocksAccessor:
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one of each block.
+            Name of the image array to use. By default, the active array or the only array of each block.
         **options : dict
             As in `VoxflatAccessor.surface`.
 
         Returns
         -------
         pyvista.MultiBlock
-            The surfaces under the names of their blocks.
+            The surfaces, with the names of their blocks.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class BlocksAccessor:
 
         See Also
         --------
-        VoxflatAccessor.surface : The same for a single dataset.
+        VoxflatAccessor.surface : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -150,14 +150,14 @@ class BlocksAccessor:
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one of each block.
+            Name of the image array to use. By default, the active array or the only array of each block.
         **options : dict
             As in `VoxflatAccessor.check`.
 
         Returns
         -------
         dict of str to Check
-            The reports under the names of their blocks, as in `flatten`.
+            The reports, keyed by block name as in `flatten`.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class BlocksAccessor:
 
         See Also
         --------
-        VoxflatAccessor.check : The same for a single dataset.
+        VoxflatAccessor.check : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -184,14 +184,14 @@ class BlocksAccessor:
         Parameters
         ----------
         max_angle : float, optional
-            Greatest angle between a triangle and the plane of its patch, in degrees. The default is 10.
+            Largest angle between a triangle and the plane of its patch, in degrees. The default is 10.
         **options : dict
             As in `VoxflatAccessor.patches`.
 
         Returns
         -------
         pyvista.MultiBlock
-            A page for each block.
+            The page of each block.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class BlocksAccessor:
 
         See Also
         --------
-        VoxflatAccessor.patches : The same for a single dataset.
+        VoxflatAccessor.patches : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -213,14 +213,14 @@ class BlocksAccessor:
     def cut(
         self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[CutOptions]
     ) -> pv.MultiBlock:
-        """Cut the surface of each block open.
+        """Cut open the surface of each block.
 
         Empty blocks stay empty.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one of each block.
+            Name of the image array to use. By default, the active array or the only array of each block.
         progress_bar : bool
             Show a progress bar.
         **options : dict
@@ -229,7 +229,7 @@ class BlocksAccessor:
         Returns
         -------
         pyvista.MultiBlock
-            The cut surfaces under the names of their blocks.
+            The cut surfaces, with the names of their blocks.
 
         Raises
         ------
@@ -238,7 +238,7 @@ class BlocksAccessor:
 
         See Also
         --------
-        VoxflatAccessor.cut : The same for a single dataset.
+        VoxflatAccessor.cut : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -256,25 +256,25 @@ class BlocksAccessor:
         Parameters
         ----------
         flat : pyvista.MultiBlock
-            The maps, in the order of the blocks.
+            The maps, in the same order as the blocks.
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one of each block.
+            Name of the image array to use. By default, the active array or the only array of each block.
         **options : dict
             As in `VoxflatAccessor.measure`.
 
         Returns
         -------
         pyvista.MultiBlock
-            A map with its measures for each block.
+            The map of each block, with its measures.
 
         Raises
         ------
         InputError, Cancelled
-            As in `VoxflatAccessor.measure`, with the name of the block; or if the number of maps differs.
+            As in `VoxflatAccessor.measure`, with the name of the block; or if the numbers of maps and blocks differ.
 
         See Also
         --------
-        VoxflatAccessor.measure : The same for a single dataset.
+        VoxflatAccessor.measure : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -284,10 +284,10 @@ class BlocksAccessor:
         """
         return self._made(lambda of, one: of.measure(one, scalars, **options), flat)
 
-    if not TYPE_CHECKING:  # a type checker is to find that they are not there
+    if not TYPE_CHECKING:  # type checkers should report that these operations are missing
 
         def __getattr__(self, name: str) -> object:
-            """Explain why an operation needs a single block."""
+            """Raise an error that explains why an operation needs a single block."""
             if name not in _OF_ONE:
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute {name!r}")
             first = next(iter(self._blocks.keys()), "name")
@@ -296,7 +296,7 @@ class BlocksAccessor:
     def _made(
         self, verb: Callable[[Any, Any], pv.DataSet | pv.MultiBlock], beside: pv.MultiBlock | None = None
     ) -> pv.MultiBlock:
-        """Apply an operation to each block, and to the block of the same position in another MultiBlock."""
+        """Apply an operation to each block, and to the block at the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
             given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
             raise InputError(

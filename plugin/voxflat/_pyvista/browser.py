@@ -1,4 +1,4 @@
-"""Maps of PyVista as pages for a browser."""
+"""Convert PyVista maps to pages for a web browser."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ _OWN = ("vertex_ids", "voxel_ids", "torn", "mesh_vertex_ids")
 
 @dataclass(frozen=True, eq=False)
 class _PageMap:
-    """The part of a map that a page shows."""
+    """The part of a map that is shown on a page."""
 
     uv: NDArray[np.float64]
     points: NDArray[np.float64]
@@ -42,6 +42,6 @@ def browser_page(flat: pv.PolyData, title: str) -> MapPage:
 
 
 def _values(data: pv.DataSetAttributes) -> dict[str, NDArray[Any]]:
-    """Return the arrays that can be shown: one number per point or triangle."""
+    """Return the arrays that can be shown, which have one number per point or triangle."""
     arrays = {name: np.asarray(data[name]) for name in data if name not in _OWN}
     return {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "biuf"}

@@ -1,4 +1,4 @@
-"""The surface of any PyVista dataset, and the transfer of its data to the map."""
+"""Extract the surface of any PyVista dataset, and copy its data to the map."""
 
 import warnings
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class ExtractedSurface:
 
     @classmethod
     def of(cls, dataset: pv.DataSet) -> "ExtractedSurface":
-        """Extract the surface of a dataset: the outside of volume cells, with polygons and strips triangulated."""
+        """Extract the outer surface of a dataset, and triangulate its polygons and strips."""
         if (
             isinstance(dataset, pv.PolyData)
             and dataset.GetNumberOfPolys() == dataset.n_cells
@@ -41,7 +41,7 @@ class ExtractedSurface:
         numbered.cell_data[_CELL] = np.arange(dataset.n_cells)
         if (
             isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines
-        ):  # precede the polygons, and are not a surface
+        ):  # vertices and lines precede the polygons, and are not part of a surface
             faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
             numbered = numbered.extract_cells(faces)
         if isinstance(numbered, pv.ExplicitStructuredGrid):  # VTK's filter does not set its cell data
@@ -57,7 +57,7 @@ class ExtractedSurface:
                 f"the {type(dataset).__name__} of {dataset.n_cells} cells has no faces to flatten. "
                 "Give a dataset with a surface"
             )
-        # VTK repeats the points at the edges of a grid for each of its sides
+        # VTK duplicates the points at the edges of a grid, once for each adjacent side
         point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
         faces = row.reshape(-1)[triangles.regular_faces]
         mesh = pv.PolyData.from_regular_faces(np.asarray(triangles.points)[first], faces)
@@ -70,7 +70,7 @@ class ExtractedSurface:
         return self.mesh is self.dataset
 
     def point(self, seed: object, name: str) -> int:
-        """Return the point of the surface for a single seed point."""
+        """Return the surface point for a single seed point."""
         found = self.points(seed, name)
         if found.ndim:
             raise InputError(
@@ -79,7 +79,7 @@ class ExtractedSurface:
         return int(found)
 
     def points(self, seeds: object, name: str) -> NDArray[np.int64]:
-        """Return the points of the surface for point numbers, positions or cells."""
+        """Return the surface points for point numbers, positions or cells."""
         if isinstance(seeds, pv.Cell):
             return self._of_cell(seeds, name)
         if isinstance(seeds, list | tuple) and any(isinstance(seed, pv.Cell) for seed in seeds):
@@ -102,7 +102,7 @@ class ExtractedSurface:
         return found
 
     def _of_cell(self, cell: pv.Cell, name: str) -> NDArray[np.int64]:
-        """Return the corner of a cell that is on the surface and nearest to the centre of the cell."""
+        """Return the corner of a cell that lies on the surface and is nearest to the centre of the cell."""
         numbers = np.asarray(cell.point_ids)
         is_there = (numbers < self.dataset.n_points) & np.isin(numbers, self.point_ids[self._used])
         if not is_there.any() or not np.allclose(
@@ -115,7 +115,7 @@ class ExtractedSurface:
         return self.points(numbers[np.where(is_there, apart, np.inf).argmin()], name)
 
     def _nearest(self, positions: NDArray[np.float64], name: str) -> NDArray[np.int64]:
-        """Return the points of the surface that are nearest to positions; a warning reports distant positions."""
+        """Return the surface points nearest to the given positions; a warning reports distant positions."""
         if positions.shape[-1:] != (3,) or positions.ndim > 2 or not np.isfinite(positions).all():
             raise InputError(
                 f"{name} has shape {positions.shape} of {positions.dtype}. Give finite positions (x, y, z)"
@@ -135,7 +135,7 @@ class ExtractedSurface:
         return np.unique(np.asarray(self.mesh.regular_faces, dtype=np.int64))
 
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
-        """Copy the data of the dataset to a flat mesh; names that it already has get the prefix ``mesh_``."""
+        """Copy the data of the dataset to a flat mesh; arrays whose names it already uses get the prefix ``mesh_``."""
         of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:
@@ -155,7 +155,7 @@ class ExtractedSurface:
             flat.cell_data[_free(name, flat)] = self.dataset.cell_data[name][cells]
 
     def _cells(self, faces: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """Return the cell of each triangle, found by its corners; None if a triangle is not part of the surface."""
+        """Return the cell of each triangle, found by its corners; None if any triangle is not part of the surface."""
         own = np.sort(np.asarray(self.mesh.regular_faces, dtype=np.int64), axis=1)
         known, wanted = numbered(own, np.sort(faces, axis=1))
         triangle = np.full(len(own) + len(faces), -1, dtype=np.int64)
@@ -169,7 +169,7 @@ def _is_triangles(mesh: pv.PolyData) -> bool:
 
 
 def _free(name: str, flat: pv.PolyData) -> str:
-    """Return a name that no array of a flat mesh has."""
+    """Return an array name that a flat mesh does not yet use."""
     taken = {*flat.point_data, *flat.cell_data, *flat.field_data}
     if name not in taken:
         return name

@@ -38,7 +38,7 @@ def read(path: str, *, surface: object | None = None) -> pv.PolyData:
 def write(dataset: pv.DataSet, path: str) -> None:
     """Write a mesh as ``.surf.gii`` for ``mesh.save``.
 
-    `dataset` has triangles only. For the map of a mesh, the file keeps the vertex numbers of the mesh, as
+    `dataset` must contain only triangles. For the map of a mesh, the file keeps the vertex numbers of the mesh, as
     `FlatMap.save` does; where a cut duplicates a vertex, only one side is kept. Raises InputError if the dataset is not
     a surface of triangles or the name does not end in ``.surf.gii``, and OSError if the file cannot be written.
     """
@@ -51,7 +51,7 @@ def write(dataset: pv.DataSet, path: str) -> None:
 
 
 def _of_map(flat: pv.PolyData) -> Mesh:
-    """Return a flat map, with the vertex numbers of the mesh if a mesh was flattened."""
+    """Return a flat map; if a mesh was flattened, the map has its vertex numbers."""
     told = json.loads(str(flat.field_data["voxflat"][0]))
     faces = np.asarray(flat.regular_faces)
     if "torn" in flat.cell_data:

@@ -29,20 +29,20 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
     flat_map : FlatMap
         A flat map.
     picture_shape : tuple of ints
-        Shape of the image for which the texture coordinates are made. The default is a square image.
+        Shape of the image for which texture coordinates are computed. The default is a square image.
 
     Returns
     -------
     pyvista.PolyData
-        The mesh. Its point data are the active ``distance_error``, ``areal``, ``angle``, ``voxel_ids`` (i, j, k) or
+        The mesh. Its point data are ``distance_error`` (active), ``areal``, ``angle``, ``voxel_ids`` (i, j, k) or
         ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates that place an image as `FlatMap.texture`
         does. Its cell data are ``isometric``, ``quasi_conformal``, ``flipped`` and ``torn`` (the triangle bridges a gap
-        of the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat`` hold the
+        in the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat`` hold the
         metadata and the distortion figures: ``json.loads(mesh.field_data["voxflat"][0])``.
 
     See Also
     --------
-    to_surface_polydata : The surface in space with the same data.
+    to_surface_polydata : Return the surface in space with the same data.
 
     Examples
     --------
@@ -56,14 +56,14 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
 def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
     """Return the surface of a flat map as a mesh in space, in RAS+ mm.
 
-    Triangles that are torn bridge gaps of the surface.
+    Torn triangles bridge gaps in the surface.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     picture_shape : tuple of ints
-        Shape of the image for which the texture coordinates are made. The default is a square image.
+        Shape of the image for which texture coordinates are computed. The default is a square image.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (
 
     See Also
     --------
-    to_polydata : The flat map in the plane.
+    to_polydata : Return the flat map in the plane.
 
     Examples
     --------
@@ -91,21 +91,21 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     Parameters
     ----------
     atlas : Atlas
-        An atlas, such as `voxflat.Surface.patches` returns.
+        An atlas, for example from `voxflat.Surface.patches`.
     packing : {"boxes", "shapes"}
-        How patches are arranged, as in `Atlas.page`.
+        How patches are arranged on the page, as in `Atlas.page`.
 
     Returns
     -------
     pyvista.PolyData
-        The mesh. Its cell data are the active ``patch``, ``piece`` (which differs from ``patch`` if patches are glued),
+        The mesh. Its cell data are ``patch`` (active), ``piece`` (which differs from ``patch`` if patches are glued),
         ``isometric`` (C), ``quasi_conformal`` (K) and ``areal`` (log2 of the ratio of areas). Its point data are
         ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates for an image of the page.
         The field data ``voxflat`` hold the metadata.
 
     See Also
     --------
-    to_polydata : A flat map as a mesh.
+    to_polydata : Return a flat map as a mesh.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
 def to_measured_polydata(
     measured: MeasuredMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
 ) -> pv.PolyData:
-    """Return a map that was measured as a mesh in the plane z = 0, in mm."""
+    """Return a measured map as a mesh in the plane z = 0, in mm."""
     mesh = triangles(_in_plane(measured.uv), measured.faces)
     mesh.point_data["voxel_ids" if in_voxels else "vertex_ids"] = ids
     mesh.point_data["surface_points"] = points
@@ -139,7 +139,7 @@ def to_measured_polydata(
 
 
 def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
-    """Return a surface that was cut open as a mesh in space, in RAS+ mm."""
+    """Return a cut surface as a mesh in space, in RAS+ mm."""
     whole = done.surface
     mesh = triangles(whole.points, whole.faces)
     named = np.asarray if point_ids is None else point_ids.__getitem__
@@ -158,7 +158,7 @@ def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | No
 
 
 def triangles(points: Any, faces: Any) -> pv.PolyData:
-    """Return a mesh of triangles."""
+    """Return a triangle mesh."""
     mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, faces.astype(np.int64))
     return mesh
 

@@ -12,7 +12,7 @@ from voxflat.errors import InputError
 from voxflat.pipeline.surface import Surface
 
 _ORIGINAL = "vtkOriginalPointIds"
-_SAME = 1e-4  # relative to the median edge: coordinates of meshes may be float32
+_SAME = 1e-4  # relative to the median edge length, because mesh coordinates may be float32
 
 
 def rows_of(flat: object, whole: Surface, surface: ExtractedSurface | None) -> object:

@@ -1,4 +1,4 @@
-"""PyVista images as volumes."""
+"""Convert PyVista images to volumes."""
 
 from typing import Any
 
@@ -49,11 +49,11 @@ def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:
 
 
 def _grid(image: pv.ImageData, in_cells: bool) -> tuple[tuple[int, ...], NDArray[np.float64]]:
-    """Return the number of voxels along each axis, and the affine from voxel indices to coordinates of the image."""
+    """Return the number of voxels along each axis, and the affine from voxel indices to image coordinates."""
     size = np.asarray(image.dimensions)
     first = np.asarray(image.extent[::2], dtype=np.float64)  # VTK's indices need not start at 0
     if in_cells:
-        first += np.where(size > 1, 0.5, 0.0)  # a cell's centre lies half a cell inside
+        first += np.where(size > 1, 0.5, 0.0)  # the centre of a cell lies half a cell from its corner
         size = np.maximum(size - 1, 1)
     affine = np.array(image.index_to_physical_matrix, dtype=np.float64)
     affine[:3, 3] += affine[:3, :3] @ first

@@ -1,4 +1,4 @@
-"""The inputs of ``mesh.voxflat``: a dataset, its arrays, and positions on it."""
+"""Inputs of ``mesh.voxflat``: a dataset, its arrays, and positions on it."""
 
 import os
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from voxflat.pipeline.surface import Surface, surface
 
 
 class Inputs:
-    """A dataset of PyVista, with its arrays, positions and regions.
+    """A PyVista dataset, with its arrays, positions and regions.
 
     The dataset is an ``ImageData``, or any dataset that has a surface.
     """
@@ -35,13 +35,13 @@ class Inputs:
         Parameters
         ----------
         scalars : str, optional
-            Name of the array. By default the active array, or the only one.
+            Name of the array. By default, the active array or the only array.
 
         Returns
         -------
         Volume
-            An object that functions of voxflat accept, for example ``voxflat.check(image.voxflat.volume())`` or
-            ``flat_map.image(image.voxflat.volume("T1"))``. Colours (uint8 with 3 or 4 components) are a volume, too.
+            An object that voxflat functions accept, for example ``voxflat.check(image.voxflat.volume())`` or
+            ``flat_map.image(image.voxflat.volume("T1"))``. Colours (uint8 with 3 or 4 components) are accepted too.
 
         Raises
         ------
@@ -50,7 +50,7 @@ class Inputs:
 
         See Also
         --------
-        voxel_at : The voxel at a position.
+        voxel_at : Return the voxel at a position.
 
         Examples
         --------
@@ -71,7 +71,7 @@ class Inputs:
         point : array_like, shape (3,)
             The position in RAS+ mm, like ``image.points``.
         scalars : str, optional
-            Name of an array of the points or cells. By default the active array, or the only one.
+            Name of a point or cell array. By default, the active array or the only array.
 
         Returns
         -------
@@ -85,7 +85,7 @@ class Inputs:
 
         See Also
         --------
-        volume : The image as a volume.
+        volume : Return the image as a volume.
 
         Examples
         --------
@@ -116,7 +116,7 @@ class Inputs:
         return ExtractedSurface.of(self._mesh)
 
     def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
-        """Return the chosen part of the surface, and remove the options that choose it from `given`."""
+        """Return the selected part of the surface, and remove the options that select it from `given`."""
         extracted = None if self._is_image else self._extracted(scalars)
         making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold", "unit") if name in given}
         making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
@@ -140,7 +140,7 @@ class Inputs:
         return part
 
     def _method(self, scalars: str | None, method: str | Method) -> Method:
-        """Return a method whose sources are points of the surface, or a number of sources."""
+        """Return a method whose sources are surface points, or whose number of sources is fixed."""
         chosen = method_of(method)
         sources = getattr(chosen, "sources", 0)
         if is_number(sources):
@@ -149,13 +149,13 @@ class Inputs:
         return replace(chosen, **own)
 
     def _places(self, scalars: str | None, places: Any, name: str) -> Any:
-        """Return positions on the dataset as points of the surface."""
+        """Convert positions on the dataset to surface points."""
         if self._is_image:
             return self._voxels(scalars, places)
         return np.atleast_1d(self._extracted(scalars).points(places, name))
 
     def _voxels(self, scalars: str | None, places: Any) -> Any:
-        """Return positions in an image as voxels; voxels are returned unchanged."""
+        """Convert positions in an image to voxels; voxels are returned unchanged."""
         positions = np.asarray(places)
         if positions.dtype.kind != "f" or positions.shape[-1:] != (3,):
             return places
@@ -163,14 +163,14 @@ class Inputs:
         return voxels[0] if positions.ndim == 1 else np.array(voxels)
 
     def _mask_of(self, extracted: ExtractedSurface, region: object, name: str) -> object:
-        """Return a region of the points of a dataset as a region of its surface."""
+        """Convert a region of dataset points to a region of surface points."""
         if extracted.is_dataset or not isinstance(region, np.ndarray):
             return region
         is_mask = region.dtype == bool and region.shape == (self._mesh.n_points,)
         return region[extracted.point_ids] if is_mask else extracted.points(region, name)
 
     def _region(self, region: object) -> object:
-        """Return a region in a form that `voxflat.flatten` accepts."""
+        """Convert a region to a form that `voxflat.flatten` accepts."""
         if isinstance(region, pv.DataSet):
             return volume_of(region)
         if not isinstance(region, str):

@@ -1,4 +1,4 @@
-"""The animation that unfolds a surface into its map."""
+"""Animations that unfold a surface into its map."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,7 @@ class Morph(Sequence[pv.PolyData]):
     flat : pyvista.PolyData
         The flat map, which is not modified.
     n : int
-        Number of frames, both ends included.
+        Number of frames, including the first and the last one.
 
     Raises
     ------
@@ -35,7 +35,7 @@ class Morph(Sequence[pv.PolyData]):
 
     See Also
     --------
-    VoxflatAccessor.morph : Make a `Morph` of a mesh.
+    VoxflatAccessor.morph : Create a `Morph` from a mesh.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Morph(Sequence[pv.PolyData]):
     @overload
     def __getitem__(self, number: slice) -> list[pv.PolyData]: ...
     def __getitem__(self, number: int | slice) -> pv.PolyData | list[pv.PolyData]:
-        """Return a frame. The first one is the surface, the last one is the map."""
+        """Return a frame. The first frame is the surface, and the last frame is the map."""
         if isinstance(number, slice):
             return [self[one] for one in range(*number.indices(self._n))]
         return self.at(range(self._n)[number] / (self._n - 1))
@@ -74,7 +74,7 @@ class Morph(Sequence[pv.PolyData]):
         return (self[number] for number in range(self._n))
 
     def at(self, share: float) -> pv.PolyData:
-        """Return the mesh between the surface and the map.
+        """Return the mesh at a position between the surface and the map.
 
         The mesh has all data of the map.
 
@@ -91,7 +91,7 @@ class Morph(Sequence[pv.PolyData]):
         Raises
         ------
         InputError
-            If the share is outside 0 to 1.
+            If the share is not between 0 and 1.
 
         See Also
         --------
@@ -127,15 +127,15 @@ class Morph(Sequence[pv.PolyData]):
         Parameters
         ----------
         scalars : str, optional
-            Name of the array to show. By default the active array.
+            Name of the array to show. By default, the active array.
         cmap : str, optional
-            Name of the colour map. By default the usual one of the measure.
+            Name of the colour map. The default depends on the array.
         clim : tuple of 2 floats, optional
-            Values at both ends of the colour bar.
+            Values at the two ends of the colour bar.
         window_size : tuple of 2 ints
             Width and height of the window, in pixels.
         off_screen : bool, optional
-            Render without a window. By default PyVista's setting is used.
+            Render without a window. By default, PyVista's setting is used.
         screenshot : path, optional
             File to which a screenshot is written.
         show : bool
@@ -144,12 +144,12 @@ class Morph(Sequence[pv.PolyData]):
         Returns
         -------
         pyvista.Plotter
-            The plotter, which is closed if the plot was shown.
+            The plotter, which is closed if the plot has been shown.
 
         Raises
         ------
         InputError
-            If the map has no such array.
+            If the map does not have the array.
 
         See Also
         --------
@@ -187,29 +187,29 @@ class Morph(Sequence[pv.PolyData]):
     ) -> None:
         """Write a movie from the surface to the map and back.
 
-        The frames are those of the sequence, first forwards, then backwards.
+        The movie shows the frames of the sequence forwards and then backwards.
 
         Parameters
         ----------
         path : path
-            Name of the file, which ends in ``.gif`` or ``.mp4``.
+            Name of the file, which must end in ``.gif`` or ``.mp4``.
         scalars : str, optional
-            Name of the array to show. By default the active array.
+            Name of the array to show. By default, the active array.
         fps : float
             Frames per second.
         cmap : str, optional
-            Name of the colour map. By default the usual one of the measure.
+            Name of the colour map. The default depends on the array.
         clim : tuple of 2 floats, optional
-            Values at both ends of the colour bar.
+            Values at the two ends of the colour bar.
         window_size : tuple of 2 ints
-            Width and height in pixels: even numbers.
+            Width and height in pixels. Both must be even.
         progress_bar : bool
             Show a progress bar.
 
         Raises
         ------
         InputError
-            If the file has another ending, or a package is missing.
+            If the file name has another extension, or a package is missing.
         OSError
             If the file cannot be written.
 
@@ -222,7 +222,7 @@ class Morph(Sequence[pv.PolyData]):
         >>> morph = pv.Plane().voxflat.morph(5)
         >>> morph.save("morph.gif")
         """
-        from voxflat.figures.files import check_movie, save_movie  # brings in matplotlib
+        from voxflat.figures.files import check_movie, save_movie  # imports Matplotlib
 
         if not is_number(fps) or not 0 < fps <= 100:
             raise InputError(f"fps is {fps!r}. Give a number of frames per second, up to 100")
@@ -260,7 +260,7 @@ class Morph(Sequence[pv.PolyData]):
 
 
 class _Frames:
-    """Screenshots of a plotter, one for each share."""
+    """Screenshots of a plotter, one for each position between the surface and the map."""
 
     def __init__(self, plotter: pv.Plotter, moved: Callable[[float], None], shares: list[float], rate: float) -> None:
         self._plotter, self._moved, self._shares = plotter, moved, shares

@@ -1,4 +1,4 @@
-"""The options of ``mesh.voxflat(...)``, for type checkers and editors."""
+"""Type definitions of the options of ``mesh.voxflat(...)``, for type checkers and editors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PlaceOptions(TypedDict, total=False):
 
 
 class SurfaceOptions(PlaceOptions, total=False):
-    """The same options, and the unit of a mesh."""
+    """The options of `PlaceOptions`, and the unit of a mesh."""
 
     unit: str | None
 
@@ -52,7 +52,7 @@ class CutOptions(PartOptions, total=False):
 
 
 class FlattenOptions(CutOptions, total=False):
-    """Options of the flattening, as in `Surface.flatten`."""
+    """Options for flattening, as in `Surface.flatten`."""
 
     method: str | Method
     mirror: bool

@@ -1,4 +1,4 @@
-"""The operations of ``mesh.voxflat``: maps, distances, patches, cuts and measures."""
+"""Operations of ``mesh.voxflat``: maps, distances, patches, cuts and measures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class Verbs(Inputs):
-    """The operations on a dataset that compute something."""
+    """Operations that compute maps, distances, patches, cuts and measures of a dataset."""
 
     def __call__(
         self,
@@ -48,13 +48,13 @@ class Verbs(Inputs):
     ) -> pv.PolyData | pv.MultiBlock:
         """Flatten the mesh, or the surface of the image, into the plane z = 0.
 
-        `scalars` is the name of an array of an image; by default the active array, or the only one. `components`
-        flattens the "largest" connected component of a mesh, or "all" of them one by one; the result is then a
+        `scalars` is the name of an image array; by default, the active array or the only array. `components`
+        selects the "largest" connected component of a mesh, or "all" of them, one by one; with "all", the result is a
         MultiBlock whose blocks "component 1", "component 2", ... are ordered by area. `progress_bar` shows a progress
-        bar. `**options` are those of `flatten`. The result is that of `to_polydata`. For a mesh, the point, cell and
-        field data are copied to the map, and ``vertex_ids`` are point numbers of the mesh. If the map has an array of
-        the same name, the array of the mesh gets the prefix ``mesh_``, and a warning reports it. Raises InputError and
-        Cancelled as `flatten`.
+        bar. `**options` are the options of `flatten`. The result is a mesh, as from `to_polydata`. The point, cell
+        and field data of a mesh are copied to the map, and ``vertex_ids`` are point numbers of the mesh. If the map has
+        an array of the same name, the array of the mesh gets the prefix ``mesh_``, and a warning is issued. Raises
+        InputError and Cancelled in the same cases as `flatten`.
         """
         if checked_choice(components, "components", ("largest", "all")) == "all":
             return self._components(scalars, progress_bar, options)
@@ -64,7 +64,7 @@ class Verbs(Inputs):
         flat_map = self.flatten(scalars, progress_bar=progress_bar, **options)
         flat = to_polydata(flat_map)
         flat.point_data["vertex_ids"] = extracted.point_ids[flat_map.ids]
-        told = {**flat_map.description(), "vertices": self._mesh.n_points}  # as vertex_ids count them
+        told = {**flat_map.description(), "vertices": self._mesh.n_points}  # the numbering used by vertex_ids
         flat.field_data["voxflat"] = [json.dumps(told)]
         extracted.carry(flat, flat_map.ids)
         flat.set_active_scalars("distance_error", preference="point")
@@ -107,13 +107,13 @@ class Verbs(Inputs):
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one.
+            Name of the image array to use. By default, the active array or the only array.
         progress_bar : bool
             Show a progress bar.
         **options : dict
             ``label=3`` or ``threshold=0.5`` selects the foreground of an image, as in `voxflat.surface`. ``keep``,
-            ``drop``, ``seed_point`` with ``radius=45.0`` (mm) and ``polygon`` choose a part, as the methods of
-            `Surface` do. A seed point is a point number, a cell (``mesh.get_cell(9)``) or a position of three floats;
+            ``drop``, ``seed_point`` with ``radius=45.0`` (mm) and ``polygon`` choose a part, like the methods of
+            `Surface`. A seed point is a point number, a cell (``mesh.get_cell(9)``) or a position of three floats;
             in an image it is a voxel (i, j, k) or a position. The same holds for the corners of a ``polygon`` and the
             sources of a method. ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images.
             All other options are the keyword arguments of `Surface.flatten`. Voxel indices count from 0 at the first
@@ -128,14 +128,14 @@ class Verbs(Inputs):
         ------
         InputError
             If the dataset has no surface, the array is missing or has several components, or `voxflat.flatten` cannot
-            flatten it. The message tells what to do.
+            flatten it. The message explains how to solve the problem.
         Cancelled
             As in `voxflat.flatten`.
 
         See Also
         --------
-        voxflat.flatten : The same for arrays and files.
-        surface : The surface that is flattened.
+        voxflat.flatten : Flatten arrays and files.
+        surface : Return the surface that is flattened.
 
         Examples
         --------
@@ -151,16 +151,16 @@ class Verbs(Inputs):
         return found
 
     def surface(self, scalars: str | None = None, **options: Unpack[SurfaceOptions]) -> pv.PolyData:
-        """Return the surface that `flatten` flattens.
+        """Return the surface that `flatten` would flatten.
 
         The surface of an image lies between its foreground and background voxels.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one.
+            Name of the image array to use. By default, the active array or the only array.
         **options : dict
-            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
+            ``label``, ``threshold``, ``threads``, ``memory_limit`` and ``progress``, as in `voxflat.surface`.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        check : Whether the surface can be flattened.
+        check : Report whether the surface can be flattened.
 
         Examples
         --------
@@ -190,12 +190,12 @@ class Verbs(Inputs):
     def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> Check:
         """Report whether the surface can be flattened.
 
-        The report also proposes what to do if it cannot be flattened as it is.
+        If it cannot be flattened as it is, the report proposes remedies.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one.
+            Name of the image array to use. By default, the active array or the only array.
         **options : dict
             As in `surface`.
 
@@ -211,7 +211,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        voxflat.check : The same for arrays and files.
+        voxflat.check : Check arrays and files.
 
         Examples
         --------
@@ -256,7 +256,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        path : The shortest path between points.
+        path : Find the shortest path between points.
 
         Examples
         --------
@@ -287,7 +287,7 @@ class Verbs(Inputs):
         Parameters
         ----------
         a, b : int, position or pyvista.Cell
-            The first and second point of the path, each as a source of `geodesic`.
+            The first and second point of the path, in any form that `geodesic` accepts as a source.
         *further : int, position or pyvista.Cell
             More points, after `b`.
         method : {"exact", "graph", "marching", "edges"}
@@ -306,7 +306,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        geodesic : Distances from points to all others.
+        geodesic : Measure the distances from points to all other points.
 
         Examples
         --------
@@ -342,11 +342,11 @@ class Verbs(Inputs):
         Parameters
         ----------
         max_angle : float, optional
-            Greatest angle between a triangle and the plane of its patch, in degrees. The default is 10.
+            Largest angle between a triangle and the plane of its patch, in degrees. The default is 10.
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one.
+            Name of the image array to use. By default, the active array or the only array.
         bound : float, optional
-            Greatest factor by which a length may change, as in `Surface.patches`.
+            Largest factor by which a length may change, as in `Surface.patches`.
         count : int, optional
             Number of patches, as in `Surface.patches`.
         glue : float, optional
@@ -360,13 +360,13 @@ class Verbs(Inputs):
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
+            ``label``, ``threshold``, ``threads``, ``memory_limit`` and ``progress``, as in `voxflat.surface`.
 
         Returns
         -------
         pyvista.PolyData
             The page of all patches, as from `to_page_polydata`, with the cell data ``patch``, ``piece``, ``isometric``,
-            ``quasi_conformal`` and ``areal``. The arrays of a mesh are copied, as by a call of the accessor.
+            ``quasi_conformal`` and ``areal``. The arrays of a mesh are copied, as in a call to the accessor.
             ``page.points = page["surface_points"]`` moves the page back into space.
 
         Raises
@@ -376,7 +376,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        voxflat.Surface.patches : The same as a `FlatAtlas`.
+        voxflat.Surface.patches : Return the patches as a `FlatAtlas`.
 
         Examples
         --------
@@ -404,17 +404,17 @@ class Verbs(Inputs):
     ) -> pv.PolyData:
         """Cut the surface open, without flattening it.
 
-        A call of the accessor on the result flattens it along these cuts.
+        Calling the accessor of the result flattens it along these cuts.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one.
+            Name of the image array to use. By default, the active array or the only array.
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            ``cuts``, ``relax``, ``keep``, ``seed_point``, ``radius`` and others, as in `Surface.cut`; seed points are
-            given as in `flatten`.
+            Options such as ``cuts``, ``relax``, ``keep``, ``seed_point`` and ``radius``, as in `Surface.cut`. Seed
+            points are specified as in `flatten`.
 
         Returns
         -------
@@ -471,7 +471,7 @@ class Verbs(Inputs):
             A map of this accessor, with its cuts; a map of any tool with as many points as the dataset; or any other
             map that `voxflat.measure` accepts.
         scalars : str, optional
-            Name of the array of an image. By default the active array, or the only one.
+            Name of the image array to use. By default, the active array or the only array.
         sources : int, optional
             Number of points from which distances are measured, as in `voxflat.measure`.
         reference : {"exact", "graph"}, optional
@@ -481,7 +481,7 @@ class Verbs(Inputs):
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
+            ``label``, ``threshold``, ``threads``, ``memory_limit`` and ``progress``, as in `voxflat.surface`.
 
         Returns
         -------
@@ -496,7 +496,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        voxflat.measure : The same for arrays and files.
+        voxflat.measure : Measure maps of arrays and files.
 
         Examples
         --------
@@ -526,7 +526,7 @@ class Verbs(Inputs):
         return mesh
 
     def _laid(self, progress_bar: bool, options: FlattenOptions) -> pv.PolyData:
-        """Return the map of this dataset; itself, if it is one."""
+        """Return the flat map of this dataset, or the dataset itself if it is a flat map."""
         if not is_map(self._mesh):
             return self(progress_bar=progress_bar, **options)
         if options:

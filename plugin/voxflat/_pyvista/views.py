@@ -1,4 +1,4 @@
-"""A surface and its map side by side, with one colour scale, linked by clicks."""
+"""Show a surface and its map side by side, with a shared colour scale and linked by clicks."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from voxflat.figures.colours import LOOKS, Look
 from voxflat.maps.colours import label_colours
 from voxflat.maps.placement import aligned
 
-_LABELLED = 24  # up to so many different integers are shown as labels, each in its own colour
+_LABELLED = 24  # up to this many distinct integers are shown as labels, each in its own colour
 _BAR = {
     "vertical": False,
     "position_x": 0.2,
@@ -29,19 +29,19 @@ _BAR = {
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """The array of a map that is shown, and its colours."""
+    """The displayed array of a map, and its colours."""
 
     flat: pv.PolyData
-    values: NDArray[Any]  # as shown, one per point or triangle; colours have three or four components
-    numbers: NDArray[Any]  # the values that are reported on a click
-    name: str  # of the array
+    values: NDArray[Any]  # displayed values, one per point or triangle; colours have three or four components
+    numbers: NDArray[Any]  # the values reported on a click
+    name: str  # name of the array
     of_points: bool
     look: Look
     clim: tuple[float, float] | None  # None for colours
 
     @classmethod
     def of(cls, flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None) -> "Shown":
-        """Choose an array of a map."""
+        """Select an array of a map."""
         name = scalars or flat.active_scalars_name
         of_points = name is not None and name in flat.point_data
         if name is None or not (of_points or name in flat.cell_data):
@@ -64,7 +64,7 @@ class Shown:
         return cls(flat, shown, shown, name, of_points, Look(look.label, cmap or look.cmap), limits)
 
     def mesh(self, points: NDArray[np.float64]) -> pv.PolyData:
-        """Return a mesh of the map's triangles at these positions, with the shown values only."""
+        """Return a mesh of the map's triangles at these positions, with only the displayed values."""
         mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, np.asarray(self.flat.regular_faces))
         (mesh.point_data if self.of_points else mesh.cell_data)[self.look.label] = self.values
         self.turned(mesh)
@@ -78,7 +78,7 @@ class Shown:
         mesh.GetPointData().SetNormals(normals.GetPointData().GetNormals())
 
     def add(self, plotter: Any, mesh: pv.PolyData, *, bar: bool, lighting: bool) -> None:
-        """Add a mesh that `mesh` returned to a plotter."""
+        """Add to a plotter a mesh that `mesh` returned."""
         light = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0} if lighting else {"lighting": False}
         if self.clim is None:
             plotter.add_mesh(mesh, scalars=self.look.label, rgb=True, **light).GetProperty().SetInterpolationToPhong()
@@ -105,7 +105,7 @@ class Shown:
 
 
 _IDS = ("vertex_ids", "voxel_ids")
-_PATCHES = ("patch", "piece")  # integers with the same colours as in textures of a page
+_PATCHES = ("patch", "piece")  # integers, shown in the same colours as in textures of a page
 
 
 def side_by_side(
@@ -145,7 +145,7 @@ def look_at(
 
 
 class _Link:
-    """Marks a point that is clicked in one view in both views."""
+    """Marks a point in both views when it is clicked in either view."""
 
     def __init__(self, plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
         self._what, self._meshes, self._renderers = what, meshes, plotter.renderers
@@ -194,17 +194,17 @@ class _Link:
 
 
 _HINT = "Click on either view to mark a point in both"
-_UPPER_LEFT = 2  # of VTK's corner annotations
+_UPPER_LEFT = 2  # index of a VTK corner annotation
 
 
 def _usual_cmap(values: NDArray[Any]) -> str:
-    """Return the default colour map of values."""
+    """Return the default colour map for values."""
     is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
     return "tab20" if is_labels else "viridis"
 
 
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the smallest and the largest value, which differ."""
+    """Return the smallest and the largest value, or a range of length 1 if they are equal."""
     defined = values[np.isfinite(values)]
     if not len(defined):
         return 0.0, 1.0
@@ -213,7 +213,7 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _checked(clim: Any) -> tuple[float, float]:
-    """Return a valid range of values."""
+    """Return a range of values; raise InputError if it is invalid."""
     array = np.asarray(clim)
     if array.shape != (2,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all() or not array[0] < array[1]:
         raise InputError(f"clim is {clim!r}. Give two numbers, the lower one first")

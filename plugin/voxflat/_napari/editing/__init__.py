@@ -1,1 +1,1 @@
-"""Drawing cuts on the surface in 3D: undo and redo, evaluating, saving, and using them in *Flatten surface*."""
+"""Draw cuts on the surface in 3D, undo and redo changes, and evaluate, save and use the cuts in *Flatten surface*."""

@@ -19,11 +19,11 @@ from voxflat._napari.map_viewer.viewer_parts import look_from_side
 from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
 from voxflat._napari.timers import PAUSE
 
-_GREYS = (0.72, 0.45)  # of gyri and sulci
+_GREYS = (0.72, 0.45)  # grey levels of gyri and sulci
 _OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not offered for flattening
 _CUT = "#ff5a36"
 _LEFT_OUT = (0.55, 0.4, 0.35)  # factors of red, green and blue where the surface is excluded
-_WIDTH = 0.006  # of a line, as a fraction of the size of the surface
+_WIDTH = 0.006  # line width, as a fraction of the surface size
 
 
 class CutLayers(QObject):
@@ -84,7 +84,7 @@ class CutLayers(QObject):
         self._world = world
         self._hidden: list[Layer] = []
         self._steps: deque[Callable[[], None]] = deque([self._hide_others])
-        for layer in self.layers:  # selects none, because controls of points enlarge a small window
+        for layer in self.layers:  # not selected, because the controls of points enlarge a small window
             self._steps += [partial(make_controls, viewer, layer), partial(insert, viewer, layer)]
         self._steps += [self._turn, self._look]
         self._timer = QTimer(self)
@@ -116,7 +116,7 @@ class CutLayers(QObject):
 
     @property
     def is_coming(self) -> bool:
-        """Whether some layers are still to be added."""
+        """Whether some layers have not been added yet."""
         return bool(self._steps)
 
     @property
@@ -159,6 +159,6 @@ class CutLayers(QObject):
 
 
 def places_in_world(drawing: Drawing, world: str) -> NDArray[np.float64]:
-    """Return the coordinates of the vertices of a drawing, mm along the axes of the world."""
+    """Return the coordinates of the vertices of a drawing, in mm along the world axes."""
     whole = drawing.surface
     return from_ras(whole.space.to_scanner(whole.points), world)

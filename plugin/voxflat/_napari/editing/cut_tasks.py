@@ -27,13 +27,13 @@ Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
 def make_surface(
     source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress
 ) -> tuple[Surface, NDArray[np.float64]]:
-    """Return the surface on which cuts are drawn, and its mean curvature, 1/mm."""
+    """Return the surface on which cuts are drawn, and its mean curvature in 1/mm."""
     made = surface(source.read(), **foreground, progress=progress)
     return made, made.mean_curvature(progress=progress)
 
 
 def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
-    """Return "standard" or "automatic" cuts, or those of a file."""
+    """Return "standard" or "automatic" cuts, or the cuts in a file."""
     found = whole.cut(by, progress=progress)
     names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
     return [one.ids for one in found.cuts], names, found.left_out
@@ -54,7 +54,7 @@ def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
 def save_template(
     whole: Surface, paths: Paths, names: Sequence[str], left_out: NDArray[np.int64], file: Path, progress: Progress
 ) -> Path:
-    """Save cuts as a template for every brain, located by the sphere of the surface, or by its folds."""
+    """Save cuts as a template for all brains, located by the spherical surface or by the folds."""
     sphere = sphere_beside(whole) or whole.register(progress=progress)
     found = _without(whole, left_out).cut(list(paths), sphere=sphere, relax=False, progress=progress)
     named = [replace(one, name=name) for one, name in zip(found.cuts, names, strict=False)]
@@ -65,7 +65,7 @@ def save_template(
 def evaluate_cuts(
     whole: Surface, paths: Paths, left_out: NDArray[np.int64], progress: Progress
 ) -> tuple[float, list[float]]:
-    """Return the mean relative error of a coarse preview map, and how much larger it is without each cut."""
+    """Return the mean relative error of a coarse preview map, and how much it increases without each cut."""
     part = _without(whole, left_out)
 
     def error(cuts: Paths) -> float:

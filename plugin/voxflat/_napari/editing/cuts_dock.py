@@ -52,7 +52,7 @@ class DrawCuts(TaskDock):
         super().__init__()
         self._viewer = napari_viewer
         self._layer: Layer | None = None  # the layer that is cut
-        self._foreground: dict[str, Any] = {}  # of a volume
+        self._foreground: dict[str, Any] = {}  # the foreground of a volume
         self.drawing: Drawing | None = None
         self._layers: CutLayers | None = None
         self._evaluated: tuple[Drawn, ...] = ()
@@ -142,7 +142,7 @@ class DrawCuts(TaskDock):
             places = places_in_world(drawing, world)
             unit = None if str(self._layer.units[0]) == "pixel" else "mm"
         else:  # such as the inflated surface, which has the same vertices
-            vertices = np.asarray(shown_on.data_to_world(np.zeros(3)))  # its origin in the world
+            vertices = np.asarray(shown_on.data_to_world(np.zeros(3)))  # the origin of the layer in the world
             places = np.array([shown_on.data_to_world(place) for place in np.eye(3)]) - vertices
             places = np.asarray(shown_on.vertices)[surface.vertices] @ places + vertices
             unit = str(shown_on.units[0])
@@ -298,7 +298,7 @@ class DrawCuts(TaskDock):
 
     def _on_again(self) -> None:
         self._on_use()
-        self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # opens it if needed
+        self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # opens it if necessary
         ViewerState.of(self._viewer).flatten_requested.emit(self._layer, self._foreground)
 
     # ------------------------------------------------------------------------------------------- working

@@ -1,4 +1,4 @@
-"""The form of *Draw cuts*: what to cut, and on which surface to draw."""
+"""The form of *Draw cuts*: the layer to cut, and the surface to draw on."""
 
 from napari import Viewer
 from napari.layers import Labels, Layer, Surface
@@ -10,7 +10,7 @@ from voxflat.errors import InputError
 
 
 class CutsForm(LayerForm):
-    """Lets the user choose what to cut."""
+    """Lets the user choose the layer to cut."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -43,7 +43,7 @@ class CutsForm(LayerForm):
         """Do nothing: this form does not show a map."""
 
     def _shown_rank(self, layer: Layer) -> int | None:
-        """Return how suitable a layer is to draw on."""
+        """Return how suitable a layer is for drawing on it."""
         cut = self.surface.layer
         if "voxflat" in layer.metadata or layer is cut or not isinstance(layer, Surface) or layer.ndim != 3:
             return None

@@ -38,7 +38,7 @@ class _State:
 
 @dataclass(eq=False)
 class Drawing:
-    """Cuts on a complete surface, and the history of their states."""
+    """Cuts on a complete surface, with a history of their states."""
 
     surface: Surface
     _done: list[_State] = field(default_factory=lambda: [_State()])
@@ -58,7 +58,7 @@ class Drawing:
 
     @property
     def left_out(self) -> NDArray[np.int64]:
-        """The excluded vertices, such as the medial wall, by their ids in the input."""
+        """The excluded vertices, such as the medial wall, as vertex ids of the input."""
         return np.asarray(self.surface.ids[np.array(self._done[-1].left_out, dtype=np.int64)])
 
     @property
@@ -80,7 +80,7 @@ class Drawing:
             return
         last = now.cuts[-1]
         if vertex != last.stops[-1]:
-            self._way(last.stops[-1], vertex)  # raises InputError for another component
+            self._way(last.stops[-1], vertex)  # raises InputError if the vertices lie in different components
             self._do(replace(now, cuts=(*now.cuts[:-1], replace(last, stops=(*last.stops, vertex)))))
 
     def end_cut(self) -> None:
@@ -89,7 +89,7 @@ class Drawing:
             self._do(replace(self._done[-1], is_open=False))
 
     def remove(self, number: int) -> None:
-        """Remove a cut, by its index in `cuts`."""
+        """Remove the cut with this index in `cuts`."""
         now = self._done[-1]
         is_last = number == len(now.cuts) - 1
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
@@ -110,17 +110,17 @@ class Drawing:
             self._undone.append(self._done.pop())
 
     def redo(self) -> None:
-        """Redo the step that was undone last."""
+        """Redo the last step that was undone."""
         if self._undone:
             self._done.append(self._undone.pop())
 
     def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
-        """Return the vertices along a cut, each a neighbour of the next."""
+        """Return the vertices along a cut, each of which is a neighbour of the next."""
         first = np.array(cut.stops[:1], dtype=np.uint32)
         return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])
 
     def length(self, cut: Drawn) -> float:
-        """Return the length of a cut, mm."""
+        """Return the length of a cut, in mm."""
         places = self.surface.points[self.vertices(cut)]
         return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
@@ -132,12 +132,12 @@ class Drawing:
         return self._titles[cut]
 
     def paths(self) -> list[NDArray[np.int64]]:
-        """Return the complete cuts, as the parameter `cuts` of `voxflat.flatten` takes them."""
+        """Return the complete cuts, in the form of the parameter `cuts` of `voxflat.flatten`."""
         return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete]
 
     @cached_property
     def _points(self) -> NDArray[np.float64]:
-        """The points of the surface, RAS+ mm."""
+        """The points of the surface, in RAS+ mm."""
         return self.surface.space.to_scanner(self.surface.points)
 
     def _way(self, a: int, b: int) -> NDArray[np.uint32]:

@@ -1,1 +1,1 @@
-"""Readers and writers: surfaces, values on surfaces, patches, volumes, flat maps and atlases."""
+"""Readers and writers of surfaces, values on surfaces, patches, volumes, flat maps and atlases."""

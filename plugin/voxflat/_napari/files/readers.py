@@ -1,4 +1,4 @@
-"""The readers: for a file that napari opens, the function that reads it, if voxflat can read it."""
+"""Choose the function that reads a file opened in napari, if voxflat can read the file."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,13 +22,13 @@ _MAPS = f"Flat maps and atlases ({' '.join(f'*{ending}' for ending in reversed(S
 _VOLUMES = "Volumes (*.nii *.nii.gz *.mgz *.mgh *.nrrd *.nhdr *.mha *.mhd)"
 _SURFACES = "Surfaces, and values on surfaces (*)"  # FreeSurfer's files have no common suffix
 
-# on Python 3.10 napari's commands cannot compare list[str] and Callable[[str], ...] with classes
+# on Python 3.10, napari's commands cannot compare list[str] and Callable[[str], ...] with classes
 Paths: TypeAlias = Any  # str, list[str] or None
 Reader: TypeAlias = Any  # Callable[[str], list[LayerData]] or None
 
 
 def map_reader(path: Paths = None) -> Reader:
-    """Return a reader of a flat map or an atlas; without a path, as from napari's palette, ask for one."""
+    """Return a reader for a flat map or an atlas; without a path, as from napari's command palette, ask for one."""
     if path is None:
         _ask("Read a flat map", _MAPS)
     if not isinstance(path, str):
@@ -43,7 +43,7 @@ def map_reader(path: Paths = None) -> Reader:
 
 
 def surface_reader(path: Paths = None) -> Reader:
-    """Return a reader of a surface, of values or labels on one, or of a patch, as `map_reader`."""
+    """Return a reader for a surface, for values or labels on a surface, or for a patch, like `map_reader`."""
     if path is None:
         _ask("Read a surface or values on a surface", _SURFACES)
     if not isinstance(path, str):
@@ -53,7 +53,7 @@ def surface_reader(path: Paths = None) -> Reader:
 
 
 def volume_reader(path: Paths = None) -> Reader:
-    """Return a reader of a volume of voxels, as `map_reader`."""
+    """Return a reader for a voxel volume, like `map_reader`."""
     if path is None:
         _ask("Read a volume", _VOLUMES)
     if not isinstance(path, str) or _holds_points(Path(path)):
@@ -64,7 +64,7 @@ def volume_reader(path: Paths = None) -> Reader:
 
 
 def _holds_points(path: Path) -> bool:
-    """Return whether a file whose name is that of a volume holds values at surface points."""
+    """Return whether a file that is named like a volume holds values at surface points."""
     name = path.name.lower()
     if not name.endswith(".mgh"):
         return ".dscalar." in name or ".dtseries." in name or ".dlabel." in name
@@ -72,9 +72,9 @@ def _holds_points(path: Path) -> bool:
 
 
 def _start_of(path: Path) -> bytes | None:
-    """Return the first bytes of a file; None if they cannot be read, which is reported later."""
+    """Return the first bytes of a file, or None if they cannot be read; this failure is reported later."""
     try:
-        check_regular(path)  # opening a pipe would block
+        check_regular(path)  # because opening a pipe would block
         with path.open("rb") as file:
             return file.read(64)
     except (OSError, InputError):
@@ -82,7 +82,7 @@ def _start_of(path: Path) -> bytes | None:
 
 
 def _reader_of(path: Path) -> _Read | None:
-    """Return the reader of a file, chosen by its name where that is unambiguous, otherwise by its first bytes."""
+    """Return the reader for a file, chosen by its name if the name is unambiguous, otherwise by its first bytes."""
     from voxflat._napari.files import surfaces, values
 
     name = path.name.lower()
@@ -103,18 +103,18 @@ def _reader_of(path: Path) -> _Read | None:
 
 
 def _are_points(start: bytes) -> bool:
-    """Return whether an MGH file holds values at points, and not voxels."""
+    """Return whether an MGH file holds values at points instead of voxels."""
     shape = np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4")
     return sorted(shape)[:2] == [1, 1]
 
 
 def _is_old(path: Path, start: bytes) -> bool:
-    """Return whether a file has FreeSurfer's old format of values, recognised only by its length."""
+    """Return whether a file has FreeSurfer's old value format, which is recognised only by the file length."""
     return len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
 
 
 def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
-    """Wrap a reader so that it reports its own errors: napari would only report that it failed."""
+    """Wrap a reader so that it reports its own errors; napari would only report that the reader failed."""
 
     def read_or_report(path: str) -> list[LayerData]:
         from napari import current_viewer
@@ -136,7 +136,7 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
 
 
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Register opened runs with the viewer, and switch to 3D for surfaces, which are at most lines in 2D."""
+    """Register opened runs with the viewer, and switch to 3D for surfaces, of which 2D shows at most lines."""
     from napari.layers import Surface
     from qtpy.QtCore import QTimer
 
@@ -164,7 +164,7 @@ def _show_slices(viewer: Viewer) -> None:
 
 
 def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Show the first surface from its side; hide inflated and spherical ones beside those in anatomical position."""
+    """Show the first surface laterally; hide inflated and spherical ones if others are in anatomical position."""
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.layers.meshes import is_elsewhere

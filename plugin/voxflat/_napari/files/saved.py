@@ -16,7 +16,7 @@ def map_layers_of(path: Path) -> list[LayerData]:
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
-    """Read a saved atlas, as the images of the page and the surface; raises InputError if the file is damaged."""
+    """Read a saved atlas as images of the page and the surface; raises InputError if the file is damaged."""
     atlas = load_atlas(path)
     atlas.metadata["napari"] = _origin(path)
     drawn = page_layers(atlas)
@@ -24,5 +24,5 @@ def atlas_layers_of(path: Path) -> list[LayerData]:
 
 
 def _origin(path: Path) -> dict[str, str]:
-    """Return the origin of a map that was not made in napari."""
+    """Return the origin metadata of a map that was not made in napari."""
     return {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}

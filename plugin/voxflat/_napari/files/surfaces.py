@@ -1,4 +1,4 @@
-"""Readers of surfaces, and the search for the surface to which a file of values belongs."""
+"""Read surfaces, and find the surface to which a values file belongs."""
 
 import re
 from collections.abc import Iterator
@@ -18,22 +18,22 @@ from voxflat.io.spaces import UNKNOWN, Space
 _KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
 """Preference of the surfaces beside a file of values; those that are not cortex come last."""
 
-_TRIED = 12  # files; not all surfaces of a large folder are tried
+_TRIED = 12  # largest number of files; not all surfaces in a large directory are tried
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A surface that shows values, scanner RAS, mm."""
+    """A surface on which values are shown, in scanner RAS and mm."""
 
     vertices: NDArray[Any]
     faces: NDArray[Any]
     structure: str | None  # the hemisphere, as in GIFTI
     path: Path | None
-    space: Space = UNKNOWN  # of the coordinates in the file
+    space: Space = UNKNOWN  # the space of the coordinates in the file
 
     @classmethod
     def read(cls, path: Path) -> "Geometry":
-        """Read the surface of a file."""
+        """Read a surface file."""
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
 
@@ -48,12 +48,12 @@ class Geometry:
 
 
 def surface_layers(path: Path) -> list[LayerData]:
-    """Read a surface as a layer in scanner RAS, mm; raises InputError if the file is damaged."""
+    """Read a surface as a layer in scanner RAS and mm; raises InputError if the file is damaged."""
     return [Geometry.read(path).layer(path)]
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Yield surfaces for the values of a file: open ones beside it, then others beside it, then other open ones."""
+    """Yield surfaces for a values file: open ones stored near it, others stored near it, then other open ones."""
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
     yield from (one for one in opened if one.path in files)
@@ -66,16 +66,16 @@ def geometries_for(path: Path) -> Iterator[Geometry]:
 
 
 def _beside(path: Path) -> list[Path]:
-    """Return files of surfaces of the same hemisphere, those with the most similar names first."""
+    """Return surface files of the same hemisphere, sorted by decreasing similarity of their names."""
     words = _words(path)
-    folders = [path.parent] + [path.parent.parent / "surf"] * (path.parent.name == "label")  # the layout of FreeSurfer
+    folders = [path.parent] + [path.parent.parent / "surf"] * (path.parent.name == "label")  # FreeSurfer's layout
     files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_surface(file)]
     fitting = [file for file in files if file != path and _agree(_side(path), _side(file))]
     return sorted(fitting, key=lambda file: (len(words ^ _words(file)), _rank(file), file.name))
 
 
 def _is_surface(path: Path) -> bool:
-    """Return whether a file is a surface, by its name."""
+    """Return whether a file name is that of a surface."""
     name = path.name.lower()
     if name.endswith((".surf.gii", ".surf.gii.gz")):
         return True
@@ -92,7 +92,7 @@ def _rank(path: Path) -> int:
 
 
 def _side(path: Path | None) -> str | None:
-    """Return the hemisphere by the name of a file, also for the file names of nilearn."""
+    """Return the hemisphere according to a file name, including the file names used by nilearn."""
     if path is None:
         return None
     named = {"left": "CortexLeft", "right": "CortexRight"}

@@ -1,4 +1,4 @@
-"""Readers of values, labels and patches of surfaces."""
+"""Read values and labels on surfaces, and patches of surfaces."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -26,12 +26,12 @@ _Read = TypeVar("_Read")
 
 
 def gifti_layers(path: Path) -> list[LayerData]:
-    """Read a GIFTI file: a surface, or values on one."""
+    """Read a GIFTI file that contains a surface, or values on a surface."""
     return surface_layers(path) if holds_mesh(path) else value_layers(path)
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels on a surface, which is open or beside the file; or InputError."""
+    """Read values or labels on a surface that is open or stored near the file; raises InputError on failure."""
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
 
@@ -47,7 +47,7 @@ def value_layers(path: Path) -> list[LayerData]:
 
 
 def patch_layers(path: Path) -> list[LayerData]:
-    """Read a FreeSurfer patch, or InputError; a flat one is shown in the plane, with v upwards, as flat maps are."""
+    """Read a FreeSurfer patch or raise InputError; flat patches are shown in the plane, v upwards, like flat maps."""
     patch = read_patch(path)
     geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
     features = {"vertex": patch.vertex_ids, "border": patch.border}
@@ -73,7 +73,7 @@ def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry
 
 
 def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
-    """Return the display of values: grey around 0 for folds, colours for others."""
+    """Return the display of values: grey levels centred on 0 for folds, and colours for other values."""
     low, high = limits(values)
     if any(name in path.name.lower() for name in _FOLDS):
         most = max(abs(low), abs(high))
@@ -82,7 +82,7 @@ def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
 
 
 def _of_labels(values: NDArray[Any], names: dict[int, str], colours: dict[int, Any]) -> dict[str, Any]:
-    """Return the display of labels: the colours of their table."""
+    """Return the display of labels, with the colours of their colour table."""
     found, which = np.unique(values, return_inverse=True)
     made = label_colours(np.maximum(found, 0)[:, None].astype(np.float64) + 1)[:, 0, :3] / 255
     rows = [

@@ -1,4 +1,4 @@
-"""Readers of volumes, as layers in scanner coordinates."""
+"""Read volumes as layers in scanner coordinates."""
 
 import re
 from pathlib import Path
@@ -13,15 +13,15 @@ from voxflat.io.files import REMEDY, naming
 from voxflat.io.volumes import read_volume
 
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
-_FEW = 64  # values; a volume with more is an image, unless its name says otherwise
+_FEW = 64  # values; a volume with more values is an image, unless its name indicates labels
 _SPACE = ("mm",) * 3
 
 
 def volume_layers(path: Path) -> list[LayerData]:
-    """Read a volume, or a series of them, as labels or an image in scanner RAS, mm.
+    """Read a volume or a series of volumes as labels or an image, in scanner RAS and mm.
 
     The first axis of a series is time, and its frames are read when they are displayed. The axes of the file are
-    permuted to the order x, y, z, because napari does not show slices of other orders. Raises InputError if the file
+    permuted to the order x, y, z, because napari does not show slices in other orders. Raises InputError if the file
     is damaged, or is not a volume.
     """
     with naming(path, REMEDY):
@@ -60,7 +60,7 @@ def _order(affine: NDArray[np.float64]) -> list[int]:
 
 
 def _are_labels(path: Path, data: NDArray[Any]) -> bool:
-    """Return whether a volume holds labels: integers, and few different ones, or named as labels."""
+    """Return whether a volume holds labels: integers with few distinct values or a file name that indicates labels."""
     if data.dtype.kind not in "iub":
         return False
     if not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower())):

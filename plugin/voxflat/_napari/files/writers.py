@@ -1,4 +1,4 @@
-"""The writers: complete flat maps, and flat images."""
+"""Writers of complete flat maps and of flat images."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ Written: TypeAlias = Any  # list[str], which napari's commands cannot compare wi
 def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
     """Save the flat map or atlas to which layers belong.
 
-    Without a path, as from napari's command palette, ask for one, and save the selected layers. Raises VoxflatError
+    Without a path, as from napari's command palette, ask for a path and save the selected layers. Raises VoxflatError
     if the layers do not belong to exactly one map, or if the file format cannot store it.
     """
     if path is None:
@@ -31,7 +31,7 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
 
 
 def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save the image of one layer of a map or page; otherwise as `write_flat_map`."""
+    """Save the image of one layer of a map or page; otherwise behave like `write_flat_map`."""
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)
     with _reporting_errors():
@@ -53,7 +53,7 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _reporting_errors() -> Iterator[None]:
-    """Convert InputError: napari takes a ValueError as a missing writer, and does not report it."""
+    """Convert InputError, because napari treats a ValueError as a missing writer and does not report it."""
     try:
         yield
     except InputError as error:
@@ -94,7 +94,7 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage:
 
 
 def _with_opacity(colours: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours with an opacity channel, as in `FlatImage`."""
+    """Return colours with an opacity channel, like those of `FlatImage`."""
     whole = np.round(255 * colours).astype(np.uint8) if colours.dtype.kind == "f" else colours.astype(np.uint8)
     if whole.shape[-1] == 4:
         return whole

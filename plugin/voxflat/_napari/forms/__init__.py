@@ -1,1 +1,1 @@
-"""Forms in which the user chooses the layer, the part of it to flatten, and the options."""
+"""Forms in which the user chooses a layer, the part of it to flatten, and the options."""

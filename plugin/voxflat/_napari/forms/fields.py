@@ -1,11 +1,11 @@
-"""Functions that create and show fields of forms."""
+"""Functions that create and show form fields."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
 
-_BESIDE = 32  # pixels that a list needs beside its texts
+_BESIDE = 32  # pixels that a list needs in addition to its texts
 
 
 def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any:
@@ -18,7 +18,7 @@ def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any
 
 
 def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
-    """Create a box whose entries have these texts, by their keys."""
+    """Create a box with one entry for each key and its text."""
     box = QComboBox()
     for key, text in texts.items():
         box.addItem(text, key)

@@ -1,4 +1,4 @@
-"""A box to choose one of the labels that a Labels layer holds."""
+"""A box for choosing one of the labels in a Labels layer."""
 
 from functools import partial
 from typing import Any
@@ -17,12 +17,12 @@ _PAUSE = 400  # ms without painting before the labels are listed again
 
 
 class LabelChoice(QComboBox):
-    """Lets the user choose a label, listed by a thread; the default is the selected label of the layer."""
+    """Lets the user choose a label from a list made in a thread; the default is the selected label of the layer."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._layer: Labels | None = None
-        self._labels: dict[int, int] | None = None  # label to number of voxels, when known
+        self._labels: dict[int, int] | None = None  # number of voxels of each label, once known
         self._timer = single_shot(self, _PAUSE, self.scan)
 
     @property
@@ -32,7 +32,7 @@ class LabelChoice(QComboBox):
         return None if label is None else int(label)
 
     def choose(self, label: int) -> None:
-        """Choose one of the offered labels."""
+        """Select one of the offered labels."""
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
@@ -77,7 +77,7 @@ class LabelChoice(QComboBox):
             self.choose(self._layer.selected_label)
 
     def _offer(self, labels: dict[int, int] | None) -> None:
-        """Offer these labels; if they are unknown, only the selected one."""
+        """Offer these labels, or only the selected label if they are unknown."""
         assert self._layer is not None
         selected = self._layer.selected_label
         before = self.label if labels is not None else None

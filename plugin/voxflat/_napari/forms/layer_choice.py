@@ -1,4 +1,4 @@
-"""A box to choose one of the viewer's layers."""
+"""A box for choosing one of the layers in the viewer."""
 
 from collections.abc import Callable
 
@@ -14,9 +14,9 @@ from voxflat._napari.layers.list_events import list_events
 class LayerChoice(QComboBox):
     """Lets the user choose a layer, or `none`, and keeps up with layers that are added, removed and renamed.
 
-    Until the user chooses, the box selects the layer with the highest `rank`, and of several the newest one. A layer
-    of rank None is not offered, and a layer of rank 0 is not selected automatically. With `follows_selection`, a
-    layer that the user selects in the layer list takes precedence; napari selects every new layer, which is ignored.
+    Until the user chooses, the box selects the newest of the layers with the highest `rank`. A layer of rank None is
+    not offered, and a layer of rank 0 is not selected automatically. With `follows_selection`, a
+    layer that the user selects in the layer list takes precedence; napari's selection of new layers is ignored.
     """
 
     chosen = Signal()

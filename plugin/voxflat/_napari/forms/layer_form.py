@@ -1,4 +1,4 @@
-"""The fields that the forms have in common: the surface, the axes of the viewer, and what the map shows."""
+"""The fields that all forms share: the surface, the axes of the viewer, and the values that the map shows."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -22,7 +22,7 @@ from voxflat.errors import InputError
 
 
 class LayerForm(QWidget):
-    """Base of the forms: the surface and what its map shows; other forms add how it is flattened."""
+    """Base class of the forms: the surface and the values on its map; subclasses add the flattening options."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -83,12 +83,12 @@ class LayerForm(QWidget):
         show_row(self._rows, field, visible)
 
     def _sampled_rank(self, layer: Layer) -> int | None:
-        """Return how suitable a layer is to be shown on the map; the values of the flattened mesh are best."""
+        """Return how suitable a layer is for display on the map; the values of the flattened mesh are most suitable."""
         if "voxflat" in layer.metadata:
             return None
         if isinstance(layer, Image | Labels):
             suits = isinstance(layer, Image) and layer.ndim == 3
-            return int(suits) + (suits and layer != self.surface.layer)  # an image is constant along its own threshold
+            return int(suits) + (suits and layer != self.surface.layer)  # an image is constant on its own isosurface
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
             return None
@@ -116,7 +116,7 @@ class LayerForm(QWidget):
         return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
-        """Return what the map of a layer is to show."""
+        """Return the values that the map of a layer should show."""
         sampled = self.sampled.layer
         if sampled is None:
             return None
@@ -136,7 +136,7 @@ class LayerForm(QWidget):
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
-    """Rank layers to flatten: labels, surfaces, images; 0 for a surface that belongs to another one in the list."""
+    """Rank layers to flatten: labels, then surfaces, then images; 0 for a surface that belongs to another one."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
     if layer.ndim != 3:
@@ -149,7 +149,7 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
 
 
 def _is_partner(layer: Surface) -> bool:
-    """Return whether a surface is rarely flattened itself: a pial, inflated or spherical one."""
+    """Return whether a surface is pial, inflated or spherical, and is therefore rarely flattened itself."""
     name = surface_name(layer)
     return "pial" in name or is_elsewhere(name)
 

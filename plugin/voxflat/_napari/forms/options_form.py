@@ -1,4 +1,4 @@
-"""The form *Advanced*: the options of the methods, with the names and defaults that they have in Python."""
+"""The form *Advanced*: the options of the methods, with the same names and defaults as in Python."""
 
 from typing import Any
 
@@ -59,7 +59,7 @@ _DRAWN = "drawn"
 
 
 def takes(method: str, option: str) -> bool:
-    """Return whether a method takes an option; methods for triangles take cuts and a mirror."""
+    """Return whether a method accepts an option; triangle methods accept cuts and a mirror."""
     kind = METHODS[method]
     return option in kind.__dataclass_fields__ or (
         issubclass(kind, OverTriangles) and option in ("cuts", "relax", "mirror", "drop")
@@ -139,7 +139,7 @@ class OptionsForm(QWidget):
             show_row(self.rows, field, takes(method, name))
 
     def options(self, method: str) -> dict[str, Any]:
-        """Return the options that differ from the defaults: of a method, and keywords of `Surface.flatten`."""
+        """Return the options of the method and of `Surface.flatten` that differ from the defaults."""
         values: dict[str, Any] = {
             name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)
         }

@@ -1,4 +1,4 @@
-"""The form of *Flatten in patches*: what to flatten, and how."""
+"""The form of *Flatten in patches*: the surface to flatten, and the options."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ _LIMITS = {
 
 
 class PatchesForm(LayerForm):
-    """Lets the user choose what to flatten in patches and how; `job` returns the choice."""
+    """Lets the user choose a surface to flatten in patches and the options; `job` returns these choices."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)

@@ -1,4 +1,4 @@
-"""The plan below the form: a summary of what *Flatten surface* will do."""
+"""The plan below the form, which summarises the steps of *Flatten surface*."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -16,9 +16,9 @@ from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.standard.sphere import sphere_at
 
 _COUNTED = 2**27  # voxels; in larger layers, which may be remote, surface voxels are not counted
-_PAUSE = 300  # ms without a change before they are counted
-_SECONDS = 2e-4  # per point, on two cores (docs/decisions/0027)
-_BYTES = 6500.0  # per point
+_PAUSE = 300  # ms without a change before surface voxels are counted
+_SECONDS = 2e-4  # run time per point on two cores (docs/decisions/0027)
+_BYTES = 6500.0  # memory per point
 _PARTS = {
     "whole": "the whole surface",
     "disk": "a disk of radius {radius:g} mm around the seed point",
@@ -44,19 +44,19 @@ class _Asked:
 
 
 class Plan(QLabel):
-    """Shows what *Flatten surface* will do, how many points there are, and roughly how long it takes."""
+    """Shows the steps of *Flatten surface*, the number of points, and the approximate run time."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setWordWrap(True)
         self.setToolTip("What Flatten surface will do with the current settings")
         self._asked: _Asked | None = None
-        self._counted: tuple[Any, ...] = ()  # the layer and foreground whose points are counted
+        self._counted: tuple[Any, ...] = ()  # the layer and foreground whose points have been counted
         self._count: int | None = None
         self._timer = single_shot(self, _PAUSE, self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
-        """Show the plan for a layer and the other choices of the form; nothing without a layer."""
+        """Show the plan for a layer and the other choices of the form, or nothing if there is no layer."""
         if layer is None:
             self._asked, self._counted, self._count = None, (), None
             self._timer.stop()
@@ -81,7 +81,7 @@ class Plan(QLabel):
 
     def _on_counted(self, found: tuple[int, tuple[Any, ...]]) -> None:
         count, of = found
-        if of == self._counted:  # otherwise something else was chosen in the meantime
+        if of == self._counted:  # otherwise another layer or foreground has been chosen in the meantime
             self._count = count
             self._write()
 
@@ -91,12 +91,12 @@ class Plan(QLabel):
             self._fit()
 
     def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
-        """Keep all lines visible: a form layout gives a wrapped label the height that it had at another width."""
+        """Keep all lines visible, because a form layout uses the height that a wrapped label had at another width."""
         super().resizeEvent(event)
         self._fit()
 
     def _fit(self) -> None:
-        self.setMinimumHeight(max(0, self.heightForWidth(self.width())))  # a hidden label has no height for its width
+        self.setMinimumHeight(max(0, self.heightForWidth(self.width())))  # no height is known for a hidden label
 
 
 def _steps(asked: _Asked) -> list[str]:

@@ -1,4 +1,4 @@
-"""The seed point: a point of a Points layer, which can be set by a click in the viewer."""
+"""The seed point, which is a point of a Points layer and can be set by clicking in the viewer."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -51,13 +51,13 @@ class SeedChoice(QWidget):
 
     @property
     def point(self) -> Seed | None:
-        """The voxel or vertex of the surface at the seed point; None if there is none."""
+        """The voxel or vertex of the surface at the seed point, or None if there is no seed point."""
         if self._points is None or self._surface is None or self._surface.ndim != 3:
             return None
         return seed_of(self._points, self._surface)
 
     def set_surface(self, layer: Layer | None) -> None:
-        """Set the layer whose voxels or vertices can be the seed."""
+        """Set the layer whose voxels or vertices can be used as the seed."""
         self._surface = layer
         self.pick.setEnabled(layer is not None and layer.ndim == 3)
         self._on_changed()
@@ -113,7 +113,7 @@ class SeedChoice(QWidget):
             if layer is not None:
                 layer.mode = "pan_zoom"  # so that the click does not paint
             if isinstance(self._surface, Surface):
-                self._viewer.dims.ndisplay = 3  # slices of a mesh show almost nothing in napari
+                self._viewer.dims.ndisplay = 3  # because napari shows almost nothing of a mesh in slices
             callbacks.append(self._on_click)
             self._viewer.status = "Click on the surface to set the seed point"
         elif self._on_click in callbacks:

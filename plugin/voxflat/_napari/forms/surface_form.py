@@ -1,4 +1,4 @@
-"""The form of *Flatten surface*: what to flatten, and how."""
+"""The form of *Flatten surface*: the surface to flatten, and the options."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
 _METHODS = {name: name for name in METHODS}  # the summary of a method is its tooltip, because it is wider than the box
-_OVER_VOXELS = "grossmann2002"  # does not take meshes
+_OVER_VOXELS = "grossmann2002"  # does not accept meshes
 _PARTS = {
     "whole": "whole surface",
     "disk": "disk around a point",
@@ -38,7 +38,7 @@ _PARTS = {
 
 
 class SurfaceForm(LayerForm):
-    """Lets the user choose what to flatten and how; `job` returns the choice."""
+    """Lets the user choose a surface to flatten and the options; `job` returns these choices."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
@@ -184,12 +184,12 @@ class SurfaceForm(LayerForm):
         )
 
     def _inside(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return which values are foreground."""
+        """Return a mask of the foreground values."""
         labels = isinstance(self.surface.layer, Labels)
         return np.asarray(values == self.label.label if labels else values > self.threshold.value())
 
     def _pial_rank(self, layer: Layer) -> int | None:
-        """Return how suitable a layer is as the pial surface of the chosen one."""
+        """Return how suitable a layer is as the pial surface of the chosen surface."""
         white = self.surface.layer
         if "voxflat" in layer.metadata or layer is white or not isinstance(white, Surface):
             return None
@@ -239,13 +239,13 @@ class SurfaceForm(LayerForm):
         return {}
 
     def _of_volume(self, layer: Layer, world: str) -> tuple[LayerVolume, dict[str, Any]]:
-        """Return a volume, and the arguments that only volumes have."""
+        """Return a volume, and the arguments that apply only to volumes."""
         by_mask = self.patch.currentData() == "mask" and self.masked_by.layer is not None
         keep = {"keep": LayerVolume.of(self.masked_by.layer, world)} if by_mask else {}
         return LayerVolume.of(layer, world), {**self._foreground(layer), **keep}
 
     def _of_mesh(self, layer: Surface, world: str) -> tuple[LayerMesh, dict[str, Any]]:
-        """Return a mesh, and the arguments that only meshes have."""
+        """Return a mesh, and the arguments that apply only to meshes."""
         mesh = LayerMesh.of(layer, world)
         by_values = self.patch.currentData() == "values"
         pial = self.pial.layer

@@ -8,13 +8,13 @@ from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
 from superqt.utils import signals_blocked
 
-_STEPS = 1000  # of the slider
+_STEPS = 1000  # number of slider steps
 _EDGE = 1e-4  # fraction of the range over which the preview goes from transparent to opaque
 _COLOURS = Colormap([[0.0, 0.0, 0.0, 0.0], [1.0, 0.45, 0.1, 1.0]], name="above")
 
 
 class ThresholdChoice(QWidget):
-    """Lets the user choose a threshold; a preview, made by contrast limits, shows the voxels above it."""
+    """Lets the user choose a threshold; a preview uses contrast limits to show the voxels above the threshold."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -52,7 +52,7 @@ class ThresholdChoice(QWidget):
         self.box.setValue(value)
 
     def follow(self, layer: Image | None) -> None:
-        """Offer thresholds between the contrast limits of a layer; None stops."""
+        """Offer thresholds between the contrast limits of a layer; with None, stop following the layer."""
         if layer is self._layer:
             return
         self.preview.setChecked(False)
@@ -98,7 +98,7 @@ class ThresholdChoice(QWidget):
                 rotate=layer.rotate,
                 shear=layer.shear,
                 units=layer.units,
-                metadata={"voxflat": None},  # a layer of voxflat, which is not offered for flattening
+                metadata={"voxflat": None},  # marks a voxflat layer, which is not offered for flattening
             )
             self._viewer.layers.insert(self._viewer.layers.index(layer) + 1, self._shown)
             self._viewer.layers.selection = before

@@ -1,1 +1,1 @@
-"""Conversion of napari's layers to volumes, meshes and points in mm."""
+"""Convert napari layers to volumes, meshes and points in mm."""

@@ -1,4 +1,4 @@
-"""Conversion of napari's Surface layers to meshes in RAS+ mm."""
+"""Convert napari Surface layers to meshes in RAS+ mm."""
 
 import re
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ _ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
 
 @dataclass(frozen=True, eq=False)
 class LayerMesh:
-    """The mesh of a Surface layer, read in the GUI thread for use in others, because the layer may change."""
+    """The mesh of a Surface layer, read in the GUI thread for use in other threads, because the layer may change."""
 
     vertices: NDArray[Any] = field(repr=False)  # (V, 3), in data coordinates
     faces: NDArray[Any] = field(repr=False)
@@ -29,7 +29,7 @@ class LayerMesh:
 
     @classmethod
     def of(cls, layer: Surface, world: str = "RAS") -> "LayerMesh":
-        """Read a Surface layer; raises InputError unless it is 3D, in lengths, with triangles and values."""
+        """Read a Surface layer; raises InputError unless it is 3D, has length units, triangles and values."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
             raise InputError(
@@ -51,11 +51,11 @@ class LayerMesh:
 
     @property
     def origin(self) -> dict[str, str]:
-        """The name of the layer, the axes of the world and the unit, for the metadata of the map."""
+        """The name of the layer, the world axes and the unit, for the map metadata."""
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Convert the vertices to RAS+ mm, or InputError; triangles that a transform mirrors are flipped."""
+        """Convert the vertices to RAS+ mm, or raise InputError; triangles are flipped if the transform mirrors them."""
         affine = self.place.affine
         is_mirrored = np.linalg.det(affine[:3, :3]) < 0
         faces = self.faces[:, ::-1] if is_mirrored else self.faces
@@ -63,7 +63,7 @@ class LayerMesh:
         return Mesh(moved(self.vertices, affine), faces, self.place.path, self.structure, space=space)
 
     def kept(self) -> NDArray[np.bool_]:
-        """Return which vertices have a value other than 0 and NaN; raises InputError if none has."""
+        """Return a mask of the vertices whose values are neither 0 nor NaN; raises InputError if there are none."""
         kept = np.nan_to_num(self.values) != 0
         if not kept.any():
             raise InputError(f"All values of layer '{self.origin['layer']}' are 0 or NaN. Choose another part")
@@ -77,11 +77,11 @@ def vary(values: NDArray[Any]) -> bool:
 
 
 def surface_name(layer: Surface) -> str:
-    """Return the name of the surface of a layer: its file, such as lh.white, or else the layer."""
+    """Return the name of the surface file of a layer, such as lh.white, or the layer name if there is no file."""
     path = layer.metadata.get("surface_file") or layer.source.path
     return Path(path).name if path else str(layer.name)
 
 
 def is_elsewhere(name: str) -> bool:
-    """Return, by a file name, whether a surface is not in anatomical position, such as the inflated one."""
+    """Return whether a file name indicates that a surface, such as the inflated one, is not in anatomical position."""
     return not _ELSEWHERE.isdisjoint(re.split(r"[._]", name.lower().replace("very_inflated", "inflated")))

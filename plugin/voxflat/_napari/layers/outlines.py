@@ -1,4 +1,4 @@
-"""Conversion of shapes and points to the corners of a polygon."""
+"""Convert shapes and points to the corners of a polygon."""
 
 import numpy as np
 from napari.layers import Layer, Points, Shapes
@@ -11,7 +11,7 @@ _FEWEST = 3
 
 
 def corners(drawn: Points | Shapes, surface: Layer, world: str) -> NDArray[np.float64]:
-    """Return the corners of a polygon, RAS+ mm: all points, or the selected or last shape; or InputError."""
+    """Return polygon corners in RAS+ mm from all points, or from the selected or last shape; or raise InputError."""
     if isinstance(drawn, Shapes):
         chosen = sorted(drawn.selected_data)
         places = [drawn.data[chosen[0] if len(chosen) == 1 else -1]] if len(drawn.data) else []

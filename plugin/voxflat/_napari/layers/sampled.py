@@ -1,4 +1,4 @@
-"""The values that a flat map shows: a volume sampled at the surface, or values at the vertices of a mesh."""
+"""The values that a flat map shows, from a volume sampled at the surface or from the vertices of a mesh."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,8 +17,8 @@ from voxflat.demo import DEPTH
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
 
-_WHITE = ("white", "smoothwm")  # in the names of surfaces with grey matter outside
-_HEAD = 60.0  # mm; the shortest side of a volume with a hemisphere
+_WHITE = ("white", "smoothwm")  # parts of the names of surfaces with grey matter outside
+_HEAD = 60.0  # mm; the shortest side of a volume that contains a hemisphere
 _FINE = 2.0  # mm; the largest voxels that resolve the cortex
 
 
@@ -30,7 +30,7 @@ class Sampled:
     depth: float = 0.0  # mm outside the surface
     kind: str = "image"  # or "labels", the type of the layer
     display: Mapping[str, Any] = field(default_factory=dict)  # keywords that make the map look like the layer
-    fraction: float | None = None  # of the cortical thickness, instead of the depth
+    fraction: float | None = None  # fraction of the cortical thickness, used instead of the depth
 
     @property
     def name(self) -> str:
@@ -76,7 +76,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Read the values and display of a layer, at a depth or fraction and a step of leading axes; or InputError."""
+    """Read a layer's values and display at a depth or fraction and a step of the leading axes, or raise InputError."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)
@@ -86,7 +86,7 @@ def shown(
 
 
 def usual_depth(layer: Layer | None) -> float:
-    """Return the default sampling depth, mm: that of the demo outside white matter, otherwise 0."""
+    """Return the default sampling depth, in mm: the depth used in the demo outside white matter, otherwise 0."""
     if layer is None or layer.ndim != 3:
         return 0.0
     if isinstance(layer, Surface):
@@ -97,13 +97,13 @@ def usual_depth(layer: Layer | None) -> float:
 
 
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
-    """Read the values of a Surface layer, whose mesh is given, and their display."""
+    """Read the values of a Surface layer with the given mesh, and their display."""
     path = layer.source.path
     return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None)
 
 
 def _display(layer: Layer) -> dict[str, Any]:
     display = {"colormap": layer.colormap, "gamma": layer.gamma}
-    if layer.contrast_limits != layer.contrast_limits_range:  # the user set them
+    if layer.contrast_limits != layer.contrast_limits_range:  # the user has set the limits
         display["contrast_limits"] = layer.contrast_limits
     return display

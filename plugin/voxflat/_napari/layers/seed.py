@@ -1,4 +1,4 @@
-"""Seed points: conversion of points in the viewer to voxels of a volume, or to vertices of a mesh."""
+"""Convert points in the viewer to seed points: voxels of a volume or vertices of a mesh."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
@@ -27,20 +27,20 @@ MARKER = {
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:
-    """Return the voxel or vertex of a layer at the selected or last point of a Points layer, or None outside."""
+    """Return the voxel or vertex of a layer at the selected or last point of a Points layer; None if it is outside."""
     place = _chosen(points, layer)
     return None if place is None else seed_at(layer, place)
 
 
 def seed_at(layer: Layer, position: NDArray[np.float64]) -> Seed | None:
-    """Return the voxel at a position, or the nearest vertex; the position is in the units of the layer."""
+    """Return the voxel at a position or the vertex nearest to it; the position is in the units of the layer."""
     return nearest_vertex(layer, position) if isinstance(layer, Surface) else voxel_at(layer, position)
 
 
 def seed_along(
     layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> Seed | None:
-    """Return where a ray, given by its ends in data coordinates, first meets the surface."""
+    """Return the voxel or vertex where a ray, given by its ends in data coordinates, first meets the surface."""
     return first_vertex(layer, start, end) if isinstance(layer, Surface) else first_voxel(layer, start, end, inside)
 
 
@@ -74,7 +74,7 @@ def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
 
 
 def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> Voxel | None:
-    """Return the voxel of a layer at a position in the units of the layer; None outside the layer."""
+    """Return the voxel of a layer at a position in the units of the layer, or None if it is outside the layer."""
     index = np.round(layer.world_to_data(position)).astype(int)
     return _triple(index) if np.all((index >= 0) & (index < finest(layer).shape[:3])) else None
 
@@ -101,17 +101,17 @@ def _triple(index: NDArray[Any]) -> Voxel:
 
 
 def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float64]) -> int | None:
-    """Return the vertex, of those that faces use, nearest to a position in the units of the layer."""
+    """Return the vertex nearest to a position in the units of the layer, among the vertices that faces use."""
     vertices, faces = layer.vertices, np.asarray(layer.faces)
     used = np.zeros(len(vertices), dtype=np.bool_)
-    used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # bad indices are reported when the mesh is flattened
+    used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # invalid indices are reported during flattening
     apart = np.linalg.norm(moved(vertices, data_to_world(layer)) - position, axis=1)
     apart[~used | np.isnan(apart)] = np.inf
     return int(apart.argmin()) if np.isfinite(apart).any() else None
 
 
 def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.float64]) -> int | None:
-    """Return the vertex nearest to where a ray, given by its ends in data coordinates, first meets a mesh."""
+    """Return the vertex nearest to the point where a ray, given by its ends in data coordinates, first meets a mesh."""
     vertices, faces = np.asarray(layer.vertices, dtype=np.float64), np.asarray(layer.faces)
     along = (end - start) / np.linalg.norm(end - start)
     face, place = find_nearest_triangle_intersection(start, along, vertices[faces])

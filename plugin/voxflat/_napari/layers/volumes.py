@@ -1,4 +1,4 @@
-"""Conversion of napari's Image and Labels layers to volumes in RAS+ mm."""
+"""Convert napari Image and Labels layers to volumes in RAS+ mm."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +15,7 @@ from voxflat.io.volumes import Volume
 
 @dataclass(frozen=True, eq=False)
 class LayerVolume:
-    """The voxels of a layer, read in the GUI thread for use in others, because the layer may change."""
+    """The voxels of a layer, read in the GUI thread for use in other threads, because the layer may change."""
 
     data: Any = field(repr=False)  # numpy, dask or zarr; the finest level of a multiscale layer
     place: LayerPlace
@@ -24,22 +24,22 @@ class LayerVolume:
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> "LayerVolume":
-        """Read an Image or Labels layer; raises InputError unless it has three axes beside `step`, in lengths."""
+        """Read an Image or Labels layer; raises InputError unless it has three length axes in addition to `step`."""
         if layer.ndim - len(step) > 3:
             raise InputError(
                 f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Split it (Layers > Layer Type > Split "
                 "Stack), then choose one part"
             )
         place = LayerPlace.of(layer, world, len(step))
-        return cls(finest(layer), place, getattr(layer, "rgb", False), step)  # Labels layers do not have rgb
+        return cls(finest(layer), place, getattr(layer, "rgb", False), step)  # Labels layers have no attribute rgb
 
     @property
     def origin(self) -> dict[str, str]:
-        """The name of the layer, the axes of the world and the unit, for the metadata of the map."""
+        """The name of the layer, the world axes and the unit, for the map metadata."""
         return self.place.origin
 
     def read(self) -> Volume:
-        """Load the voxels, which may be slow for dask and zarr; raises InputError if they are not a volume."""
+        """Load the voxels, which may be slow for dask and zarr arrays; raises InputError if they are not a volume."""
         data = np.asarray(self.data[self.step] if self.step else self.data)
         return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path)
 
@@ -48,7 +48,7 @@ class LayerVolume:
         if self.rgb or not is_chunked(self.data):
             return self.read()
         data = self.data
-        if self.step:  # indexing a zarr array would load it
+        if self.step:  # indexing would load a zarr array
             from dask.array import from_array
 
             data = (data if hasattr(data, "dask") else from_array(data))[self.step]  # type: ignore[no-untyped-call]
@@ -56,7 +56,7 @@ class LayerVolume:
 
 
 def finest(layer: Layer) -> Any:
-    """Return the voxels of a layer, of the finest level of a multiscale layer: numpy, dask or zarr."""
+    """Return the voxels of a layer as numpy, dask or zarr, at the finest level of a multiscale layer."""
     return layer.data[0] if layer.multiscale else layer.data
 
 

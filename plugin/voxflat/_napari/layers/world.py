@@ -1,4 +1,4 @@
-"""The world of the viewer: the position of a layer in it, and its conversion to RAS+ mm."""
+"""Determine the position of a layer in the world of the viewer, and convert it to RAS+ mm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,15 +26,15 @@ A layer does not record its axes. A wrong choice shows the map from inside, as a
 
 @dataclass(frozen=True, eq=False)
 class LayerPlace:
-    """The position of a layer, and its origin."""
+    """The position of a layer, and the origin metadata."""
 
     affine: NDArray[np.float64]  # from the layer's data coordinates to RAS+ mm
-    path: Path | None  # of the surface, for a layer of values
+    path: Path | None  # path of the surface file, for a layer of values
     origin: dict[str, str]  # for the metadata of the map: layer, world_axes, unit
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> "LayerPlace":
-        """Read the position of a layer without leading axes; raises InputError unless three axes in lengths remain."""
+        """Read the position of a layer without leading axes; raises InputError unless three length axes remain."""
         if layer.ndim - leading != 3:
             raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Choose a 3D layer")
         factors, unit = _millimetres(layer)
@@ -48,12 +48,12 @@ class LayerPlace:
 
     @property
     def is_in_pixels(self) -> bool:
-        """Whether the unit is pixels, which count as mm."""
+        """Whether the unit is pixels, which are treated as mm."""
         return self.origin["unit"].startswith("pixel")
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
-    """Return the affine of the last three axes of a layer, from data coordinates to the world, in its units."""
+    """Return the affine of the last three layer axes from data to world coordinates, in the units of the layer."""
     steps = np.zeros((4, layer.ndim))
     steps[1:, -3:] = np.eye(3)
     corner, *ends = (np.asarray(layer.data_to_world(step), dtype=np.float64)[-3:] for step in steps)
@@ -70,7 +70,7 @@ def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float
 
 
 def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
-    """Convert points from RAS+ mm to the world of a viewer, mm along its axes."""
+    """Convert points from RAS+ mm to the world of a viewer, in mm along its axes."""
     return moved(points, _to_ras(world).T)  # a permutation of axes, some of them reversed
 
 
@@ -80,7 +80,7 @@ def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
 
 
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
-    """Return the factors between units; 1 for units that cannot be compared (pixels), as in napari."""
+    """Return the conversion factors between units, or 1 for units that cannot be compared (pixels), as in napari."""
     return np.array(
         [
             float((1 * unit).to(other).magnitude) if unit.is_compatible_with(other) else 1.0
@@ -90,13 +90,13 @@ def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float6
 
 
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
-    """Convert the last three coordinates of a position from the units of the viewer, if any, to those of a layer."""
+    """Convert the last three coordinates of a position from the viewer's units, if any, to the units of a layer."""
     place = np.asarray(position, dtype=np.float64)[-3:]
     return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
 
 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:
-    """Return whether two layers are both in lengths or both in pixels, so that their positions are comparable."""
+    """Return whether two layers both use length units or both use pixels, so that their positions are comparable."""
     return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
 
 
@@ -112,7 +112,7 @@ def _millimetres(layer: Layer) -> tuple[NDArray[np.float64], str]:
 
 
 def _to_ras(world: str) -> NDArray[np.float64]:
-    """Return the matrix to RAS+ from a world whose axes increase towards the letters R/L, A/P, S/I."""
+    """Return the matrix to RAS+ from a world whose axes increase towards the directions R/L, A/P and S/I."""
     matrix = np.zeros((4, 4))
     matrix[3, 3] = 1
     for axis, letter in enumerate(world):

@@ -1,1 +1,1 @@
-"""The dock that shows flat maps on its own canvas, linked with the volume or surface in the viewer."""
+"""The dock that shows flat maps on its own canvas, linked to the volume or surface in the viewer."""

@@ -1,4 +1,4 @@
-"""The graphics item of points and shapes on the map, whose size does not depend on the zoom."""
+"""The graphics item for points and shapes on the map, whose size does not depend on the zoom."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ class AnnotationItem(QGraphicsItem):
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
 
     def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
-        """Show annotations, or none; all lie within a rectangle of the scene."""
+        """Show annotations within a rectangle of the scene, or show none."""
         self.prepareGeometryChange()
         self._around = around
         self._lines, self._dots = [], []
@@ -43,7 +43,7 @@ class AnnotationItem(QGraphicsItem):
 
     @property
     def dots(self) -> NDArray[np.float64]:
-        """Coordinates of the dots, (u, v) in mm, shape (P, 2)."""
+        """Coordinates (u, v) of the dots in mm, with shape (P, 2)."""
         return np.concatenate([np.empty((0, 2)), *(places for _, places in self._dots)])
 
     @property
@@ -67,7 +67,7 @@ class AnnotationItem(QGraphicsItem):
 
 
 def _by_colour(colours: NDArray[np.uint8]) -> list[tuple[QColor, NDArray[np.int64]]]:
-    """Return the opaque colours, and the rows of each."""
+    """Return the opaque colours, and the rows that have each colour."""
     step = 256 // _TONES
     tones = distinct(colours[:, :3] // step)
     order = np.argsort(tones.which, kind="stable")

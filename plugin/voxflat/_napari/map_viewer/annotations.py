@@ -1,4 +1,4 @@
-"""Points and shapes of the volume, shown on the map at the nearest points of the surface."""
+"""Points and shapes in the volume, shown on the map at the nearest surface points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ _LOOKS = ("data", "set_data", "visible", "face_color", "current_face_color", "bo
 _SHAPES = ("edge_color", "current_edge_color", "edge_width")
 _PLACE = ("scale", "translate", "rotate", "shear", "affine", "units")
 _FINER = 2  # steps along a line for each spacing of the surface points
-_JUMP = 4.0  # times the usual step; a line that jumps farther crosses a cut
+_JUMP = 4.0  # multiple of the usual step; a line with a longer jump crosses a cut
 
 
 @dataclass(frozen=True, eq=False)
 class Annotation:
-    """The points and lines of a layer at the displayed time; coordinates are RAS+ mm in scanner space."""
+    """The points and lines of a layer at the displayed time, in RAS+ mm in scanner space."""
 
     points: NDArray[np.float64]  # (P, 3)
     colours: NDArray[np.uint8]  # (P, 4), one per point
@@ -50,7 +50,7 @@ class Annotation:
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
     def is_same(self, other: "Annotation") -> bool:
-        """Return whether another annotation looks the same."""
+        """Return whether another annotation has the same appearance."""
         own, others = self._arrays, other._arrays
         return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
 
@@ -61,7 +61,7 @@ class Annotation:
 
 @dataclass(frozen=True, eq=False)
 class OnMap:
-    """Annotations of the volume on the map; coordinates are (u, v), mm."""
+    """Annotations of the volume on the map, with coordinates (u, v) in mm."""
 
     dots: NDArray[np.float64]
     colours: NDArray[np.uint8]
@@ -94,7 +94,7 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
-    """Split a line of the map (k, 2) at NaN and where it jumps over a cut; single points are dropped."""
+    """Split a line (k, 2) on the map at NaN and at jumps over cuts; single points are dropped."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1
@@ -102,7 +102,7 @@ def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float6
 
 
 def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float64]:
-    """Sample a line finer than the surface points; each part beyond the surface becomes one NaN."""
+    """Sample a line more finely than the surface points; each part outside the surface becomes a single NaN."""
     low, high = prepared.points.min(axis=0) - FAR, prepared.points.max(axis=0) + FAR
     step = prepared.spacing / _FINER
     found = []
@@ -110,7 +110,7 @@ def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float
         along = b - a
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # the line may be parallel to some axes
             ends = np.sort([(low - a) / along, (high - a) / along], axis=0)
-        inside = (low <= a) & (a <= high)  # for axes that the line is perpendicular to
+        inside = (low <= a) & (a <= high)  # for axes perpendicular to the line
         start = max(0.0, np.max(np.where(along == 0, np.where(inside, -np.inf, np.inf), ends[0])))
         end = min(1.0, np.min(np.where(along == 0, np.inf, ends[1])))
         if not start <= end:
@@ -123,13 +123,13 @@ def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float
 
 
 def _line(corners: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
-    """Return the outline of a shape; a closed one ends at its first point."""
+    """Return the outline of a shape; a closed outline ends at its first point."""
     line = ellipse(corners) if kind == "ellipse" else np.asarray(corners, dtype=np.float64)
     return np.concatenate([line, line[:1]]) if kind in _CLOSED else line
 
 
 def _is_now(data: NDArray[Any], now: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points belong to the displayed step of the leading axes, such as time."""
+    """Return a mask of the points in the displayed step of the leading axes, such as time."""
     return np.asarray((np.abs(data[:, : len(now)] - now) <= 0.5).all(axis=1))
 
 
@@ -158,7 +158,7 @@ class VolumeAnnotations(QObject):
 
     @property
     def layers(self) -> list[Layer]:
-        """The layers that are followed; those that voxflat itself adds, such as cuts, are excluded."""
+        """The followed layers, excluding layers that voxflat itself adds, such as cuts."""
         return [
             layer
             for layer in self._viewer.layers
@@ -171,7 +171,7 @@ class VolumeAnnotations(QObject):
         return bool(self._soon.isActive())
 
     def taken(self, world: str) -> list[Annotation]:
-        """Read the annotations of all visible layers; raises InputError if the axes of one are not lengths."""
+        """Read the annotations of all visible layers; raises InputError if a layer has axes without length units."""
         point = self._viewer.dims.point
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
 

@@ -1,4 +1,4 @@
-"""The canvas that draws, moves and zooms a map; it uses only Qt, so that it opens and reacts quickly."""
+"""The canvas that draws, moves and zooms a map; it uses only Qt, so it opens and responds quickly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,7 +22,7 @@ from voxflat._napari.map_viewer.annotations import OnMap
 from voxflat._napari.map_viewer.cursor import RingItem
 from voxflat._napari.map_viewer.pictures import Picture
 
-_MARGIN = 0.03  # around the map, as a fraction of its size
+_MARGIN = 0.03  # margin around the map, as a fraction of the map size
 _CLICK = 4  # pixels; a longer movement is not a click
 _STEP = 1.2  # zoom factor per notch of the wheel
 _CLOSEST = 80.0  # pixels per mm
@@ -30,7 +30,7 @@ _RIM, _LINE, _HALO = QColor(64, 64, 64), QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 class MapCanvas(QGraphicsView):
-    """Shows a map in mm; the y axis of the scene points downwards, so that y is −v."""
+    """Shows a map in mm; the y axis of the scene points downwards, so y equals −v."""
 
     pointed = Signal(float, float)
     """Emitted with the position (u, v) of the mouse, mm."""
@@ -122,7 +122,7 @@ class MapCanvas(QGraphicsView):
             self._put(self.picture, picture)
 
     def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
-        """Show drawn lines and dots, mm."""
+        """Show drawn lines and dots, in mm."""
         path, radius = _path(lines), 3 / self.scale_factor
         for u, v in dots:
             path.addEllipse(QPointF(u, -v), radius, radius)
@@ -134,7 +134,7 @@ class MapCanvas(QGraphicsView):
         self.annotations.show_annotations(found, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
-        """Place the ring at (u, v), mm, or hide it."""
+        """Place the ring at (u, v) in mm, or hide it."""
         self.ring.setVisible(place is not None)
         if place is not None:
             self.ring.setPos(place[0], -place[1])
@@ -149,7 +149,7 @@ class MapCanvas(QGraphicsView):
             self.zoomed.emit()
 
     def centre(self, place: tuple[float, float]) -> None:
-        """Centre the map on (u, v), mm."""
+        """Centre the map on (u, v) in mm."""
         self._is_fitted = False
         self.centerOn(place[0], -place[1])
 
@@ -159,7 +159,7 @@ class MapCanvas(QGraphicsView):
         return float(self.transform().m11())
 
     def position(self, u: float, v: float) -> Any:
-        """Return the position of (u, v), mm, in the viewport, pixels."""
+        """Return the position of (u, v), in mm, in the viewport, in pixels."""
         return self.mapFromScene(QPointF(u, -v))
 
     def _put(self, item: QGraphicsPixmapItem, picture: Picture) -> None:
@@ -221,7 +221,7 @@ class MapCanvas(QGraphicsView):
             self.fit()
 
     def _point_out(self) -> None:
-        """Show a cross instead of the hand cursor, which hides the map below it."""
+        """Show a cross cursor instead of a hand, which hides the map below it."""
         viewport = self.viewport()
         assert viewport is not None
         viewport.setCursor(Qt.CursorShape.CrossCursor)

@@ -1,4 +1,4 @@
-"""The values that a map can show: its folds only, a distortion measure, or a layer of the viewer."""
+"""The values that a map can show: only its folds, a distortion measure, or a layer of the viewer."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias
@@ -25,7 +25,7 @@ FOLDS = "Folds only"
 
 
 def suits(layer: Layer, run: Run) -> bool:
-    """Return whether a layer can be shown on the map of a run; a volume elsewhere in space gives an empty picture."""
+    """Return whether a layer can be shown on the map of a run; volumes away from the surface give empty pictures."""
     if "voxflat" in layer.metadata:
         return False
     if isinstance(layer, Image | Labels):
@@ -73,7 +73,7 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class ContentChoice(QComboBox):
-    """Lets the user choose what the map shows; follows the layers of the viewer."""
+    """Lets the user choose the values that the map shows; follows the layers of the viewer."""
 
     chosen = Signal()
     """Emitted when something else is chosen."""
@@ -97,16 +97,16 @@ class ContentChoice(QComboBox):
         return self._offered[index] if 0 <= index < len(self._offered) else None
 
     def choose(self, content: Content) -> None:
-        """Choose one of the offered entries."""
+        """Select one of the offered entries."""
         self.setCurrentIndex(self._offered.index(content))
 
     def step(self, steps: int) -> None:
-        """Move the choice down by a number of entries, and from the last to the first."""
+        """Move the selection down by a number of entries, wrapping from the last entry to the first."""
         if self._offered:
             self.setCurrentIndex((self.currentIndex() + steps) % len(self._offered))
 
     def show_run(self, run: Run | None) -> None:
-        """Offer what the map of a run can show; select the layer chosen in the form, or the first measure."""
+        """Offer the values that a run's map can show; select the layer chosen in the form, or the first measure."""
         self._run = run
         own = [] if run is None else measures(run.flat_map)
         self._fill(own)
@@ -138,7 +138,7 @@ class ContentChoice(QComboBox):
             self.chosen.emit()
 
     def _fill(self, own: list[Measure]) -> None:
-        """Offer the measures, then the layers, then the folds only."""
+        """Offer the measures first, then the layers, and finally only the folds."""
         run = self._run
         layers = [] if run is None else [layer for layer in reversed(self._viewer.layers) if suits(layer, run)]
         with signals_blocked(self):

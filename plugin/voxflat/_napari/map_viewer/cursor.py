@@ -1,4 +1,4 @@
-"""The ring that marks the same place on the map and in the viewer."""
+"""The ring that marks the same location on the map and in the viewer."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ _COLOUR, _HALO = QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 def paint_ring(painter: QPainter, centre: QPointF) -> None:
-    """Paint the ring, in pixels, visible on light and dark backgrounds."""
+    """Paint the ring in pixels, so that it is visible on light and dark backgrounds."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     for colour, width in ((_HALO, 4.0), (_COLOUR, 2.0)):
         painter.setPen(QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
@@ -59,7 +59,7 @@ class RingWidget(QWidget):
         canvas.installEventFilter(self)
 
     def show_at(self, x: float, y: float, *, near: bool) -> None:
-        """Show the ring at a position of the canvas, pixels; it is faint if the marked place is not in the slice."""
+        """Show the ring at a canvas position in pixels; it is faint if the marked location is not in the slice."""
         self._has_moved = True
         self.is_near = near
         self.move(round(x - SIZE / 2), round(y - SIZE / 2))
@@ -67,7 +67,7 @@ class RingWidget(QWidget):
         self.update()
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
-        """Skip repainting the canvas while the ring moves over it; repaint once the ring rests."""
+        """Skip repainting the canvas while the ring moves over it, and repaint once the ring stops."""
         if event.type() != QEvent.Type.Paint or not self._has_moved:
             return False
         self._has_moved = False

@@ -1,4 +1,4 @@
-"""The dock *Flat map*: the map of the current run, linked with its volume or surface."""
+"""The dock *Flat map*, which shows the map of the current run, linked to its volume or surface."""
 
 from functools import partial
 from typing import Any, TypeAlias
@@ -37,7 +37,7 @@ from voxflat.errors import VoxflatError
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _MM, _CORTEX = "mm outside", "of cortex"
 _SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
-_OPACITY = 0.85  # of the colours at first, so that the folds remain visible
+_OPACITY = 0.85  # initial opacity of the colours, so that the folds remain visible
 
 _Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None]
 
@@ -54,7 +54,7 @@ _HINT = "Point at the map or the volume to see the same place in both. Click to 
 
 
 def open_flat_map(viewer: Viewer) -> "FlatMapDock":
-    """Open the dock *Flat map*, unless it is open, as a tab of the other docks."""
+    """Open the dock *Flat map* as a tab beside the other docks, unless it is already open."""
     dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
     window = dock.window()
     if hasattr(window, "resizeDocks"):
@@ -65,7 +65,7 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
 
 
 class FlatMapDock(Dock):
-    """Shows the map of the current run on its own canvas; the view of the viewer does not change."""
+    """Shows the map of the current run on its own canvas, without changing the view in the viewer."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
@@ -79,7 +79,7 @@ class FlatMapDock(Dock):
         self.picture: Picture | None = None
         """The picture over the folds."""
         self._corners: list[drawings.Place] = []
-        self._points: list[drawings.Place] = []  # marked points that are not yet in the volume
+        self._points: list[drawings.Place] = []  # marked points that have not been added to the volume
         self._regions: list[list[drawings.Place]] = []
         self._annotations: list[Annotation] = []
         self._projector = LatestTask(self, self._on_projected, self._on_projection_failed)
@@ -204,7 +204,7 @@ class FlatMapDock(Dock):
         self.painted.toggled.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
-        """Return the actions of the keys."""
+        """Return the actions assigned to the keys."""
         buttons = {_IN_3D: self.on_surface, _OUTLINE: self.outlined, _WHOLE: self.whole}
         return {
             _NEXT: partial(self.contents.step, 1),
@@ -251,7 +251,7 @@ class FlatMapDock(Dock):
             self.outline.remove()
 
     def _set_depth(self, run: Run | None) -> None:
-        """Set the depth of the form, and offer fractions of the cortex if the pial surface is known."""
+        """Set the depth chosen in the form; offer fractions of the cortical thickness if the pial surface is known."""
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
         with signals_blocked(self.depth_unit):
             self.depth_unit.setCurrentText(_MM)
@@ -333,7 +333,7 @@ class FlatMapDock(Dock):
         return drawing(shown(content, world, **how))
 
     def _step(self, layer: Layer) -> tuple[int, ...]:
-        """Return the time and channel of a layer that the viewer shows."""
+        """Return the time point and channel at which the viewer shows a layer."""
         first = layer.ndim - 3
         index = layer.world_to_data(self._viewer.dims.point[-layer.ndim :])[:first]
         data = layer.data[0] if layer.multiscale else layer.data
@@ -373,7 +373,7 @@ class FlatMapDock(Dock):
             self.painted.show(prepared, colours)
 
     def _on_failed(self, error: Exception) -> None:
-        if self.prepared is None:  # the painted surface and the outline are those of the previous map
+        if self.prepared is None:  # the painted surface and the outline belong to the previous map
             self.painted.remove()
             self.outline.remove()
         self.canvas.show_picture(None)
@@ -383,7 +383,7 @@ class FlatMapDock(Dock):
     # ------------------------------------------------------------------------------ drawn in the volume
 
     def _annotate(self) -> None:
-        """Project points and shapes of the volume onto the map in a thread, if they have changed."""
+        """Project points and shapes in the volume onto the map in a thread, if they have changed."""
         if self.prepared is None:
             return
         try:
@@ -414,7 +414,7 @@ class FlatMapDock(Dock):
 
     def _on_map_pointed(self, u: float, v: float) -> None:
         spot = None if self.prepared is None else self.prepared.spot(u, v)
-        self.canvas.place_ring(None)  # the mouse pointer marks the place
+        self.canvas.place_ring(None)  # because the mouse pointer already marks the location
         self.link.mark(None if spot is None else spot.point)
         self._show_location(spot, (u, v))
 
@@ -466,7 +466,7 @@ class FlatMapDock(Dock):
         self._show_drawn([])
 
     def _show_drawn(self, lines: list[NDArray[np.float64]]) -> None:
-        """Show the current drawing, and the regions that were drawn before."""
+        """Show the current drawing and the previously drawn regions."""
         earlier = [np.array([*corners, corners[0]]) for corners in self._regions]
         self.canvas.show_lines([*earlier, *lines], [*self._points, *self._corners])
 
@@ -481,7 +481,7 @@ class FlatMapDock(Dock):
         self.canvas.centre(place)
 
     def _show_location(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
-        """Describe a place in one line."""
+        """Describe a location in one line."""
         self._location = (spot, place)
         if spot is None or place is None:
             self.text.setText(_HINT if self.prepared is not None else self.text.text())
@@ -530,7 +530,7 @@ class FlatMapDock(Dock):
 
 
 def _drawn(run: Run, prepared: PreparedMap | None, draw: Any, opacity: float | None) -> _Drawn:
-    """Draw the picture, and find the colours of the surface if it is shown; called by a thread."""
+    """Draw the picture, and find the colours of the surface if it is shown; called in a thread."""
     ready = PreparedMap.of(run) if prepared is None else prepared
     picture = None if draw is None else draw(ready)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity)

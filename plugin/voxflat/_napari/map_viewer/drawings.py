@@ -34,7 +34,7 @@ class Drawn:
 
 
 def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
-    """Project points (u, v) of the map onto the surface."""
+    """Project points (u, v) on the map onto the surface."""
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     keywords = {
         "name": "map points",
@@ -47,7 +47,7 @@ def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
 
 
 def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
-    """Convert polygons of a map to voxels or vertices; raises InputError if one is empty, or for a page."""
+    """Convert polygons on a map to voxels or vertices; raises InputError for an empty region or a page."""
     flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}"
@@ -57,7 +57,7 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
         return Drawn((surface, {**keywords, **look}, "surface"), message)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
-    if not np.isnan(flat_map.normals).all():  # the surface has an outside, where the cortex lies
+    if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
         cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if prepared.pial_is_known else _CORTEX)
         labels = np.where(labels == 0, cortex.data, labels)
     to_mm = flat_map.affine
@@ -69,7 +69,7 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
 
 
 def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
-    """Find the shortest path on the surface between two points of the map, also across cuts; or InputError."""
+    """Find the shortest surface path between two map points, which may cross cuts; raises InputError on failure."""
     flat_map = _map(prepared)
     ends = [prepared.place_row(*end) for end in (a, b)]
     if None in ends:
@@ -94,7 +94,7 @@ def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
 
 
 def put(viewer: Viewer, data: LayerData) -> Layer:
-    """Add a layer to the viewer, or replace the one of its name; points are added to the existing points."""
+    """Add a layer to the viewer, or replace the layer of the same name; points are added to the existing points."""
     values, keywords, kind = data
     features = keywords.get("features", {})
     earlier = next((one for one in viewer.layers if one.name == keywords["name"]), None)
@@ -124,7 +124,7 @@ def _map(prepared: PreparedMap) -> FlatMap:
 
 
 def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert points from RAS+ mm to mm along the axes of the world."""
+    """Convert points from RAS+ mm to mm along the world axes."""
     return from_ras(of.reshape(-1, 3), prepared.origin.get("world_axes", "RAS"))
 
 

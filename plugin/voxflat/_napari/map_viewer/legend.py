@@ -1,4 +1,4 @@
-"""The legend below the map: anatomical directions, scale bar and colour bar."""
+"""The legend below the map, with anatomical directions, a scale bar and a colour bar."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Legend(QWidget):
         return QSize(160, _HEIGHT)
 
     def show_marks(self, directions: list[Direction], side: str | None) -> None:
-        """Show the anatomical directions, and the hemisphere, L or R, if it is known."""
+        """Show the anatomical directions, and the hemisphere (L or R) if it is known."""
         self._directions, self._side = directions, side
         self.update()
 
@@ -49,7 +49,7 @@ class Legend(QWidget):
         self.update()
 
     def show_colours(self, scale: ColourScale | None) -> None:
-        """Show a colour bar, or none."""
+        """Show a colour bar, or hide it."""
         self.scale = scale
         self.update()
 

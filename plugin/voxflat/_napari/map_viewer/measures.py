@@ -1,4 +1,4 @@
-"""Pictures of the distortion: distances, areas and angles of a map; patches, C, K and areas of an atlas."""
+"""Pictures of the distortion: distances, areas and angles for a map, and patches, C, K and areas for an atlas."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ DISTANCES = "Distances"
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure of a map; drawing its picture is slow."""
+    """A measure of a map, whose picture is slow to draw."""
 
     name: str
     unit: str
@@ -28,7 +28,7 @@ class Measure:
 
 
 def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
-    """Return the measures of a map or an atlas, the most important one first."""
+    """Return the measures of a map or an atlas, starting with the most important one."""
     if not isinstance(flat_map, FlatMap):
         return [
             Measure("Patches", "", _patches),
@@ -44,7 +44,7 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
 
 
 def colours(name: str) -> NDArray[np.uint8]:
-    """Return a Matplotlib colour map as 256 colours, (256, 4)."""
+    """Return a Matplotlib colour map as an array of 256 colours, with shape (256, 4)."""
     from matplotlib import colormaps
 
     return np.asarray(colormaps[name](np.linspace(0, 1, 256), bytes=True))

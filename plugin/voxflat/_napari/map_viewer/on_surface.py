@@ -1,4 +1,4 @@
-"""The surface in 3D in the colours of its map."""
+"""The surface in 3D, in the colours of its map."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ class PaintedSurface(ToggledLayer[Surface]):
         self._insert(Surface(data, vertex_colors=colours / 255, shading="smooth", **described))
 
     def take_up(self, prepared: PreparedMap) -> None:
-        """Change the layer to the surface of another map, and hide it, if it exists."""
+        """If the layer exists, change it to the surface of another map, and hide it."""
         layer = self.there
         if layer is None or self._prepared is prepared:
             return

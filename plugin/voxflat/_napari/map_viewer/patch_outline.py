@@ -1,4 +1,4 @@
-"""The outline of the flattened part: its surface in slices, its border and its cuts in 3D."""
+"""The outline of the flattened part: its surface in slices, and its border and cuts in 3D."""
 
 from functools import partial
 from typing import TypeAlias
@@ -19,46 +19,46 @@ from voxflat._napari.worker import LatestTask
 from voxflat.unique_rows import distinct
 
 _PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])  # red, green, blue, opacity
-_WIDTH = 0.006  # of lines in 3D, as a fraction of the size of the surface; half of it in slices
-_MARK = 1.5  # half the length of the mark of a cut in a slice, as a multiple of that width
+_WIDTH = 0.006  # width of lines in 3D, as a fraction of the surface size; half as wide in slices
+_MARK = 1.5  # half the length of a cut mark in a slice, as a multiple of that width
 
 Segments: TypeAlias = NDArray[np.float64]
 """Line segments, shape (S, 2, 3), by their ends, RAS+ mm in scanner space."""
 
 
 def width(prepared: PreparedMap) -> float:
-    """Return a line width, mm, that is visible when the whole surface is in view."""
+    """Return a line width, in mm, that is visible when the whole surface is in view."""
     return _WIDTH * float(np.linalg.norm(np.ptp(prepared.points, axis=0)))
 
 
 def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
-    """Return the border of the flattened part, and the cuts, or the seams of a page."""
+    """Return the border of the flattened part, and its cuts or, for a page, its seams."""
     pairs = np.concatenate(
         [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in prepared.rim)]
     )
     rows, which = np.unique(pairs, return_inverse=True)
-    same = distinct(prepared.points[rows]).which  # both sides of a cut have the same coordinates
+    same = distinct(prepared.points[rows]).which  # the two sides of a cut have the same coordinates
     ends = distinct(np.sort(same[which].reshape(-1, 2), axis=1))
     found = prepared.points[pairs[ends.first]]
     return found[ends.counts == 1], found[ends.counts > 1]
 
 
 def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
-    """Move segments slightly outside the surface, so that it does not hide them."""
+    """Move segments slightly outside the surface, so that the surface does not hide them."""
     rows = scipy.spatial.cKDTree(prepared.points).query(segments.reshape(-1, 3))[1]
-    outwards = np.nan_to_num(prepared.planar._triangles.on_surface.normals[rows])  # NaN without an outside
+    outwards = np.nan_to_num(prepared.planar._triangles.on_surface.normals[rows])  # NaN if there is no outer side
     return np.asarray(segments + width(prepared) / 2 * outwards.reshape(segments.shape))
 
 
 def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
-    """Return the intersection of the surface with a plane across an axis of RAS, and marks at its cuts."""
+    """Return the intersection of the surface with a plane perpendicular to an RAS axis, and marks at its cuts."""
     of, points = prepared.planar._triangles, prepared.points
     height = points[:, axis] - level
     above = height > 0
     corners = above[of.faces]
     met = of.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~of.torn].astype(np.int64)
     lone = above[met].sum(axis=1) == 1
-    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the corner that is alone on its side of the plane
+    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the only corner on its side of the plane
     own = met[np.arange(len(met)), alone]
     ends = [
         _between(points[own], points[other], height[own], height[other], axis, level)
@@ -86,7 +86,7 @@ def _between(
     axis: int,
     level: float,
 ) -> NDArray[np.float64]:
-    """Return where edges that cross a plane meet it."""
+    """Return the points at which edges cross a plane."""
     share = height_a / (height_a - height_b)
     found = a + share[:, None] * (b - a)
     found[:, axis] = level
@@ -100,7 +100,7 @@ _View: TypeAlias = tuple[int, float] | None
 def _drawn(
     prepared: PreparedMap, known: tuple[Segments, Segments] | None, view: _View
 ) -> tuple[PreparedMap, tuple[Segments, Segments], Segments, int]:
-    """Compute the segments that are shown; called by a thread."""
+    """Compute the displayed segments; called in a thread."""
     found = edges(prepared) if known is None else known
     part, marks = (lifted(prepared, one) for one in found) if view is None else in_slice(prepared, found[1], *view)
     segments = from_ras(np.concatenate([part, marks]), prepared.origin.get("world_axes", "RAS"))
@@ -138,7 +138,7 @@ class PatchOutline(ToggledLayer[Vectors]):
         self._on_view()
 
     def take_up(self, prepared: PreparedMap) -> None:
-        """Change to the outline of another map, visible or not."""
+        """Change to the outline of another map, whether visible or not."""
         if prepared is self._prepared:
             return
         self._prepared, self._known = prepared, None
@@ -172,7 +172,7 @@ class PatchOutline(ToggledLayer[Vectors]):
         view: _View = None
         if dims.ndisplay == 2 and dims.ndim >= 3:
             across = [axis - dims.ndim + 3 for axis in dims.not_displayed if axis >= dims.ndim - 3]
-            if len(across) != 1:  # a slice along time
+            if len(across) != 1:  # for example, a slice along time
                 return
             world = self._prepared.origin.get("world_axes", "RAS")
             point = np.asarray(dims.point, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
@@ -222,11 +222,11 @@ class PatchOutline(ToggledLayer[Vectors]):
 
     @property
     def _was_taken_out(self) -> bool:
-        """Whether the user removed the layer; it then stays away until the outline is switched on again."""
+        """Whether the user removed the layer, which is then not added again until the outline is switched on."""
         return self.layer is not None and self.there is None
 
     def _step(self) -> float:
-        """Return the largest slice spacing, mm: a layer with a finer grid would refine the steps of the sliders."""
+        """Return the largest slice spacing, in mm, because a layer with a finer grid would refine the slider steps."""
         if self._viewer.dims.ndim < 3:
             return 1.0
         steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
@@ -234,5 +234,5 @@ class PatchOutline(ToggledLayer[Vectors]):
 
 
 def _vectors(segments: Segments, step: float) -> NDArray[np.float64]:
-    """Return segments as napari's vectors, in grid steps of the layer: start points and directions."""
+    """Return segments as napari vectors (start points and directions), in grid steps of the layer."""
     return np.asarray(np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / step)

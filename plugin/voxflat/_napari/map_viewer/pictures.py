@@ -1,4 +1,4 @@
-"""Pictures of a map: pixels, values and colour scale."""
+"""Pictures of a map, with pixels, values and a colour scale."""
 
 from dataclasses import dataclass
 
@@ -42,7 +42,7 @@ class Picture:
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:
-        """Return the value at (u, v), mm; None where there is none."""
+        """Return the value at (u, v), in mm, or None if there is no value."""
         if self.data is None:
             return None
         row = round((self.origin[1] - v) / self.pixel_size)

@@ -1,4 +1,4 @@
-"""The map of a run, prepared for display: pixels, folds, legend, and lookups between plane and space."""
+"""The map of a run, prepared for display with pixels, folds, a legend, and lookups between plane and space."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 FAR = LIMIT
 """mm, more than the thickness of cortex; points farther from the surface have no place on the map."""
 
-_PIXELS = 1e6  # of the bounding box of the map, about as many as a large dock has
-_FINER = 4  # largest refinement of the pixels of the run, for small maps
+_PIXELS = 1e6  # in the bounding box of the map; about as many as in a large dock
+_FINER = 4  # largest refinement of the run's pixels, for small maps
 _EVEN = 168  # the grey level of a page, whose pieces have no folds
-_ROUNDING = 1e-9  # of barycentric coordinates, so that a ray through an edge meets a triangle
+_ROUNDING = 1e-9  # tolerance of barycentric coordinates, so that a ray through an edge meets a triangle
 _NEAR = 0.8  # largest distance of a point from a ray that meets it, as a fraction of the spacing
 
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A place of the map, and the corresponding point of the surface."""
+    """A location on the map, and the corresponding point of the surface."""
 
     point: NDArray[np.float64]  # (3,), RAS+ mm in scanner space
     vertex: int | tuple[int, ...]  # the nearest vertex or voxel of the input
@@ -87,22 +87,22 @@ class PreparedMap:
 
     @property
     def origin(self) -> dict[str, str]:
-        """The flattened layer: its name, the axes of the world, the unit."""
+        """The name of the flattened layer, the world axes and the unit."""
         origin: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
         return origin
 
     @property
     def outline(self) -> list[NDArray[np.float64]]:
-        """The border of the map, mm, as lines of shape (k, 2)."""
+        """The border of the map, in mm, as lines of shape (k, 2)."""
         return [self.planar._triangles.uv[line] for line in self.rim]
 
     @property
     def pial_is_known(self) -> bool:
-        """Whether depths may be fractions of the cortex."""
+        """Whether depths may be fractions of the cortical thickness."""
         return self.planar._triangles.on_surface.pial_points is not None
 
     def spot(self, u: float, v: float) -> Spot | None:
-        """Look up (u, v), mm, on the surface; None outside the map."""
+        """Look up (u, v), in mm, on the surface; return None outside the map."""
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
         if face < 0:
@@ -114,7 +114,7 @@ class PreparedMap:
         return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
     def place_row(self, u: float, v: float) -> int | None:
-        """Return the index of the map point nearest to (u, v), mm; None outside the map."""
+        """Return the index of the map point nearest to (u, v), in mm, or None outside the map."""
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
         return None if face < 0 else int(self.planar._triangles.faces[face][int(found.weights.argmax())])
@@ -127,22 +127,22 @@ class PreparedMap:
         return f"length change up to {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
 
     def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
-        """Look up a point in space, RAS+ mm, on the map; None if it is farther than `FAR` from the surface."""
+        """Look up a point in RAS+ mm on the map; return None if it is farther than `FAR` from the surface."""
         u, v = self.places(np.asarray(point)).tolist()
         return None if np.isnan(u) else (u, v)
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return (u, v), mm, of the surface points nearest to points (..., 3), RAS+ mm; NaN beyond `FAR`."""
+        """Return (u, v), in mm, of the surface points nearest to points (..., 3) in RAS+ mm; NaN beyond `FAR`."""
         return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
-        """Return the first intersection of a ray, given by a point and a direction, RAS+ mm, with the surface."""
+        """Return the first intersection of the surface with a ray, given by a point and a direction in RAS+ mm."""
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
         beside = np.zeros(len(self.points))  # squared; axis by axis is faster than a matrix product
         for across in np.linalg.svd(along[None])[2][1:]:
             x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
             beside += (x + y + z - across @ start) ** 2
-        if self.planar._triangles.torn.any():  # without a surface between the points, a ray meets the points
+        if self.planar._triangles.torn.any():  # if there is no surface between the points, the ray intersects points
             return self._met_point(start, along, beside)
         close = beside <= self._longest_edge**2  # all corners of an intersected triangle are close
         first, second, third = self._corners
@@ -168,12 +168,12 @@ class PreparedMap:
 
     @cached_property
     def _axes(self) -> NDArray[np.float64]:
-        """The coordinates of the points, shape (3, N)."""
+        """The coordinates of the points, with shape (3, N)."""
         return np.ascontiguousarray(self.points.T)
 
     @cached_property
     def _corners(self) -> NDArray[np.int64]:
-        """The corners of the triangles, shape (3, F), so that one corner of all triangles is contiguous."""
+        """The corners of the triangles, with shape (3, F), so that each row is contiguous in memory."""
         return np.ascontiguousarray(self.planar._triangles.faces.T, dtype=np.int64)
 
     @cached_property
@@ -182,7 +182,7 @@ class PreparedMap:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
     def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
-        """Return the colour of each map point, (N, 4), with a picture over the folds."""
+        """Return the colour of each map point, with shape (N, 4), with a picture drawn over the folds."""
         rows, columns = self._pixels
         under = self.folds.pixels[rows, columns].astype(np.float64)
         if picture is not None:
@@ -204,7 +204,7 @@ class PreparedMap:
 
     @property
     def spacing(self) -> float:
-        """The spacing of the surface points, mm."""
+        """The spacing of the surface points, in mm."""
         of = self.run.flat_map
         return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
 
@@ -216,10 +216,10 @@ def _distances_along(
     b: NDArray[np.float64],
     c: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the distances along a ray to triangles, infinite without an intersection (Möller, Trumbore 1997).
+    """Return the distances along a ray to triangles, or infinity for no intersection (Möller and Trumbore, 1997).
 
     The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start count,
-    because the rays of a viewer start at the plane in which the mouse points.
+    because rays in the viewer start in the plane of the mouse position.
     """
     across = np.cross(along, c)
     volume = np.einsum("ij,ij->i", b, across)

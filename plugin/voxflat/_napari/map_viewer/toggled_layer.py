@@ -14,7 +14,7 @@ LayerType = TypeVar("LayerType", bound=Layer)
 
 
 class ToggledLayer(QObject, Generic[LayerType]):
-    """A layer that is hidden rather than removed: napari takes 0.25 s to remove a layer, and 0.1 s to add one."""
+    """A layer that is hidden instead of removed, because napari takes 0.25 s to remove a layer and 0.1 s to add one."""
 
     toggled = Signal(bool)
     """Emitted with the visibility when the user changes it in the layer list."""
@@ -27,7 +27,7 @@ class ToggledLayer(QObject, Generic[LayerType]):
 
     @property
     def there(self) -> LayerType | None:
-        """The layer, if it is in the list or about to be added."""
+        """The layer, if it is in the list or about to be added to it."""
         is_there = self.layer is not None and (self.is_coming or self.layer in self._viewer.layers)
         return self.layer if is_there else None
 

@@ -1,4 +1,4 @@
-"""The link with the viewer: the place under the mouse, and the ring at the place that the map points at."""
+"""The link to the viewer: the location under the mouse, and the ring at the location marked on the map."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,11 +16,11 @@ from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_gr
 from voxflat._napari.timers import single_shot
 
 _CLICK = 4  # pixels; a longer movement is not a click
-_IN_SLICE = 1.0  # mm; places nearer to the displayed slice count as in it
+_IN_SLICE = 1.0  # mm; locations nearer to the displayed slice count as part of it
 
 
 class ViewerLink(QObject):
-    """Follows the mouse in the viewer, and marks places there; its parent is a widget of the viewer's window."""
+    """Follows the mouse in the viewer, and marks locations there; its parent is a widget of the viewer window."""
 
     pointed = Signal(object)
     """Emitted with the place (u, v) under the mouse, or None outside the surface."""
@@ -67,7 +67,7 @@ class ViewerLink(QObject):
         return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
 
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert a point from RAS+ mm to the world of the viewer; axes before the last three keep their step."""
+        """Convert a point from RAS+ mm to the world of the viewer, keeping the step of axes before the last three."""
         assert self.prepared is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
         world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / mm_per_unit(self._viewer)
@@ -80,7 +80,7 @@ class ViewerLink(QObject):
         return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
 
     def _place(self, event: Any) -> tuple[float, float] | None:
-        """Return the place of the map under the mouse, in a slice or on the surface."""
+        """Return the map location under the mouse, in a slice or on the surface."""
         if not self._is_linked:
             return None
         assert self.prepared is not None
@@ -104,12 +104,12 @@ class ViewerLink(QObject):
             self.clicked.emit(place)
 
     def mark(self, point: NDArray[np.float64] | None) -> None:
-        """Place the ring at a point, RAS+ mm, or hide it."""
+        """Place the ring at a point in RAS+ mm, or hide it."""
         self._marked = point
         self._draw()
 
     def centre(self, point: NDArray[np.float64]) -> None:
-        """Move the slices of the viewer to a point, RAS+ mm, and centre the camera on it."""
+        """Move the slices of the viewer to a point in RAS+ mm, and centre the camera on it."""
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)
@@ -136,7 +136,7 @@ class ViewerLink(QObject):
             self.ring.show_at(*at, near=self._in_slice(world))
 
     def _canvas(self) -> QWidget | None:
-        """Return the canvas of the viewer; create the ring the first time."""
+        """Return the canvas of the viewer; the first call also creates the ring."""
         if self.ring is not None:
             return self.ring.parentWidget()
         canvas = canvas_widget(self._inside)

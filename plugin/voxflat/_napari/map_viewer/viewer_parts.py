@@ -1,4 +1,4 @@
-"""Parts of napari's viewer that differ between versions, or are reached only through its window."""
+"""Parts of napari's viewer that differ between versions or can be reached only through its window."""
 
 from collections.abc import Generator
 from typing import Any
@@ -12,25 +12,25 @@ from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.layers.world import from_ras, unit_ratio
 
-_CANVAS = "CanvasBackendDesktop"  # the class in vispy
+_CANVAS = "CanvasBackendDesktop"  # the name of vispy's class
 _FILLED = 0.9  # fraction of the canvas
 
 
 def camera(viewer: Viewer) -> Any:
-    """Return the camera of the viewer, which napari 0.9 moved."""
+    """Return the camera of the viewer, whose location changed in napari 0.9."""
     return getattr(viewer, "scene", viewer).camera
 
 
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
-    """Turn the 3D view to a lateral view of a hemisphere, upright, with all of it visible."""
+    """Turn the 3D view to an upright lateral view of a hemisphere, with all of it visible."""
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     _in_their_order(viewer)
-    viewer.reset_view()  # before turning: a tighter fit would cut off the sides when docks open
+    viewer.reset_view()  # before turning, because a tighter fit would cut off the sides when docks open
     camera(viewer).set_view_direction(inwards, up)
 
 
 def _in_their_order(viewer: Viewer) -> None:
-    """Restore the order of the axes, the only one in which napari shows surfaces in 3D."""
+    """Restore the axis order, because napari shows surfaces in 3D only in this order."""
     viewer.dims.order = tuple(range(viewer.dims.ndim))
     camera(viewer).orientation2d = ("down", "right")  # another orientation would mirror this order
 
@@ -63,14 +63,14 @@ def show_sagittal(viewer: Viewer) -> None:
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
-    """Zoom until points (N, 3), in 3D after `look_from_side`, fill a canvas of a size in pixels."""
+    """Zoom until points (N, 3), viewed in 3D after `look_from_side`, fill a canvas of the given size in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)
 
 
 def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
-    """Wait, in a mouse callback, for the release; return whether the mouse moved by at most a few pixels."""
+    """Wait for the release in a mouse callback, and return whether the mouse moved by at most a few pixels."""
     pressed = np.asarray(event.pos)
     yield
     while event.type == "mouse_move":
@@ -81,20 +81,20 @@ def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
 
 
 def in_grid(viewer: Viewer) -> bool:
-    """Return whether the viewer shows its layers in a grid, so that a place is visible several times."""
+    """Return whether the viewer shows its layers in a grid, in which a location is visible several times."""
     grid = viewer.canvas.grid if hasattr(viewer, "canvas") else viewer.grid
     return bool(grid.enabled)
 
 
 def canvas_widget(inside: QWidget) -> QWidget | None:
-    """Return the canvas of the viewer, given any widget of its window; None outside a window."""
+    """Return the canvas of the viewer, given any widget of its window, or None outside a window."""
     middle = getattr(inside.window(), "centralWidget", lambda: None)()
     children = [] if middle is None else middle.findChildren(QWidget)
     return next((child for child in children if type(child).__name__ == _CANVAS), None)
 
 
 def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int]) -> tuple[float, float] | None:
-    """Project a point of the world to a canvas of a size in pixels; None if it is behind the camera."""
+    """Project a world point to a canvas of the given size in pixels; return None if it is behind the camera."""
     of = camera(viewer)
     shown = np.asarray(place)[list(viewer.dims.displayed)]
     apart = shown - np.asarray(of.center, dtype=np.float64)[-len(shown) :]
@@ -120,7 +120,7 @@ def _is_right_handed(of: Any) -> bool:
 
 
 def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
-    """Return the units of the last three axes of the world in mm; pixels count as mm."""
+    """Return the units of the last three world axes in mm; pixels are treated as mm."""
     units = viewer.layers.units
     return np.ones(3) if units is None else unit_ratio([*units][-3:], ["mm"] * 3)
 

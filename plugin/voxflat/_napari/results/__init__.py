@@ -1,1 +1,1 @@
-"""The results of a run: the layers of the map, its measures, and the panel that shows them."""
+"""The results of a run: the layers of the map, the measures, and the panel that shows the measures."""

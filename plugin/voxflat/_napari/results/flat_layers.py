@@ -27,7 +27,7 @@ class FlatLayers:
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
-    """Return the layer of the values that a map or page shows."""
+    """Return a layer with the values that a map or page shows."""
     image = shown.image(flat_map, pixel_size)
     data: NDArray[Any] = image.data
     keywords = {**shown.display, **described(flat_map, f"{shown.name} flattened", shown.meaning, image)}
@@ -41,13 +41,13 @@ def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | Non
 
 
 def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
-    """Return the units of the flattened layer, because napari cannot show pixels beside millimetres."""
+    """Return the units of the flattened layer, because napari cannot mix pixels and millimetres."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
     return None if in_pixels else ("mm",) * axes
 
 
 def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
-    """Return the name, metadata and position of a layer; napari's rows increase downwards, v upwards."""
+    """Return the name, metadata and position of a layer; rows increase downwards in napari, but v increases upwards."""
     about = {
         "voxflat": flat_map,
         "parameters": flat_map.metadata,
@@ -63,14 +63,14 @@ def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatIma
 
 
 def hidden(data: LayerData) -> LayerData:
-    """Hide a layer that the dock shows; napari cannot add a hidden RGB layer in 3D (ValueError), so hide it later."""
+    """Hide a layer that the dock shows; RGB layers are hidden later, because napari cannot add hidden ones in 3D."""
     values, keywords, kind = data
     return values, {**keywords, "visible": bool(keywords.get("rgb", False))}, kind
 
 
 def limits(values: NDArray[Any]) -> tuple[float, float]:
-    """Return contrast limits that cover most values; those of napari would be NaN."""
-    values = values.astype(np.float64)  # values of a mesh may be bool
+    """Return contrast limits that cover most values, because those chosen by napari would be NaN."""
+    values = values.astype(np.float64)  # mesh values may be bool
     if not np.isfinite(values).any():
         return 0.0, 1.0
     low, high = (float(limit) for limit in np.nanpercentile(values, (1, 99)))
@@ -81,7 +81,7 @@ class Script(Protocol):
     """An object that writes a script, such as `Recipe`."""
 
     def needs_folder(self) -> bool:
-        """Return whether data must be saved beside the script."""
+        """Return whether data must be saved with the script."""
 
     def script(self, folder: Path | None = None) -> str:
         """Return the script."""
@@ -89,7 +89,7 @@ class Script(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A map or an atlas with its layers, the name of the flattened layer, and its script unless read from a file."""
+    """A map or an atlas with its layers, the name of the flattened layer, and a script unless read from a file."""
 
     layers: FlatLayers
     name: str

@@ -1,4 +1,4 @@
-"""The hidden layers of runs in the layer list, added one at a time."""
+"""The hidden layers of runs in the layer list, which are added one at a time."""
 
 import weakref
 from collections import deque
@@ -23,8 +23,8 @@ _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
 class ListedLayers:
     """The layers of a run in a viewer.
 
-    napari takes 0.1 s to add or remove a layer, and 0.01 s to change the data of one. Therefore a run that replaces
-    another one reuses its layers of the same kind, and layers are added and removed in steps between which the window
+    napari takes 0.1 s to add or remove a layer, and 0.01 s to change its data. Therefore, a run that replaces
+    another run reuses its layers of the same kind. Layers are added and removed in steps, between which the window
     processes events.
     """
 
@@ -67,7 +67,7 @@ class ListedLayers:
         QTimer.singleShot(0, self._go_on)
 
     def hand_over(self) -> list[Layer]:
-        """Return all layers for reuse by another run, and stop managing them."""
+        """Return all layers for reuse by another run, and stop managing these layers."""
         self._stop()
         return self.layers
 
@@ -88,7 +88,7 @@ class ListedLayers:
             return
         try:
             self._steps.popleft()(viewer)
-        finally:  # an error in one layer does not stop the others
+        finally:  # so that an error in one layer does not stop the others
             QTimer.singleShot(PAUSE, self._go_on)
 
     def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
@@ -107,28 +107,28 @@ class ListedLayers:
 
 
 def _controls(viewer: Viewer) -> Any:
-    """Return the widget with the controls of the layers, if this version of napari has it."""
+    """Return the widget with the layer controls, if this version of napari has it."""
     viewer = getattr(viewer, "__wrapped__", viewer)  # the proxy that napari passes to widgets hides private parts
     found = getattr(getattr(getattr(viewer, "window", None), "_qt_viewer", None), "controls", None)
     return found if all(hasattr(found, name) for name in ("_add", "_remove", "widgets")) else None
 
 
 def make_controls(viewer: Viewer, layer: Layer) -> None:
-    """Create the controls of a layer that `insert` adds in a later iteration of the event loop, to halve its time."""
+    """Create the controls of a layer before `insert` adds it in a later event-loop iteration, to halve the delay."""
     controls = _controls(viewer)
     if controls is not None:
         controls._add(Event("inserted", value=layer))
 
 
 def make_room(viewer: Viewer, layer: Layer) -> None:
-    """Extend the sliders for a layer that is about to be added, which slices all layers again."""
+    """Extend the sliders for a layer that is about to be added; this slices all layers again."""
     extent = viewer.layers.get_extent([*viewer.layers, layer])
     if len(extent.step) == viewer.dims.ndim:
         viewer.dims.range = tuple(zip(*extent.world, extent.step, strict=True))
 
 
 def drop_controls(viewer: Viewer, layer: Layer) -> None:
-    """Discard the controls of a layer that is not added after all."""
+    """Discard the controls of a layer that will not be added."""
     controls = _controls(viewer)
     if controls is not None and layer in controls.widgets:
         controls._remove(Event("removed", value=layer))
@@ -148,8 +148,8 @@ def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
 
 
 def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
-    """Insert a layer without selecting it, because napari would create its controls, which is slow."""
-    viewer = getattr(viewer, "__wrapped__", viewer)  # as above
+    """Insert a layer without selecting it, because selection makes napari create its controls, which is slow."""
+    viewer = getattr(viewer, "__wrapped__", viewer)  # see above
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
     try:
@@ -162,7 +162,7 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
 
 
 def _is_like(layer: Layer, data: LayerData) -> bool:
-    """Return whether a layer can take over data: it has the same type, and both are RGB or neither."""
+    """Return whether a layer can be reused for data: the types are equal, and both or neither are RGB."""
     _, keywords, kind = data
     is_rgb = bool(getattr(layer, "rgb", False))
     return type(layer).__name__.lower() == kind and is_rgb == bool(keywords.get("rgb", False))

@@ -17,7 +17,7 @@ from voxflat.maps.flat_map import FlatMap
 
 
 class MapPanel(QWidget):
-    """Shows a "map" or an "atlas": its measures, the meaning of its colours, and its warnings."""
+    """Shows the measures, the meaning of the colours, and the warnings of a "map" or an "atlas"."""
 
     def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -51,7 +51,7 @@ class MapPanel(QWidget):
 
     @property
     def shows_maps(self) -> bool:
-        """Whether it shows maps, and not atlases."""
+        """Whether the panel shows maps instead of atlases."""
         return self._what == "map"
 
     def show_run(self, run: Run) -> None:
@@ -63,7 +63,7 @@ class MapPanel(QWidget):
         self.show()
 
     def show_earlier(self) -> None:
-        """State that the results are those of an earlier run, because the last one failed or was cancelled."""
+        """State that the results belong to an earlier run, because the last run failed or was cancelled."""
         if self.flat_map is not None:
             self._name_result("Previous result: ")
 
@@ -102,7 +102,7 @@ class MapPanel(QWidget):
 
 
 class CopyAsPython(QPushButton):
-    """Copies a script that repeats a run to the clipboard."""
+    """Copies to the clipboard a script that repeats a run."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Copy as Python", parent)
@@ -117,7 +117,7 @@ class CopyAsPython(QPushButton):
         self.setVisible(run.script is not None)
 
     def copy(self) -> None:
-        """Copy the script; ask for a folder for data that are not in a file."""
+        """Copy the script; ask for a folder if any data are not in a file."""
         recipe = None if self._run is None else self._run.script
         if recipe is None:
             return

@@ -1,4 +1,4 @@
-"""Convert flat maps and atlases to layers: the map, or the page of patches and the surface in their colours."""
+"""Convert flat maps and atlases to layers: the map, or the page and the surface in the colours of the patches."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ def map_layers(
     values: Overlay | None = None,
     pixel_size: float | None = None,
 ) -> FlatLayers:
-    """Draw a flat map and the values that it shows, by default those of the mesh; raises InputError on a mismatch."""
+    """Draw a flat map and the values that it shows (by default, the mesh values); raises InputError on a mismatch."""
     image = flat_map.heat_map(pixel_size)
     heat = described(flat_map, f"{name} distortion", HEAT_MEANING, image)
     heat |= {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point))}
@@ -39,13 +39,13 @@ def map_layers(
 
 
 def _heat_limit(errors: NDArray[np.float64]) -> float:
-    """Return a round limit that few errors exceed, so that maps can be compared by eye."""
+    """Return a rounded limit that few errors exceed, so that maps can be compared visually."""
     most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
     return next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
 
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
-    """Draw an atlas: the page as coloured patches, the values that it shows, C, and the surface in the same colours."""
+    """Draw an atlas: the page as coloured patches, its values, its distortion C, and the surface in these colours."""
     name = atlas.metadata["napari"]["layer"]
     image = atlas.page().label_image(pixel_size)
     patches = described(atlas, f"{name} patches", "one colour for each patch, as on the surface", image)
@@ -60,7 +60,7 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
 
 
 def _surface(atlas: Atlas, name: str) -> LayerData:
-    """Return the surface, cut between patches, so that each triangle has the colour of its own patch."""
+    """Return the surface, cut between patches so that each triangle has the colour of its patch."""
     ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
     found = distinct(ends)
     owner, rows = found.rows.T

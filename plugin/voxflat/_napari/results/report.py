@@ -22,7 +22,7 @@ MEANINGS = {
 }
 """What measures mean, by name."""
 
-_REMEDY = re.compile(r"(?<=[.;]) Use \w+=.*")  # for Python
+_REMEDY = re.compile(r"(?<=[.;]) Use \w+=.*")  # applies only to Python
 
 
 def summary(flat_map: FlatMap | Atlas) -> str:
@@ -112,7 +112,7 @@ def _of_triangles(triangles: TriangleFigures) -> list[Row]:
 
 
 def _of_topology(flat_map: FlatMap) -> list[Row]:
-    """Return how the surface was opened, or how much of a map over the 26-neighbour graph is torn."""
+    """Return how the surface was cut open, or how much of a map of the 26-neighbour graph is torn."""
     rows = []
     if cuts := flat_map.metadata.get("automatic_cuts"):
         rows.append(("automatic cuts", f"{len(cuts)}, {sum(cut['length'] for cut in cuts):.0f} mm"))
