@@ -156,6 +156,7 @@ wheel-check: setup ## install the wheels without Rust, with the oldest and newes
 	.ci/wheel-check $(UV)
 
 docs: setup $(T1PREP) ## the documentation site with its pictures, into build/docs
+	rm -rf docs/_generated build/docs
 	$(MAKE) -j 2 drawings paper-grossmann paper-zigelman paper-mapmaker paper-saucan
 	VOXFLAT_DOCS_DATA=$(CURDIR)/$(T1PREP) $(SCREEN) $(RUN) --group docs sphinx-build -W --keep-going -q docs build/docs
 	$(RUN) python docs/check_links.py build/docs

@@ -68,6 +68,8 @@ sphinx_gallery_conf = {
 
 smartquotes = False  # they would change the dashes of options
 
+default_role = "py:obj"  # `name` in a docstring links to the name
+
 html_theme = "pydata_sphinx_theme"
 html_title = "voxflat"
 html_static_path = ["_static"]
@@ -115,8 +117,8 @@ def _write_commands():
     """Write a page for each command of the program, from the program itself."""
     folder = GENERATED / "cli"
     folder.mkdir(parents=True, exist_ok=True)
-    for name, command in program.commands.items():
-        page = f".. click:: {command.callback.__module__}:command\n   :prog: voxflat {name}\n"
+    for name in program.commands:
+        page = f".. click:: voxflat.cli.commands.{name}:command\n   :prog: voxflat {name}\n"
         path = folder / f"{name}.rst"
         if not path.exists() or path.read_text(encoding="utf-8") != page:
             path.write_text(page, encoding="utf-8")
@@ -135,7 +137,18 @@ def _in_sections(app, context, lines):
             ]
 
 
+def _found_by_its_end(app, env, node, shown):
+    """Link a name such as `Surface.cut` in a docstring to the only public object whose name ends so."""
+    python, target = env.get_domain("py"), node.get("reftarget", "")
+    ends = [name for name in python.objects if name.endswith(f".{target}") or name == f"voxflat.{target}"]
+    best = min(ends, key=lambda name: (name.count("."), name), default=None)
+    if node.get("refdomain") != "py" or best is None:
+        return None
+    return python.resolve_xref(env, node["refdoc"], app.builder, "obj", best, node, shown)
+
+
 def setup(app):
-    """Connect what this file adds to Sphinx."""
+    """Connect the functions above to Sphinx."""
+    app.connect("missing-reference", _found_by_its_end)
     _write_commands()
     app.connect("sphinx-click-process-options", _in_sections)

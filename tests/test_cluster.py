@@ -103,7 +103,7 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
     monkeypatch.setattr(cluster, "version", no_package)
     refused(ready, r"the worker tcp://\S+ has no voxflat. Install version 0\.0\.1 there")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    refused(ready, r"a cluster needs distributed: pip install 'voxflat\[cluster\]'")
+    refused(ready, r"a cluster requires distributed\. Run pip install 'voxflat\[lab\]'")
 
 
 # ----------------------------------------------------------------------------------------------- studies

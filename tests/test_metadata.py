@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import voxflat
+from voxflat.io.files import EXTRAS
 
 yaml = pytest.importorskip("yaml")
 
@@ -50,6 +51,18 @@ def test_the_conda_recipe_needs_the_packages_of_the_wheel():
     needed = re.findall(r'^ *"(.+?)(>=.+?)"', found(r"^dependencies = \[\n(.*?)^\]", "pyproject.toml"), re.MULTILINE)
     names = {"matplotlib": "matplotlib-base"}
     assert RECIPE["requirements"]["run"][1:] == [f"{names.get(name, name)} {bound}" for name, bound in needed]
+
+
+def test_the_extra_of_each_optional_package_is_that_of_the_project():
+    table = found(r"^\[project.optional-dependencies\]\n(.*?)^\[project", "pyproject.toml")
+    lists = {name: text for name, text in re.findall(r"^(\w+) = \[(.*?)\]$", table, re.MULTILINE | re.DOTALL)}
+    assert set(lists) == {*EXTRAS.values(), "all"}
+    named = {"itk": "itk-io", "imageio_ffmpeg": "imageio-ffmpeg", "vtkmodules": "pyvista"}  # PyVista brings VTK along
+    packages = {name: {named.get(one, one) for one, extra in EXTRAS.items() if extra == name} for name in lists}
+    packages["pyvista"] |= {"imageio-ffmpeg"}  # is in two extras
+    assert {name: set(re.findall(r'"([\w-]+)[\[>]', text)) for name, text in lists.items()} == packages | {
+        "all": {"voxflat"}
+    }
 
 
 def test_workflows_pin_actions_by_commit():

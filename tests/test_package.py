@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 HEAVY = (
     *("napari", "qtpy", "PyQt6", "superqt", "pyvista", "vtk", "vtkmodules", "itk", "nibabel", "nilearn"),
-    *("matplotlib", "PIL", "xatlas", "click", "tqdm", "dask", "distributed"),
+    *("matplotlib", "PIL", "xatlas", "click", "tqdm", "dask", "distributed", "numpy", "scipy", "psutil"),
 )
 """What `import voxflat` does without: front ends, and what only some of its functions need."""
 
@@ -26,6 +26,20 @@ def test_importing_voxflat_brings_in_nothing_heavy():
     code = f"import sys, voxflat; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_each_public_name_is_that_of_its_module():
+    nodes = ast.walk(ast.parse(Path(voxflat.__file__).read_text(encoding="utf-8")))
+    imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module.startswith("voxflat.")]
+    told = {(node.module.removeprefix("voxflat."), one.name) for node in imports for one in node.names}
+    told -= {("_core", "__version__")}
+    assert told == {(module, name) for module, names in voxflat._MODULES.items() for name in names}
+    assert {*voxflat.__all__} == {name for _, name in told} | {"__version__", "methods", "samples"}
+    assert {*dir(voxflat)} >= {*voxflat.__all__, "figures", "io", "vtk"}
+    for module, name in told:
+        assert getattr(voxflat, name) is getattr(import_module(f"voxflat.{module}"), name)
+    with pytest.raises(AttributeError, match="has no attribute 'flaten'"):
+        voxflat.flaten  # noqa: B018
 
 
 def test_inside_the_package_what_users_call_comes_from_its_own_module():

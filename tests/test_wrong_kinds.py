@@ -1,11 +1,11 @@
 """Whatever is handed over, an error is one line that names the argument and the value; arguments.py says so for all."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from refusals import warnings_as_errors
 
 import voxflat
 from voxflat import figures, io
@@ -140,16 +140,19 @@ ON_MAPS = {
     "texel size": (lambda m, a: m.textured(np.eye(4), texel_size="1"), "texel_size is '1' mm. Pass"),
     "texels": (lambda m, a: m.textured(np.eye(4), texel_size=[[]]), r"texel_size is \[\[\]\] mm. Pass a positive"),
     "repeat": (lambda m, a: m.textured(np.eye(4), repeat=ARRAY), "repeat is array.*; give True or False"),
-    "tolerance": (lambda m, a: m.textured(np.eye(4)).subdivided(tolerance=[1]), r"tolerance is \[1\]; give a"),
+    "tolerance": (lambda m, a: m.textured(np.eye(4)).subdivided(tolerance=[1]), r"tolerance is \[1\]. Pass a"),
     "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
     "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
     "background": (lambda m, a: m.paint(VALUES, background=1j), "background is 1j. Pass a number"),
     "None as background": (lambda m, a: m.paint(VALUES, background=None), "background is None. Pass a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
-    "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "background is 0.5, which is no bool"),
-    "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which is no float64"),
-    "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which is no float32"),
-    "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which is no uint8"),
+    "half a background": (
+        lambda m, a: m.paint(VALUES > 3, background=0.5),
+        "background is 0.5, which bool cannot hold",
+    ),
+    "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which float64 cannot hold"),
+    "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which float32 cannot hold"),
+    "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which uint8 cannot hold"),
     "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*. Pass the number"),
     "no factor": (lambda m, a: voxflat.worst_places(m, beyond=None), "beyond is None. Pass a factor greater than 1"),
     "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
@@ -196,7 +199,7 @@ def test_backgrounds_that_the_type_of_the_values_holds():
     flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):
-        with warnings.catch_warnings(action="error"):
+        with warnings_as_errors():
             painted = flat_map.paint(values, background)
         assert_array_equal(painted[VOLUME == 0], np.float64(background))
 

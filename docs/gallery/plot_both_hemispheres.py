@@ -4,12 +4,14 @@ A statistic on both hemispheres, straight from a volume
 
 No surfaces are needed: both hemispheres are extracted from the white-matter probability of the MNI152 template,
 registered by their folds, and cut along standard cuts. The statistic is sampled 2 mm outside white matter, in the
-grey matter.
+grey matter. The template's file has values up to 255, which ``demo.demo_cortex`` divides by 255. A threshold of 0.5 in
+Python is therefore 127.5 on the command line.
 
 .. code-block:: console
 
-    $ voxflat flatten wm.nii.gz --hemisphere both -o map.npz
-    $ voxflat figure lh.map.npz rh.map.npz --overlay zstat.nii.gz --depth 2 --threshold 3 --range -8,8 -o zstat.png
+    $ voxflat flatten wm.nii.gz --hemisphere both --threshold 127.5 -o map.npz
+    $ voxflat figure lh.map.npz rh.map.npz --overlay zstat.nii.gz --depth 2 --threshold 3 --range -8,8 \\
+          --label "left against right button presses (z)" -o zstat.png
     $ voxflat figure lh.map.npz rh.map.npz --overlay zstat.nii.gz --depth 2 --alpha zstat.nii.gz -o zstat_alpha.png
 """
 

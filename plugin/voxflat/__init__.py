@@ -10,7 +10,8 @@ options, and `samples` small surfaces for examples.
 tool, `compare` evaluates several, and `worst_places` finds the regions whose areas change most, with suggested cuts.
 `map_page` shows a map beside its surface in a notebook or a browser.
 
-The modules `voxflat.figures` (drawing), `voxflat.io` (files) and `voxflat.vtk` (VTK filters) are imported on first use.
+The modules `voxflat.figures` (drawing), `voxflat.io` (files) and `voxflat.vtk` (VTK filters) complete the package. All
+names are imported on first use, so that `import voxflat` is quick.
 All examples assume ``import numpy as np``, ``import pyvista as pv`` and ``import voxflat``.
 
 >>> import numpy as np
@@ -23,25 +24,10 @@ All examples assume ``import numpy as np``, ``import pyvista as pv`` and ``impor
 True
 """
 
+import importlib
 from typing import TYPE_CHECKING
 
-from voxflat import methods, samples
 from voxflat._core import __version__
-from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.certified import FlatAtlas, load_atlas
-from voxflat.citation.methods_text import Citation, cite
-from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distortion.distortion import Distortion
-from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
-from voxflat.evaluation.measure import compare, measure
-from voxflat.maps.flat_map import FlatMap, load
-from voxflat.maps.worst_search import worst_places
-from voxflat.pipeline.check import check
-from voxflat.pipeline.cut_surface import CutSurface
-from voxflat.pipeline.flatten import flatten
-from voxflat.pipeline.range_image import range_image
-from voxflat.pipeline.surface import Surface, surface
-from voxflat.surfaces.hemispheres import hemisphere
 
 __all__ = [
     "AreaBoundError",
@@ -78,18 +64,53 @@ __all__ = [
 if TYPE_CHECKING:
     from voxflat import figures as figures
     from voxflat import io as io
+    from voxflat import methods, samples
     from voxflat import vtk as vtk
+    from voxflat.atlases.atlas import Atlas
+    from voxflat.atlases.certified import FlatAtlas, load_atlas
+    from voxflat.citation.methods_text import Citation, cite
+    from voxflat.distances.rows import DistanceRows, open_rows
+    from voxflat.distortion.distortion import Distortion
+    from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
+    from voxflat.evaluation.measure import compare, measure
     from voxflat.lab.map_page import map_page
+    from voxflat.maps.flat_map import FlatMap, load
+    from voxflat.maps.worst_search import worst_places
+    from voxflat.pipeline.check import check
+    from voxflat.pipeline.cut_surface import CutSurface
+    from voxflat.pipeline.flatten import flatten
+    from voxflat.pipeline.range_image import range_image
+    from voxflat.pipeline.surface import Surface, surface
+    from voxflat.surfaces.hemispheres import hemisphere
 else:
+    _MODULES = {  # of the public names
+        "atlases.atlas": ("Atlas",),
+        "atlases.certified": ("FlatAtlas", "load_atlas"),
+        "citation.methods_text": ("Citation", "cite"),
+        "distances.rows": ("DistanceRows", "open_rows"),
+        "distortion.distortion": ("Distortion",),
+        "errors": ("AreaBoundError", "Cancelled", "HemisphereError", "InputError", "VoxflatError"),
+        "evaluation.measure": ("compare", "measure"),
+        "lab.map_page": ("map_page",),
+        "maps.flat_map": ("FlatMap", "load"),
+        "maps.worst_search": ("worst_places",),
+        "pipeline.check": ("check",),
+        "pipeline.cut_surface": ("CutSurface",),
+        "pipeline.flatten": ("flatten",),
+        "pipeline.range_image": ("range_image",),
+        "pipeline.surface": ("Surface", "surface"),
+        "surfaces.hemispheres": ("hemisphere",),
+    }
+    _module_of = {name: module for module, names in _MODULES.items() for name in names}
 
     def __getattr__(name: str) -> object:
-        """Import modules that need optional packages on first use."""
-        if name in ("figures", "io", "vtk"):
-            import importlib
-
+        """Import a public name on first use."""
+        if name in ("figures", "io", "methods", "samples", "vtk"):
             return importlib.import_module(f"voxflat.{name}")
-        if name == "map_page":
-            from voxflat.lab import map_page as module
+        if name not in _module_of:
+            raise AttributeError(f"module 'voxflat' has no attribute {name!r}")
+        value = globals()[name] = getattr(importlib.import_module(f"voxflat.{_module_of[name]}"), name)
+        return value
 
-            return getattr(module, name)
-        raise AttributeError(f"module 'voxflat' has no attribute {name!r}")
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__, "figures", "io", "vtk"})

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
-import psutil
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
@@ -182,11 +181,15 @@ _OWN_CGROUPS = Path("/proc/self/cgroup")
 
 def free_memory() -> int:
     """Return the bytes available to this process on the machine, within its limit (`ulimit -v`) and its containers."""
+    import psutil
+
     return int(max(0, min(psutil.virtual_memory().available, _free_addresses(), _free_in_cgroups())))
 
 
 def _free_addresses() -> float:
     """Return the address space that RLIMIT_AS leaves, in bytes."""
+    import psutil
+
     if not hasattr(psutil, "RLIMIT_AS"):  # does not exist on every system
         return math.inf
     process = psutil.Process()

@@ -12,7 +12,7 @@ import numpy as np
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.files import require
+from voxflat.io.files import installing, require
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
@@ -31,7 +31,7 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
     """Load the white-matter, T1 and grey-matter templates that are bundled with nilearn."""
     package = importlib.util.find_spec("nilearn")
     if package is None or package.origin is None:
-        raise InputError("the demo needs nilearn. Run pip install 'voxflat[demo]'")
+        raise InputError(f"the demo requires nilearn. Run {installing('nilearn')}")
     folder = Path(package.origin).parent / "datasets" / "data"
     white_matter, t1, grey_matter = (_template(folder, kind) for kind in ("wm", "t1", "gm"))
     return white_matter, t1, grey_matter

@@ -69,7 +69,7 @@ class TestGlue:
     @pytest.mark.parametrize(
         ("bound", "message"),
         [
-            (1, r"a bound of 1 on C; give one from 1\.000001 to 10"),
+            (1, r"a bound of 1 on C. Give a bound from 1\.000001 to 10"),
             (float("nan"), "a bound of NaN"),
             (1.0001, r"change lengths by a factor of up to 1\.01.* greater bound"),
             ("tight", "bound is 'tight'. Pass the greatest factor"),
@@ -228,5 +228,5 @@ class TestOneMap:
     def test_several_pieces_are_refused(self):
         mesh = sheet(lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)), (20, 20), (21, 21))
         assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1
-        with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
+        with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ pieces remain"):
             voxflat.flatten(mesh, method=Saucan2006(bound=1.02))

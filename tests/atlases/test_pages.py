@@ -88,7 +88,7 @@ class TestPage:
         refused("packing is 'tight'", atlas.page, packing="tight")
         refused("of is 'error'; give 'isometric'", atlas.heat_map, of="error")
         monkeypatch.setitem(sys.modules, "xatlas", None)
-        refused(r"voxflat\[atlas\]", atlas.page, 1.234, packing="shapes")
+        refused(r"voxflat\[lab\]", atlas.page, 1.234, packing="shapes")
 
 
 class TestImages:

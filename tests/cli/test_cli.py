@@ -1,6 +1,8 @@
+import importlib.metadata
 import inspect
 import json
 import os
+import platform
 import re
 import select
 import signal
@@ -20,6 +22,7 @@ from refusals import refused
 import voxflat
 from voxflat import cli, demo
 from voxflat.cli import options as _options
+from voxflat.cli.console import in_options
 from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
@@ -288,7 +291,7 @@ def test_demo_without_its_packages_says_what_to_install(monkeypatch):
     monkeypatch.setattr(demo, "run", missing)
     result = run("demo")
     assert result.exit_code == 1
-    assert result.stderr == "voxflat: error: the demo needs pyvista. Run pip install 'voxflat[demo]'\n"
+    assert result.stderr == "voxflat: error: the demo requires pyvista. Run pip install 'voxflat[lab,pyvista]'\n"
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
@@ -335,7 +338,7 @@ FUNCTIONS |= {name: getattr(voxflat.Surface, name) for name in ("cut", "path", "
 @pytest.mark.parametrize(("command", "function"), FUNCTIONS.items())
 def test_commands_and_functions_have_the_same_defaults(command, function):
     usual = {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}
-    for option in cli.main.commands[command].params:
+    for option in cli.main.get_command(None, command).params:
         if option.name in usual and not option.required:
             told = option.to_info_dict()["default"]
             assert (told or None) == (usual[option.name] or None)  # nothing, 0 and False say the same
@@ -465,10 +468,43 @@ def test_python_m(shared):
     assert re.search(r"can be flattened +yes", result.stdout)
 
 
-def test_starting_needs_no_plotting_and_no_gui():
-    code = "import sys, voxflat.cli; print([m for m in ('matplotlib', 'napari', 'pyvista', 'itk') if m in sys.modules])"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert result.stdout == "[]\n"
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["flaten"]])
+def test_starting_needs_no_numbers_no_plotting_and_no_gui(arguments):
+    code = "import sys; from voxflat.cli import main\ntry: main(sys.argv[1:])\nexcept SystemExit: pass\n"
+    heavy = {"numpy", "scipy", "psutil", "tqdm", "nibabel", "matplotlib", "napari", "pyvista", "itk"}
+    code += f"print(*{heavy} & {{*sys.modules}})"
+    command = [sys.executable, "-c", code, *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout.splitlines()[-1] == ""
+
+
+def test_the_table_of_commands_agrees_with_their_modules():
+    modules = {path.stem for path in Path(cli.__file__).parent.glob("commands/[a-z]*.py")}
+    assert modules == set(cli.main.commands) == set(cli.program.COMMANDS)
+    assert list(cli.program.COMMANDS) == sorted(modules)
+    for name, summary in cli.program.COMMANDS.items():
+        command = cli.main.get_command(None, name)
+        assert (command.name, " ".join(command.help.split("\n\n")[0].split())) == (name, summary)
+
+
+def test_info_tells_what_a_bug_report_needs():
+    told = json.loads(succeed("info", "--json").stdout)
+    assert (told["voxflat"], told["threads"]) == (voxflat.__version__, os.cpu_count())
+    assert told["python"].startswith(platform.python_version())
+    assert 0 < told["free_memory_bytes"] <= told["memory_bytes"]
+    assert told["packages"]["numpy"] == np.__version__
+    text = succeed("info").stdout
+    for name in ("voxflat", "python", "system", "cpu", "threads", "memory", *told["packages"]):
+        assert re.search(rf"^{name} +\S", text, re.MULTILINE)
+    assert platform.node() not in text
+
+
+def test_info_works_in_a_checkout_that_is_not_installed(monkeypatch):
+    def requires(_):
+        raise importlib.metadata.PackageNotFoundError
+
+    monkeypatch.setattr(importlib.metadata, "requires", requires)
+    assert json.loads(succeed("info", "--json").stdout)["packages"].keys() == {"vtk", "pyqt6"}
 
 
 def test_check_of_nan_is_still_json(tmp_path):
@@ -480,3 +516,16 @@ def test_check_of_nan_is_still_json(tmp_path):
     content = json.loads(result.stdout, parse_constant=pytest.fail)
     assert content["contents"]["range"] == [None, None]
     assert "NaN" in content["advice"][0]
+
+
+def test_messages_name_options_in_place_of_keyword_arguments():
+    flatten = cli.main.get_command(None, "flatten")
+    for text, shown in (
+        ("Use relax=False to disable them", "Use --no-relax to disable them"),
+        ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),
+        ("seed_point is given without radius", "--seed-point is given without radius"),
+        ("the relax=3 of lh.max_area_7.gii", "the relax=3 of lh.max_area_7.gii"),
+        ("cannot read /data/seed_point/wm.nii", "cannot read /data/seed_point/wm.nii"),
+    ):
+        assert in_options(text, flatten) == shown
+        assert in_options(text, None) == text

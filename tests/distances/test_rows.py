@@ -264,7 +264,10 @@ def test_a_journal_without_its_first_line_is_refused(stored):
         ("", "store.json is damaged"),
         ("[]", "store.json is damaged"),
         ('{"format": "voxflat rows 2"}', r"store.json is damaged \(it is not complete\)"),
-        ('{"format": "voxflat rows 1"}', "has the format 'voxflat rows 1', but this version reads 'voxflat rows 2'"),
+        (
+            '{"format": "voxflat rows 1"}',
+            r"format 'voxflat rows 1', but this version of voxflat reads 'voxflat rows 2'",
+        ),
     ],
 )
 def test_a_bad_description_is_refused(stored, text, message):

@@ -1,11 +1,10 @@
 """What a map does to each triangle and point, beside a singular value decomposition and the core's own figures."""
 
-import warnings
-
 import numpy as np
 import pytest
 from hard_shapes import sheet
 from numpy.testing import assert_allclose
+from refusals import warnings_as_errors
 
 import voxflat
 from voxflat.distortion.triangles import isometric, measure_arrays, quasi_conformal, stretches
@@ -54,6 +53,6 @@ def test_figures_of_a_map_are_the_medians_of_its_arrays():
 
 def test_the_thinnest_triangles_are_stretched_infinitely_without_a_warning():
     thin = np.array([[1e200, 1e-200], [1.0, 5e-324]])
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         assert_allclose(quasi_conformal(thin), np.inf)
         assert_allclose(isometric(thin), [1e200, np.inf])

@@ -157,11 +157,11 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"period": 360, "colour_map": "viridis"}, "'viridis' is not cyclic, but phases are"),
         ({"period": 360, "colour_map": "none"}, "no colour map"),
         ({"period": 360, "limits": (0, 90)}, "limits do not apply to phases"),
-        ({"period": -1}, "the period is -1"),
+        ({"period": -1}, "period is -1"),
         ({"period": 360, "zero": "left"}, "zero is 'left'"),
         ({"strength": np.ones(COUNT)}, "strength needs a threshold"),
         ({"strength": np.full(COUNT, np.nan), "threshold": (0, None)}, "the strength has no values on the map"),
-        ({"strength": np.ones((COUNT, 2)), "threshold": (0, None)}, "choose one"),
+        ({"strength": np.ones((COUNT, 2)), "threshold": (0, None)}, "Choose one"),
     ],
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):
@@ -468,7 +468,7 @@ def test_depth_is_of_volumes_alone(flat_map):
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
     of = {"overlay": values, "parcels": Volume(beside, affine)}
-    refused("nothing on the map", composed.flat_map, flat_map, **of)
+    refused("no labels on the map", composed.flat_map, flat_map, **of)
     assert "7" in {text.get_text() for text in texts(composed.flat_map(flat_map, **of, depth=20))}
 
 

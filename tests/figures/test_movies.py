@@ -142,7 +142,7 @@ def test_nothing_is_written_half(film, tmp_path, name):
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     refused(
-        r"requires imageio_ffmpeg. Install it with pip install 'voxflat\[movie\]'",
+        r"requires imageio_ffmpeg. Install it with pip install 'voxflat\[lab\]'",
         figures.save_movie,
         film,
         tmp_path / "a.mp4",

@@ -1,13 +1,17 @@
 """The command line, in this process."""
 
+import inspect
+
 from click.testing import CliRunner
 
 from voxflat import cli
 
+APART = {"mix_stderr": False} if "mix_stderr" in inspect.signature(CliRunner).parameters else {}  # click before 8.2
+
 
 def run(*words):
     """Return what a command made of its words: `exit_code`, `output`, `stdout`, `stderr`."""
-    return CliRunner().invoke(cli.main, [str(word) for word in words], prog_name="voxflat")
+    return CliRunner(**APART).invoke(cli.main, [str(word) for word in words], prog_name="voxflat")
 
 
 def succeed(*words):

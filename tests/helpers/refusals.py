@@ -1,5 +1,8 @@
 """What is refused, and how it is told."""
 
+import warnings
+from contextlib import contextmanager
+
 import pytest
 
 from voxflat.errors import InputError
@@ -10,3 +13,11 @@ def refused(message, call, *arguments, **options):
     with pytest.raises(InputError, match=message) as caught:
         call(*arguments, **options)
     assert "\n" not in str(caught.value)
+
+
+@contextmanager
+def warnings_as_errors():
+    """Each warning is an error in this block."""
+    with warnings.catch_warnings():  # takes an action itself from Python 3.11
+        warnings.simplefilter("error")
+        yield

@@ -92,7 +92,7 @@ def circle_links(radius, rng):
     """Count the links of a digitised circle, randomly oriented and placed, cut as in `line_links` along its tangent."""
     angle = np.linspace(0, 2 * np.pi, int(radius * 2000))
     zero = np.zeros_like(angle)
-    rotation = Rotation.random(rng=rng)
+    rotation = Rotation.random(None, rng)
     points = rotation.apply(radius * np.stack([np.cos(angle), np.sin(angle), zero], axis=1)) + rng.random(3)
     tangents = rotation.apply(np.stack([-np.sin(angle), np.cos(angle), zero], axis=1))
     main = np.abs(tangents).argmax(axis=1)[:-1]

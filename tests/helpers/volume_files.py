@@ -1,7 +1,6 @@
 """Volumes in files and as objects, and what tests compare of them."""
 
 import gzip
-import sys
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ nib = pytest.importorskip("nibabel")
 RNG = np.random.default_rng(7)
 SHAPE = (4, 5, 6)
 NIFTI = [".nii", ".nii.gz"]
-BOTH = ["itk+nibabel", "itk", "nibabel"]
 
 
 def rotation(seed=0):
@@ -65,16 +63,6 @@ def same_as_nibabel(path):
     np.testing.assert_allclose(volume.spacing, nib.affines.voxel_sizes(image.affine))
     assert volume.path == path
     return volume
-
-
-def hide(monkeypatch, *modules):
-    for module in modules:
-        monkeypatch.setitem(sys.modules, module, None)
-
-
-def only(monkeypatch, packages):
-    """Hide the readers that are not among those of `BOTH`."""
-    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
 
 
 def itk_image(data, direction=None, spacing=(1.0, 2.0, 3.0), origin=(5.0, -6.0, 7.0)):

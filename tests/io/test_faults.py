@@ -101,9 +101,9 @@ def test_names_as_long_as_the_system_takes(folder, letter):
 @pytest.mark.parametrize(
     ("output", "repaired", "more", "message"),
     [
-        ("bad.ending", "out.nii", ("--repair", "voxels"), "bad.ending: ending '.ending' is unknown"),
-        ("s.vtp", "out.bad", ("--repair", "voxels"), "out.bad: ending '.bad' is unknown"),
-        ("s.vtp", "out.nii", ("--repair", "none"), "there are no changed voxels to write"),
+        ("bad.ending", "out.nii", ("--repair", "voxels"), "bad.ending: unknown"),
+        ("s.vtp", "out.bad", ("--repair", "voxels"), "out.bad: unknown"),
+        ("s.vtp", "out.nii", ("--repair", "none"), "--repair none changes no voxels to write"),
     ],
 )
 def test_of_two_results_neither_is_written_where_one_cannot_be(folder, output, repaired, more, message):

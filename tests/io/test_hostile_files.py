@@ -7,7 +7,6 @@ import os
 import signal
 import struct
 import time
-import warnings
 import zipfile
 
 import fuzz_files
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 from mesh_files import grid, nib, patch, refuses
 from PIL import Image
-from refusals import refused
+from refusals import refused, warnings_as_errors
 
 import voxflat
 from voxflat.io import subprocess_reader
@@ -370,7 +369,7 @@ def test_an_atlas_whose_pieces_have_no_area(tmp_path, atlas, area):
 
 def test_areas_of_an_atlas_in_numbers_that_hold_no_limit_of_ours(tmp_path, atlas):
     path = changed(atlas, tmp_path / "atlas.npz", other("measured", lambda measured: measured.astype(np.float16)))
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         voxflat.load_atlas(path)
 
 
@@ -403,7 +402,7 @@ def test_cuts_in_a_damaged_gzip(tmp_path):
 )
 def test_text_of_no_numbers_or_none_prints_no_warning(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         refuses(tmp_path / name, message, read_region, 64)
 
 
@@ -426,7 +425,7 @@ def test_nan_where_nobody_asks_prints_no_warning(tmp_path):
     nib.save(nib.MGHImage(values.reshape(64, 1, 1), np.eye(4)), mgh)
     patch(cifti, {cifti.stat().st_size - 4: struct.pack("<I", 0x7FA00000)})
     patch(mgh, {30: struct.pack(">5I", *[0x7FA00000] * 5)})
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         found = read_overlay(cifti, 64)
         assert np.isnan(found[-1])
         assert (found[:-1] == 1).all()
@@ -465,7 +464,7 @@ def test_headers_of_arrays_that_end_in_a_string(tmp_path):
 def test_arrays_whose_bytes_no_number_counts(tmp_path, name):
     head = b"{'descr': '<f4', 'fortran_order': False, 'shape': (9223372036854775807,), }".ljust(117) + b"\n"
     (tmp_path / name).write_bytes(b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head)
-    with warnings.catch_warnings(action="error"):  # NumPy's, of the product
+    with warnings_as_errors():  # NumPy's, of the product
         refuses(tmp_path / name, "ends after 128 of 36893488147419103356 bytes", lambda path: read_overlay(path, 4))
         holds_volume(tmp_path / name)
 
@@ -476,7 +475,7 @@ def test_what_nibabel_warns_of_is_logged_with_the_file(tmp_path, caplog):
     image.header.extensions.append(nib.nifti1.Nifti1Extension("comment", b"x"))
     nib.save(image, path)
     patch(path, {352: struct.pack("<i", 17)})
-    with warnings.catch_warnings(action="error"), pytest.raises(nib.spatialimages.HeaderDataError):
+    with warnings_as_errors(), pytest.raises(nib.spatialimages.HeaderDataError):
         nibabel_image(path)
     assert f"{path}: Extension size is not a multiple of 16 bytes" in caplog.text
 
@@ -498,7 +497,7 @@ def damaged_tag(path, shape, tag, kind, change):
 def test_tags_of_a_picture_that_are_damaged_are_not_told(tmp_path, sheet):
     path = tmp_path / "rois.tif"
     damaged_tag(path, (4, 4), 270, 2, lambda entry: entry[:4] + struct.pack("<L", 10**8) + entry[8:])
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         refuses(path, "the label image has 4 x 4 pixels", sheet.regions)
         assert (as_picture(path)[0] == 1).all()
 
@@ -518,7 +517,7 @@ def test_what_decoders_of_pictures_print_is_not_seen(tmp_path, sheet, capfd, rea
     """A fax of 8 bits a pixel, of which the decoder, in C, prints a line of its own."""
     path = tmp_path / "rois.tif"
     damaged_tag(path, (4, 4), 259, 3, lambda entry: entry[:8] + struct.pack("<L", 4))
-    refused(r"rois\.tif: decoder error -2", sheet.regions if read == "regions" else read, path)
+    refused(r"rois\.tif: .*-2", sheet.regions if read == "regions" else read, path)
     assert capfd.readouterr() == ("", "")
 
 
@@ -533,7 +532,7 @@ def test_what_a_picture_takes_is_known_before_it_is_decoded(tmp_path, sheet):
 def test_values_that_are_no_whole_numbers_or_signal_print_no_warning(sheet):
     """NaN that signals is NaN, and what 64 bits do not hold no label."""
     values = np.ones(36, np.float32)
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         assert all_whole(np.full(3, 0x7FA00000, np.uint32).view(np.float32))
         values[:6] = 1e30
         assert (parcels_of(sheet, values).labels != 1).sum() == 6
@@ -545,7 +544,7 @@ def test_numbers_of_patches_and_labels_that_are_none_are_refused_without_a_warni
     brain = nib.cifti2.BrainModelAxis.from_mask(np.ones(64, bool), "CortexLeft")
     names = nib.cifti2.LabelAxis(["a"], [{0: ("x", (0, 0, 0, 0))}])
     nib.save(nib.Cifti2Image(np.full((1, 64), np.inf, np.float32), (names, brain)), tmp_path / "v.dlabel.nii")
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         refuses(tmp_path / "lh.patch", r"entry 0 of the patch, \[nan, nan, nan\], is not finite", read_patch)
         refuses(tmp_path / "v.dlabel.nii", "label inf is not", read_overlay, 64)
 

@@ -242,7 +242,7 @@ def test_gifti_with_attacks(tmp_path):
 
 
 def test_what_memory_may_not_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr("voxflat.arguments.psutil.virtual_memory", lambda: SimpleNamespace(available=4 << 20))
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(available=4 << 20))
     path = tmp_path / "s.surf.gii"
     path.write_bytes(gzip.compress(bytes(8 << 20)))
     refuses(path, r"unpacks 7\.99\d KiB to more than 1 MiB, a quarter of the memory|unpacks .* more than 1 MiB")

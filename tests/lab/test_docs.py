@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from fnmatch import fnmatch
 
 import how_to
 import numpy as np
@@ -13,6 +14,7 @@ from lab_runs import FEW
 pytestmark = pytest.mark.slow  # what it makes takes seconds
 
 PAGE = how_to.text("freesurfer-subject", "bids-study", "other-programs")
+FILES = (how_to.HOW_TO.parent / "reference" / "study-files.md").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -44,13 +46,25 @@ def test_the_commands_run(lab):
 
 def test_the_files_that_the_page_names_are_there(lab):
     folder, _ = lab
-    for name in re.findall(r"^\| `([^`]+)`", PAGE, re.MULTILINE):
+    for name in re.findall(r"^\| `([^`]+)`", how_to.text("freesurfer-subject"), re.MULTILINE):
         assert list(folder.glob(f"sub-01/{name}")), name
     for name in re.findall(r"`([a-z]+)` \(", re.search(r"at the vertices: (.*?), and every overlay", PAGE)[1]):
         assert (folder / "sub-01" / "surf" / f"lh.voxflat.{name}.shape.gii").is_file()
     for name in ("sub-01.html", "group.html", "dataset_description.json", ".bidsignore"):
         assert f"`{name}`" in PAGE
         assert (folder / "maps" / name).is_file()
+
+
+def test_the_files_of_a_study_are_those_of_the_reference_page(lab):
+    out = lab[0] / "maps"
+    listed = re.findall(r"^\| `(\w+\.[a-z.]+)`", FILES, re.MULTILINE)
+    names = {f"sub-01_hemi-{letter}_desc-voxflat_{name}" for letter in "LR" for name in listed}
+    assert {path.name for path in (out / "sub-01" / "anat").iterdir()} == {n for n in names if "failure" not in n}
+    header = (out / "group_desc-voxflat_measures.tsv").read_text().split("\n")[0].split("\t")
+    table = FILES[FILES.index("| columns") :]
+    columns = [name for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE) for name in re.findall("`(.*?)`", row)]
+    assert all(any(fnmatch(name, column) for column in columns) for name in header)
+    assert all(any(fnmatch(name, column) for name in header) for column in columns)
 
 
 def test_nilearn_draws_the_flat_surface_with_an_overlay(lab, monkeypatch):

@@ -51,7 +51,7 @@ def test_the_record_says_what_made_it(made, flat_map):
     assert record["figures"] == flat_map.distortion.figures()
     assert record["map"]["cut_names"] == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
     assert (record["surface"]["vertices"], record["surface"]["euler"]) == (VERTICES, 2)
-    assert "left out" in " ".join(record["notes"])  # triangles at the cuts, of surface and patch
+    assert "are not written" in " ".join(record["notes"])  # triangles at the cuts, of surface and patch
     for name, size in record["outputs"].items():
         assert (made / "surf" / name).stat().st_size == size
 

@@ -212,7 +212,7 @@ def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     nib.save(nib.MGHImage(filled, np.diag([2.0, 2, 2, 1])), mri / "filled.mgz")
     nib.save(nib.MGHImage(i.astype(np.float32), np.diag([2.0, 2, 2, 1])), mri / "i.mgz")
     command = ["bids", tmp_path / "subjects", tmp_path / "out", "participant", "--volume", "--hemi", "R"]
-    succeed(*command, "--cuts", "auto", "--overlay", "mri/i.mgz")
+    succeed(*command, "--cuts", "automatic", "--overlay", "mri/i.mgz")
     made = tmp_path / "out" / "sub-1" / "anat"
     flat = voxflat.load(made / "sub-1_hemi-R_desc-voxflat_flat.npz")
     values = nib.load(made / "sub-1_hemi-R_desc-voxflat_i.shape.gii").agg_data()
@@ -292,8 +292,27 @@ def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     told = json.loads(run("bids", root / "bids", tmp_path / "out", "group", "--json").stdout)
     assert {"triangles.flipped", "best_scale.relative_error"} <= set(told["outliers"]["sub-02 L"])
     page = (tmp_path / "out" / "group.html").read_text()
-    assert '<td class="n bad">31.0</td>' in page
+    assert '<td class="n bad">31.0<span class="quiet"> ±' in page
     assert '<td class="n bad">4</td>' in page
+    assert _ranked(page)[0] == "sub-02"
+
+
+def _ranked(page):
+    """Return the participants in the table of a page, from top to bottom."""
+    return re.findall(r"<td>(?:<a [^>]*>)?(sub-\d\d)", page)
+
+
+def test_the_table_of_the_page_begins_with_the_largest_distance_error(root, compared):
+    page = (root / "out" / "group.html").read_text()
+    records = {path.name[:6]: json.loads(path.read_text()) for path in (root / "out").rglob("*_flat.json")}
+    error = {name: record["figures"]["best_scale"]["relative_error"] for name, record in records.items()}
+    ranked = _ranked(page)
+    assert ranked[:17] == sorted(error, key=error.get, reverse=True)
+    assert ranked[17:] == [f"sub-{label}" for label in BROKEN]  # which have no map
+    spread = records[ranked[0]]["figures"]["standard_error"]["best_scale"]["relative_error"]
+    first = f'<td class="n">{100 * error[ranked[0]]:.1f}<span class="quiet"> ± {100 * spread:.1f}</span></td>'
+    assert first in page.replace("n bad", "n")
+    assert "at the scale of each map that minimises the distance error" in page
 
 
 def test_a_study_that_is_up_to_date_is_left_alone(root, compared):

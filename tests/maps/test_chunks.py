@@ -141,7 +141,7 @@ def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
 
 def ome(path, values, version=0.4, **changes):
     """Write an OME-Zarr of axes c, z, y, x in µm, two channels, two resolutions, as its specification has it."""
-    zarr = pytest.importorskip("zarr")
+    zarr = pytest.importorskip("zarr", minversion="3")
     czyx = np.stack([values, 2 * values]).transpose(0, 3, 2, 1)
     group = zarr.open_group(str(path), mode="w", zarr_format=2 if version == 0.4 else 3)
     for name, data in (("0", czyx), ("1", czyx[:, ::2, ::2, ::2])):

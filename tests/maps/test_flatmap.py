@@ -225,7 +225,7 @@ class TestFile:
 
 def test_torn_faces_are_those_that_the_surface_does_not_have():
     # two parallel sheets, joined at one end: folded flat upon each other they would tear everywhere
-    flat = grossmann2002(shapes.curled_sheet(60, 30, 1.4, Rotation.random(rng=1)), sources=100)
+    flat = grossmann2002(shapes.curled_sheet(60, 30, 1.4, Rotation.random(None, np.random.default_rng(1))), sources=100)
     links = np.abs(flat.ids[flat.faces][:, [0, 1, 2]] - flat.ids[flat.faces][:, [1, 2, 0]]).max(axis=2).max(axis=1)
     assert (flat.torn >= (links > 2)).all()  # two links reach two voxels at most
     assert not flat.torn[links <= 1].any()

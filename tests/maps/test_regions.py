@@ -263,7 +263,7 @@ class TestDrawings:
                 "data-voxflat-extent as four numbers",
             ),
             ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "have no area"),
-            (WHERE, "areas", "has no layer 'areas'; its layers are 'rois', 'round', 'names'"),
+            (WHERE, "areas", "has no layer 'areas'; its layers are 'rois', 'names'. Draw"),
         ],
     )
     def test_what_is_no_drawing(self, m, tmp_path, where, layer, message):
@@ -427,9 +427,12 @@ def test_regions_by_the_command_line(m, grid, tmp_path, monkeypatch):
     np.testing.assert_array_equal(nib.freesurfer.read_annot("o.annot")[0], regions.vertex_labels)
     command = ["regions", "m.npz", "-o", "o.nii.gz"]
     result = succeed(*command, "--polygons", "p.json", "--volume", "t1.nii.gz", "--json")
-    assert json.loads(result.output)["regions"].keys() == {"V1", "V2"}
     image = nib.load("o.nii.gz")
     np.testing.assert_array_equal(np.asarray(image.dataobj), regions.volume(grid).data)
+    points, voxels = ({"V1": (a == 1).sum(), "V2": (a == 2).sum()} for a in (regions.labels, image.get_fdata()))
+    assert (json.loads(result.output)["regions"], json.loads(result.output)["voxels"]) == (points, voxels)
+    result = succeed(*command, "--polygons", "p.json", "--volume", "t1.nii.gz")
+    assert f"V1: {points['V1']} points of the map, {voxels['V1']} voxels\n" in result.output
     assert {"m.npz", "p.json", "t1.nii.gz"} <= set(json.loads(image.header.extensions[0].get_content())["files"])
     for wrong, code in (([], 2), (["--polygons", "p.json", "--layer", "x"], 2), (["--polygons", "bad.json"], 1)):
         assert run(*command, *wrong).exit_code == code

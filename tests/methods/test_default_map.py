@@ -50,12 +50,12 @@ def test_distances_that_are_too_long_are_told():
     asked = voxflat.flatten(slivers, method=Voxflat(geodesic="graph"))
     assert asked.metadata["distance_error"] > 0.02
     assert asked.metadata["geodesic"] == "graph"
-    assert any("distances by links are" in text for text in asked.metadata["warnings"])
+    assert any("distances by graph paths have an error of" in text for text in asked.metadata["warnings"])
     assert asked.distortion.reference == "exact"  # what is too long does not judge itself
     found = voxflat.flatten(slivers)
     assert found.metadata["distance_error"] < 0.01
     assert found.metadata["geodesic"] == "marching"
-    assert any("they are measured by fast marching instead" in text for text in found.metadata["warnings"])
+    assert any("They are measured by fast marching instead" in text for text in found.metadata["warnings"])
     assert found.distortion.reference == "exact"
     assert found.distortion.raw.relative_error < 1e-3 < asked.distortion.raw.relative_error
     exact = voxflat.flatten(slivers, method=Voxflat(geodesic="exact"))

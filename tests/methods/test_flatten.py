@@ -21,7 +21,7 @@ grossmann2002 = partial(composed.flatten, method="grossmann2002")
 
 @pytest.fixture(scope="module")
 def bent():
-    return shapes.curled_sheet(30, 20, 0.4, Rotation.random(rng=3))
+    return shapes.curled_sheet(30, 20, 0.4, Rotation.random(None, np.random.default_rng(3)))
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ class TestPaper:
     def test_curled_sheet_at_random_orientations(self):
         figures = []
         for seed in range(4):
-            sheet = shapes.curled_sheet(rotation=Rotation.random(rng=seed))
+            sheet = shapes.curled_sheet(rotation=Rotation.random(None, np.random.default_rng(seed)))
             count = len(voxflat.surface(sheet).geodesic(1, geodesic="chain").ids)
             distortion = grossmann2002(sheet, sources=count).distortion
             assert distortion.mean_geodesic == pytest.approx(35, abs=3)

@@ -30,19 +30,23 @@ def windows_open_quickly():
     """Skip what each window repeats (plugins, screen, settings, welcome), and animations while jobs run."""
     from napari._qt.containers import _layer_delegate
     from napari._qt.dialogs import qt_activity_dialog
-    from napari._qt.widgets.qt_welcome import QtWelcomeWidget
     from napari.settings._base import EventedConfigFileSettings
     from npe2 import PluginManifest
     from qtpy.QtWidgets import QProgressBar
     from vispy.app import canvas
 
-    discover, refresh, set_range = PluginManifest.discover, QtWelcomeWidget.refresh, QProgressBar.setRange
+    try:
+        from napari._qt.widgets.qt_welcome import QtWelcomeWidget
+    except ImportError:  # napari 0.7
+        QtWelcomeWidget = None  # noqa: N806
+    discover, set_range = PluginManifest.discover, QProgressBar.setRange
     found = cache(lambda paths: list(discover(paths=paths)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PluginManifest, "discover", lambda paths=(): found(tuple(paths)))
         patch.setattr(canvas, "get_dpi", cache(canvas.get_dpi))
         patch.setattr(EventedConfigFileSettings, "_maybe_save", lambda _: None)
-        patch.setattr(QtWelcomeWidget, "refresh", lambda it, _=None: refresh(it) if it.isVisible() else None)
+        if refresh := getattr(QtWelcomeWidget, "refresh", None):  # not in napari 0.6
+            patch.setattr(QtWelcomeWidget, "refresh", lambda it, _=None: refresh(it) if it.isVisible() else None)
         for module in (qt_activity_dialog, _layer_delegate):
             patch.setattr(module, "LOADING_GIF_PATH", "")
         patch.setattr(QProgressBar, "setRange", lambda bar, low, high: set_range(bar, low, max(high, low + 1)))

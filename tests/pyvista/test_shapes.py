@@ -12,11 +12,12 @@ from refusals import refused
 
 import voxflat
 
+ALGORITHM = {"algorithm": "dataset_surface"} if pv.version_info >= (0, 47) else {}
 QUICK = {"method": voxflat.methods.Voxflat(sources=8), "relax": False}
 
 
 def surface_of(dataset):
-    return dataset.extract_surface(algorithm="dataset_surface")
+    return dataset.extract_surface(**ALGORITHM)
 
 
 def rectilinear():

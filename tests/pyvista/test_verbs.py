@@ -15,6 +15,8 @@ import voxflat
 from voxflat import InputError
 from voxflat.methods import Voxflat
 
+ALGORITHM = {"algorithm": "dataset_surface"} if pv.version_info >= (0, 47) else {}
+
 
 def saddle(count=16):
     """A structured grid of quads, 20 by 20, that is no plane."""
@@ -178,7 +180,7 @@ def test_a_map_of_ours_is_measured_with_its_cuts(ball, flat_ball):
 def test_a_map_of_another_tool_is_measured():
     grid = saddle()
     grid.point_data["number"] = np.arange(grid.n_points)
-    shadow = grid.extract_surface(algorithm="dataset_surface").project_points_to_plane(normal=(0, 0, 1))
+    shadow = grid.extract_surface(**ALGORITHM).project_points_to_plane(normal=(0, 0, 1))
     measured = grid.voxflat.measure(shadow, sources=20)
     assert_array_equal(measured["number"], measured["vertex_ids"])
     assert_allclose(measured.points[:, :2], grid.points[measured["number"], :2], atol=1e-5)
@@ -335,7 +337,11 @@ def test_a_film_goes_there_and_back(flat, tmp_path):
     assert apart[0][3] > apart[0][1] > 0
     assert apart[1][5] < 0.1 * apart[0][3]
     assert apart[2][4] < 0.1 * apart[0][3]
-    refused(r"unfold.avi; give a name that ends in .mp4 or .gif", morph.save, tmp_path / "unfold.avi")
+    refused(
+        r"unfold.avi: cannot write a movie in this format. Use a name that ends in .mp4 or .gif",
+        morph.save,
+        tmp_path / "unfold.avi",
+    )
     refused("fps is 0", morph.save, tmp_path / "other.gif", fps=0)
     refused("even numbers", morph.save, tmp_path / "unfold.mp4", window_size=(101, 96))
     if importlib.util.find_spec("imageio_ffmpeg"):

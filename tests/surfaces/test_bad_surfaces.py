@@ -1,7 +1,6 @@
 """What is wrong with a surface is said in one line that names the place and the remedy; nothing is written."""
 
 import re
-import warnings
 
 import composed
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 import pyvista as pv
 import shapes
 from command_line import run
-from refusals import refused
+from refusals import refused, warnings_as_errors
 from triangle_meshes import square
 
 import voxflat
@@ -207,7 +206,7 @@ def test_a_jump_beyond_what_computers_count_cuts_nowhere(jump):
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
 def test_a_jump_in_numbers_of_another_size_prints_nothing(kind):
     heights = np.array([[0.0, 1.0, 9.0], [0.0, 1.0, 9.0]])
-    with warnings.catch_warnings(action="error"):
+    with warnings_as_errors():
         assert len(voxflat.range_image(heights, 1.0, jump=kind(2)).faces) == 2
 
 

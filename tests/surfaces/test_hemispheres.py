@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import time
 
 import nibabel as nib
@@ -103,6 +104,9 @@ def test_a_hemisphere_becomes_a_sphere_and_a_standard_map(brain, side):
     assert flat_map.distortion.raw.relative_error < 0.12
     record = flat_map.provenance["parameters"]["of"]["parameters"]["of"]["parameters"]["source"]
     assert (record["function"], record["parameters"]["side"]) == ("hemisphere", side)
+    text = voxflat.cite(flat_map).text
+    assert "located by registering the pattern of its folds to fsaverage." in text
+    assert "sphere" not in text
 
 
 def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
@@ -114,6 +118,8 @@ def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
     assert flat_map.metadata["cut_names"][0] == "calcarine"
     assert flat_map.distortion.raw.relative_error < 0.12
     assert "wm.nii.gz" in str(flat_map.provenance)
+    threshold = re.search(r"'side': 'left', 'threshold': ([\d.]+)", str(flat_map.provenance))[1]
+    assert 64 < float(threshold) < 192  # Otsu's, of values up to 255
     assert "--label and --hemisphere cannot be combined" in run(*command, "--label", 1).output
 
 

@@ -222,16 +222,16 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
     other = np.random.default_rng(0).permutation(lab.VERTICES)
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere, other[faces])
     for given, reason in (
-        (sphere[:-1], "2561 vertices, the surface 2562"),
+        (sphere[:-1], "2561 vertices, but the surface has 2562"),
         (white, "not a sphere around the origin"),
         (nan, "finite positions"),
         (np.zeros_like(sphere), "not a sphere around the origin"),
         (sphere * [-1, 1, 1], "mirrored"),
         (sphere[::-1], "flipped on the sphere"),
         (turned, "not registered"),
-        (subject / "none", "there is no such file"),
+        (subject / "none", "the file does not exist"),
         (3, "sphere is int"),
-        ("lh.white", "there is no such file"),
+        ("lh.white", "the file does not exist"),
         (tmp_path / "rh.sphere.reg", "is right, but the surface is left"),
         (tmp_path / "lh.sphere.reg", "other triangles"),
     ):
@@ -324,7 +324,7 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"format": 2}, "format 2"),
+        ({"format": 2}, "newer version"),
         ({"space": "MNI"}, "space is 'MNI'"),
         ({"side": None}, "side is None"),
         ({"cuts": 3}, "cuts is not a list"),

@@ -114,7 +114,7 @@ class TestSheets:
         """One surface with a boundary, not a pillow; its flat map is as long and wide as the sheet was."""
         from scipy.spatial.transform import Rotation
 
-        volume = shapes.curled_sheet(rotation=Rotation.random(rng=4), traversed=traversed)
+        volume = shapes.curled_sheet(rotation=Rotation.random(None, np.random.default_rng(4)), traversed=traversed)
         flat = voxflat.flatten(volume, Voxflat(sources=150))
         assert flat.metadata["sheet"]
         assert flat.metadata["automatic_cuts"] == []

@@ -20,6 +20,7 @@ from voxflat.io.files import (
     AGAIN,
     SAVED_ENDINGS,
     atomic_path,
+    check_format,
     check_places,
     check_range,
     check_regular,
@@ -164,7 +165,7 @@ class Atlas(FlatPieces, ABC):
             Gap between the pieces, mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
             "boxes" turns each piece into its smallest rectangle, and places these in rows. "shapes" fits the pieces
-            into each other with the library xatlas (``pip install 'voxflat[atlas]'``), which uses the page better if
+            into each other with the library xatlas (``pip install 'voxflat[lab]'``), which uses the page better if
             pieces are large.
 
         Returns
@@ -542,11 +543,10 @@ class Atlas(FlatPieces, ABC):
         with naming(path, AGAIN):
             check_regular(checked_path(path))
         with holding(path, "an atlas"):
-            arrays = read_arrays(path, [*cls._arrays, "text"])
-            text = from_json(str(arrays.pop("text")))
+            text = from_json(str(read_arrays(path, ["text"])["text"]))
+            check_format(path, text.pop("format"), cls._format, "Make the patches again")
+            arrays = read_arrays(path, cls._arrays)
             note(path)
-            if text.pop("format") != cls._format:
-                raise InputError(f"{path} was written by another version of voxflat. Make the patches again")
             with naming(path, AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)

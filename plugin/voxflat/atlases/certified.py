@@ -407,7 +407,8 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
         check_regular(checked_path(path))
     with holding(path, "an atlas"):
         form = from_json(str(read_arrays(path, ["text"])["text"]))["format"]
-    return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)
+    is_glued = str(form).rpartition(" ")[0] == GluedAtlas._format.rpartition(" ")[0]  # of any version
+    return GluedAtlas.load(path) if is_glued else FlatAtlas.load(path)
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:

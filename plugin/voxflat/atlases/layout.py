@@ -5,6 +5,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.files import installing
 
 PACKINGS = ("boxes", "shapes")  # packing methods
 
@@ -89,7 +90,7 @@ def _by_shape(
     try:
         import xatlas
     except ImportError as error:
-        raise InputError("packing='shapes' needs xatlas: pip install 'voxflat[atlas]'. Or pass 'boxes'") from error
+        raise InputError(f"packing='shapes' requires xatlas. Run {installing('xatlas')}, or pass 'boxes'") from error
     atlas = xatlas.Atlas()
     pieces = (np.searchsorted(starts, faces[:, 0], side="right") - 1).astype(np.uint32)
     atlas.add_uv_mesh(apart.astype(np.float32), faces.astype(np.uint32), pieces[:, None])

@@ -12,6 +12,7 @@ from voxflat._core import __version__
 from voxflat.arguments import checked_kind
 from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
+from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
 Facts = dict[str, Any]
 """What the methods text states of a map: ``how`` it was made, and numbers. Maps of equal ``how`` share a paragraph."""
@@ -113,6 +114,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
         "is_range_image": "range_image" in metadata,
         "cuts": len(metadata.get("cuts", [])),
         "space": (metadata.get("sphere") or {}).get("space"),
+        "by_folds": (metadata.get("sphere") or {}).get("input") == OWN_REGISTRATION,
         "reference": figures["reference"],
     }
     return {

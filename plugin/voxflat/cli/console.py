@@ -1,24 +1,29 @@
 """The terminal: how errors, progress, notes and warnings are shown."""
 
+from __future__ import annotations
+
 import atexit
+import importlib
 import io
 import json
 import logging
 import os
+import re
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 import cloup
-from tqdm import tqdm
 
-from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled, user_message
+
+if TYPE_CHECKING:
+    from voxflat.arguments import Progress
 
 CANCELLED, TERMINATED = 130, 143  # the statuses of programs that SIGINT and SIGTERM end
 
@@ -56,10 +61,19 @@ class Program(cloup.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
-            text = user_message(error)
+            module = sys.modules.get(f"voxflat.cli.commands.{next(iter(arguments), '')}")  # if it was imported
+            text = in_options(user_message(error), getattr(module, "command", None))
             _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
         return status if isinstance(status, int) else 0
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; `commands` holds only the names and summaries."""
+        if cmd_name not in self.commands:
+            return None
+        command: click.Command = importlib.import_module(f"voxflat.cli.commands.{cmd_name}").command
+        command.context_settings = {**self.context_settings, **command.context_settings}  # -h, whoever parses
+        return command
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
@@ -154,6 +168,8 @@ class Bars:
     """A progress bar on stderr for each stage, which disappears when the stage is finished."""
 
     def __init__(self, hidden: bool) -> None:
+        from tqdm import tqdm
+
         # one bar is reused for all stages, so that there is always a bar to close when Ctrl-C is pressed
         self._bar = tqdm(
             desc="reading",
@@ -185,17 +201,38 @@ class Bars:
         self._bar.clear()
 
 
+def in_options(text: str, command: click.Command | None) -> str:
+    """Return a message with options of a command, such as --no-relax, in place of relax=False."""
+    names = {one.name for one in command.params if isinstance(one, click.Option)} if command else set()
+
+    def option(found: re.Match[str]) -> str:
+        name, value = found["name"], found["value"]
+        if name not in names or not (value or "_" in name):
+            return found[0]
+        flag = name.replace("_", "-")
+        if value in ("False", "True"):
+            return f"--{'no-' if value == 'False' else ''}{flag}"
+        return f"--{flag} {value.strip(chr(39))}" if value else f"--{flag}"
+
+    return re.sub(r"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>False|True|'[^']*'))?(?![\w/=(])", option, text)
+
+
 class _Notes(logging.Handler):
     """Print the notes and warnings that the package logs on stderr, above the bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
+        from tqdm import tqdm
+
         kind = "warning: " if record.levelno >= logging.WARNING else ""
-        tqdm.write(f"voxflat: {kind}{record.getMessage()}", file=_STDERR)
+        context = click.get_current_context(silent=True)
+        text = in_options(record.getMessage(), context.command if context else None)
+        tqdm.write(f"voxflat: {kind}{text}", file=_STDERR)
 
 
 @contextmanager
 def bars(quiet: bool = False, *, notes: bool = True) -> Iterator[Bars]:
     """Show progress, and the notes and warnings that the package logs, while a command works."""
+    log = logging.getLogger("voxflat")
     shown = Bars(hidden=quiet or not sys.stderr.isatty())
     handler = _Notes() if notes and not quiet else logging.NullHandler()
     level = log.level

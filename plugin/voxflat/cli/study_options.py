@@ -10,8 +10,6 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars
 from voxflat.lab.inputs import GEOMETRIES, Parameters
 
-_CUTS = {"auto": "automatic"}
-
 
 class MultipleValuesCommand(cloup.Command):
     """A command whose repeatable options also accept several values after one flag, as BIDS Apps do."""
@@ -38,10 +36,10 @@ map_options = options.section(
     "Maps",
     options.value(
         "--cuts",
-        "standard|auto|FILE",
+        "standard|automatic|FILE",
         "Where the surfaces are cut: along the same lines in every brain (standard, needs a registered sphere), "
-        "automatically for each surface (auto), or as in a file of cuts or a template. {hemi} in the name of FILE is "
-        "replaced by the hemisphere.",
+        "as suits each surface best (automatic), or as in a file of cuts or a template. {hemi} in the name of FILE "
+        "is replaced by the hemisphere.",
         default=Parameters.cuts,
     ),
     options.choice(
@@ -68,7 +66,7 @@ def parameters_of(given: dict[str, Any]) -> Parameters:
     """Remove the options for maps from those of a command, and return them as parameters."""
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
-    return Parameters(cuts=_CUTS.get(cuts, cuts), overlays=overlays, **own)
+    return Parameters(cuts=cuts, overlays=overlays, **own)
 
 
 def outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Any], None]:
@@ -82,7 +80,7 @@ def outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Any], None]:
         elif verbose and one.record is None:
             shown.tell(f"{begin}: up to date")
         elif verbose:
-            error, seconds = one.record["figures"]["raw"]["relative_error"], sum(one.record["seconds"].values())
+            error, seconds = one.record["figures"]["best_scale"]["relative_error"], sum(one.record["seconds"].values())
             points = one.record["map"]["points"]
             shown.tell(f"{begin}: {points} points, relative distance error {100 * error:.1f} %, {seconds:.1f} s")
 

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 from voxflat._core import __version__
 from voxflat.arguments import Progress, free_memory, log
 from voxflat.errors import Cancelled, InputError
+from voxflat.io.files import installing
 
 LOCAL = "local"  # instead of an address: start workers on this machine
 
@@ -104,7 +105,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise InputError(f"a cluster needs {error.name}. Install it with: pip install 'voxflat[cluster]'") from error
+        raise InputError(f"a cluster requires {error.name}. Run {installing('distributed')}") from error
     if address == LOCAL:
         cores = os.cpu_count() or 1
         count = max(1, min(cores, free_memory() // _ROOM, most))

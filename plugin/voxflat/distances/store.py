@@ -18,7 +18,15 @@ from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, check_regular_within, from_json, naming_file, save_array, temporary_beside
+from voxflat.io.files import (
+    atomic_path,
+    check_format,
+    check_regular_within,
+    from_json,
+    naming_file,
+    save_array,
+    temporary_beside,
+)
 from voxflat.io.provenance import Record, as_text
 
 FORMAT = "voxflat rows 2"
@@ -105,8 +113,7 @@ def read_description(path: Path) -> dict[str, Any]:
             raise ValueError("it is not complete")
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file} is damaged ({error}). {OTHER}") from error
-    if named != FORMAT:
-        raise InputError(f"{file} has the format {named!r}, but this version reads {FORMAT!r}. {OTHER}")
+    check_format(file, named, FORMAT, OTHER)
     return dict(described)
 
 

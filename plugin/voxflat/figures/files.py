@@ -150,7 +150,7 @@ def check_movie(path: str | os.PathLike[str]) -> None:
             f"{name.name}: cannot write a movie in this format. Use a name that ends in {' or '.join(MOVIE_ENDINGS)}"
         )
     if name.suffix.lower() == ".mp4":
-        require("imageio_ffmpeg", "movie")
+        require("imageio_ffmpeg")
 
 
 def save_movie(
@@ -166,7 +166,7 @@ def save_movie(
     movie : Movie
         The movie, or another sequence that draws its frames on request.
     path : path
-        The file: ``.mp4`` (H.264, for slides and browsers; needs ``pip install 'voxflat[movie]'``) or ``.gif``. Each
+        The file: ``.mp4`` (H.264, for slides and browsers; needs ``pip install 'voxflat[lab]'``) or ``.gif``. Each
         frame of a GIF lasts a whole number of hundredths of a second, at least two.
     record : dict, optional
         The provenance to store as a comment in the file.
@@ -209,7 +209,7 @@ def _drawn(movie: Pictures, name: str, progress: Progress | None) -> Iterator[ND
 
 
 def _write_mp4(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
-    ffmpeg = require("imageio_ffmpeg", "movie")
+    ffmpeg = require("imageio_ffmpeg")
     height, width = movie.size
     space = ["-colorspace", _BT709, "-color_primaries", _BT709, "-color_trc", _BT709]
     more = ["-crf", _QUALITY, "-vf", f"scale=out_color_matrix={_BT709}", *space, "-movflags", "+faststart"]

@@ -22,6 +22,7 @@ from voxflat.arguments import checked_kind, checked_pixels, numbers_of, shown
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
+from voxflat.io.files import installing
 from voxflat.io.sources import as_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
@@ -199,9 +200,7 @@ def load_pyvista() -> Any:
     try:
         import pyvista
     except ImportError as error:
-        raise InputError(
-            "3-D images need PyVista, which is not installed. Run pip install 'voxflat[pyvista]'"
-        ) from error
+        raise InputError(f"3-D images require PyVista. Run {installing('pyvista')}") from error
     if sys.platform == "linux" and "DISPLAY" not in os.environ and pyvista.vtk_version_info < (9, 4):
         raise InputError("this version of VTK needs a display. Run under xvfb-run, or install VTK 9.4 or later")
     return pyvista

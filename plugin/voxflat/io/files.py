@@ -54,12 +54,37 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Ca
     raise InputError(f"unknown file name ending {path.suffix!r}; {', '.join(table)} can be {verb}")
 
 
-def require(module: str, extra: str | None = None) -> Any:
-    """Import an optional package; its extra has the same name by default."""
+EXTRAS = {
+    **dict.fromkeys(("napari", "qtpy", "superqt"), "napari"),
+    **dict.fromkeys(("pyvista", "vtkmodules"), "pyvista"),
+    **dict.fromkeys(("distributed", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr"), "lab"),
+}
+"""The optional packages, by the name under which they are imported, and the extra that installs each."""
+
+
+def require(module: str) -> Any:
+    """Import a package that is optional, or that is imported only when it is used."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f"requires {module}. Install it with pip install 'voxflat[{extra or module}]'") from error
+        raise InputError(f"requires {module}. Install it with {installing(module)}") from error
+
+
+def installing(*modules: str) -> str:
+    """Return the command that installs packages."""
+    names = [module.partition(".")[0] for module in modules]
+    extras = ",".join(sorted({EXTRAS[name] for name in names if name in EXTRAS}))
+    return f"pip install 'voxflat[{extras}]'" if extras else f"pip install {' '.join(names)}"
+
+
+def check_format(path: str | os.PathLike[str], found: object, known: str | int, remedy: str) -> None:
+    """Raise an error if the format of a file, a version or a name and a version, is not the known one."""
+    name, _, version = str(known).rpartition(" ")
+    its_name, _, its_version = str(found).rpartition(" ")
+    if its_name == name and its_version.isdecimal() and int(its_version) > int(version):
+        raise InputError(f"{path} was made by a newer version of voxflat. Update voxflat")
+    if found != known:
+        raise InputError(f"{path} has the format {found!r}, but this version of voxflat reads {known!r}. {remedy}")
 
 
 _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)

@@ -13,6 +13,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from functools import wraps
 from itertools import count
@@ -57,19 +58,33 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             given = bound.arguments
-            with reading(given.get("memory_limit")) as files:
-                made = function(*args, **kwargs)
+            chosen = _chosen.set({})
+            try:
+                with reading(given.get("memory_limit")) as files:
+                    made = function(*args, **kwargs)
+            finally:
+                defaults = _chosen.get()
+                _chosen.reset(chosen)
             if any(made is value for value in given.values()):  # the result is an argument
                 return made
             told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNRECORDED}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
             record = record_of(function.__name__, described(told), dict(sorted(files.items())))
+            record = resolved(record, defaults)
             found: _Made = made._with_provenance(record)
             return found
 
         return wrapped
 
     return decorate
+
+
+_chosen: ContextVar[dict[str, Any]] = ContextVar("voxflat_chosen", default={})  # noqa: B039  (set before each use)
+
+
+def note_default(**values: Any) -> None:
+    """Note the values that are used for parameters of the recorded function that were not given."""
+    _chosen.set({**_chosen.get(), **values})
 
 
 def record_of(function: str, parameters: dict[str, Any], files: dict[str, str]) -> Record:

@@ -1,8 +1,7 @@
 """Read files and images of other packages as arrays of voxels and affines.
 
-The header reveals how much memory the voxels need before they are read. NIfTI voxels are read by ITK, or by nibabel if
-ITK refuses or would change them. The affine is read here, so it does not depend on the installed packages (as in
-nibabel: sform, else qform, else pixdim). Neither package detects every damaged file, so completeness is checked here.
+The header reveals how much memory the voxels need before they are read. nibabel reads NIfTI and MGH, ITK reads NRRD and
+MetaImage. Neither package detects every damaged file, so headers and completeness are checked here.
 """
 
 import gzip
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import by_ending, check_regular, nibabel_image, one_line, require
+from voxflat.io.files import by_ending, check_regular, nibabel_image, require
 from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
@@ -130,7 +129,7 @@ def _read_pair(path: Path) -> Read:
 def _read_nifti(path: Path) -> Read:
     with _opened(path) as file:
         head: bytes = file.read(_NIFTI1.itemsize)
-    if head[4:8] == b"n+2\0":  # ITK does not support NIfTI-2
+    if head[4:8] == b"n+2\0":
         return _read_by_nibabel(path)
     header = _nifti_header(head)
     shape = tuple(header["dim"][1 : header["dim"][0] + 1].tolist())
@@ -138,54 +137,13 @@ def _read_nifti(path: Path) -> Read:
     voxels = int(np.prod(shape, dtype=object))
     needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
     check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
-    # ITK returns incomplete files as complete, filled with uninitialised memory
     check_length(path, needed)
-    affine = check_affine(_nifti_affine(header, shape))  # before ITK prints a long error
+    affine = check_affine(_nifti_affine(header, shape))
     affine = check_affine(in_millimetres(affine, _NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm")))
-    return _nifti_voxels(path, header, shape), affine
+    return from_nibabel(nibabel_image(path, mmap=False))[0], affine
 
 
-def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Read voxels with ITK, or with nibabel if ITK refuses or would change them."""
-    try:
-        # ITK scales in float32 (integers above 2^24 change), and adds scl_inter even if scl_slope is 0
-        if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0:
-            raise InputError("its values are scaled, which ITK does only in float32")
-        if path.suffix.lower() == ".gz" and path.with_suffix("").exists():
-            raise InputError(f"ITK would read {path.with_suffix('').name} instead")
-        if not _all_finite(path, header, shape):
-            raise InputError("it contains NaN or infinity, which ITK replaces by 0")
-        voxels, _ = _by_itk(path)
-        if voxels.shape[:3] != shape[:3]:
-            raise InputError(f"ITK returns the shape {voxels.shape} instead of {shape}")
-        return voxels
-    except Exception as refusal:
-        reason = one_line(refusal)
-    try:
-        require("nibabel")
-    except InputError as missing:
-        raise InputError(f"{reason}; {missing}") from None
-    return from_nibabel(nibabel_image(path, mmap=False))[0]
-
-
-def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
-    """Return whether all values of a NIfTI-1 file are finite."""
-    form = {16: "f4", 64: "f8"}.get(int(header["datatype"]))
-    if form is None:
-        return True
-    dtype = np.dtype(form).newbyteorder(header["dim"].dtype.byteorder)
-    remaining = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
-    with _opened(path) as file:
-        file.read(int(header["vox_offset"]))
-        while remaining > 0 and (block := file.read(min(remaining, 1 << 24))):
-            remaining -= len(block)
-            if not np.isfinite(np.frombuffer(block, dtype)).all():
-                return False
-    return True
-
-
-# The fields of NIfTI-1 that place the voxels (nifti1.h). ITK's metadata has them, too, but as text with
-# six digits: an offset of -123.45678 mm would come back as -123.457.
+# The fields of NIfTI-1 that place the voxels (nifti1.h)
 _NIFTI1_FIELDS = {
     "sizeof_hdr": ("i4", 0),
     "dim": ("8i2", 40),

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from voxflat.arguments import amount
@@ -67,7 +66,7 @@ def read_in_subprocess(
     """
     global _child
     if importlib.util.find_spec(package) is None:
-        require(package, _PACKAGES[package][1])
+        require(package)
     size = path.stat().st_size if size is None else size
     asked = {
         "function": f"{function.__module__}:{function.__name__}",
@@ -91,12 +90,12 @@ def read_in_subprocess(
     return _put(told["value"], arrays)
 
 
-# display name, extra that installs it, and an attribute to load (ITK loads lazily)
+# display name, and an attribute to load (ITK loads lazily)
 _PACKAGES = {
-    "itk": ("ITK", "itk", "ImageIOFactory"),
-    "vtkmodules": ("VTK", "pyvista", "__name__"),
-    "PIL": ("Pillow", "", "__name__"),
-    "zarr": ("Zarr", "zarr", "__name__"),
+    "itk": ("ITK", "ImageIOFactory"),
+    "vtkmodules": ("VTK", "__name__"),
+    "PIL": ("Pillow", "__name__"),
+    "zarr": ("Zarr", "__name__"),
 }
 
 _lock = threading.Lock()
@@ -235,9 +234,8 @@ def _as_answer(error: Exception, path: str) -> list[Any]:
 
 def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
     """Call a function within limits, which do not include the import of its package."""
-    _, extra, loaded = _PACKAGES[package]
     _limit_addresses(None)  # remove the limit of the previous file
-    getattr(require(package, extra), loaded)
+    getattr(require(package), _PACKAGES[package][1])
     module, _, name = function.partition(":")
     called = getattr(importlib.import_module(module), name)
     _limit_addresses(2 * (_OWN + min(memory, contents)))  # factor 2: conversion holds the data twice
@@ -257,6 +255,8 @@ def _limit_seconds(seconds: int) -> None:
 
 def _limit_addresses(most: int | None) -> None:
     """Limit the additional address space, or remove the limit; disable core dumps."""
+    import psutil
+
     try:
         import resource
     except ImportError:  # Windows

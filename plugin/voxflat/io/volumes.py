@@ -251,10 +251,7 @@ def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
 
 
 def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = "mm") -> None:
-    try:
-        nibabel = require("nibabel")
-    except InputError:
-        return _write_itk(path, volume, None)
+    nibabel = require("nibabel")
     data = _storable(volume.data)
     if data.ndim == 4:
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
@@ -268,7 +265,6 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
     if record is not None:
         image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", as_text(record).encode()))
     nibabel.save(image, path)
-    return None
 
 
 def _write_metaimage(path: Path, volume: Volume, _: Record | None) -> None:

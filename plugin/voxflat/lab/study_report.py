@@ -18,15 +18,16 @@ from voxflat.maps.raster import FlatImage
 _SHOWN = 0.9  # pixels of the page per mm of a map
 _AT_FULL = 60  # up to this number of maps, 1 pixel is 1 mm; larger studies get larger pixels to keep the page small
 _DOTS = (240.0, 26.0)  # pixels of a row of dots
+_RANKED_BY = "best_scale.relative_error"  # the table begins with the map where it is largest
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
     """Return the page of a study as HTML: table, maps, means, and links to the reports of subjects."""
     there = [row for row in rows if row.record is not None]
-    table = []
-    for row in rows:
-        cells = [] if row.record is None else [_cell(row, place) for place in FIGURES]
-        table.append({"row": row, "cells": cells})
+    missing = [row for row in rows if row.record is None]
+    ranked = sorted(there, key=lambda row: figure_of(row.record or {}, _RANKED_BY) or 0.0, reverse=True)
+    table = [{"row": row, "cells": [_cell(row, place) for place in FIGURES]} for row in ranked]
+    table += [{"row": row, "cells": []} for row in missing]
     parameters = {_listed(row.record["parameters"]) for row in there if row.record is not None}
     versions = {row.record["voxflat"] for row in there if row.record is not None}
     return filled(
@@ -35,9 +36,7 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mappin
         version=__version__,
         table=table,
         titles=[(title, unit) for title, _, unit in FIGURES.values()],
-        missing=[row for row in rows if row.record is None],
-        outliers=[row for row in there if row.outliers],
-        names=FIGURES,
+        missing=missing,
         pictures=[[of for of in maps if of["row"].letter == letter] for letter in ("L", "R")],
         means=[_mean(one) for one in means],
         dots=[_dots(there, place) for place in FIGURES],
@@ -57,10 +56,10 @@ def map_picture(row: Row, flat_map: FlatMap, of: int) -> dict[str, Any]:
 
 def _cell(row: Row, place: str) -> dict[str, Any]:
     _, factor, unit = FIGURES[place]
-    value = figure_of(row.record or {}, place)
+    value, error = (figure_of(row.record or {}, name) for name in (place, f"standard_error.{place}"))
     digits = 0 if place.endswith(("flipped", "covering")) else 1 if unit else 3
-    text = "–" if value is None else f"{factor * value:.{digits}f}"
-    return {"text": text, "is_outlier": place in row.outliers}
+    text, after = ("–" if one is None else f"{factor * one:.{digits}f}" for one in (value, error))
+    return {"text": text, "error": "" if error is None else f" ± {after}", "is_outlier": place in row.outliers}
 
 
 def _listed(parameters: Mapping[str, Any]) -> str:

@@ -628,7 +628,7 @@ class FlatMap(Planar):
         441
         """
         mesh = self._flat_mesh()
-        return require("nilearn.surface", "demo").InMemoryMesh(mesh.points, mesh.faces)
+        return require("nilearn.surface").InMemoryMesh(mesh.points, mesh.faces)
 
     def to_gifti(self) -> Any:
         """Convert the map to nibabel's ``GiftiImage``.

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_path, log
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
-from voxflat.errors import InputError
 from voxflat.io.files import (
     AGAIN,
     atomic_path,
+    check_format,
     check_places,
     check_range,
     check_regular,
@@ -48,8 +48,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     with holding(path, "a flat map"):
         arrays = read_arrays(path)
         metadata = from_json(str(arrays.pop("metadata")))
-        if metadata.pop("format") != _FORMAT:
-            raise InputError(f"{path} was written by another version of voxflat. Flatten the surface again")
+        check_format(path, metadata.pop("format"), _FORMAT, "Flatten the surface again")
         note(path)
         uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without them fails here
         with naming(path, AGAIN):

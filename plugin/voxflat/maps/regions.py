@@ -350,7 +350,7 @@ def _columns(
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:
-            raise InputError("this map has no pial surface. Pass depth, two distances from the surface in mm")
+            raise InputError("this map has no pial surface. Pass depth in mm, such as 0 and 2.5 outside white matter")
         low, high = (checked_number(value, "depth") for value in _pair(depth))
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")

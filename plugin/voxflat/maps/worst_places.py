@@ -18,6 +18,7 @@ from voxflat.maps.flat_map import FlatMap
 
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
+_GAIN = "gain: decrease of the relative distance error of a coarse preview map ({:.2f} %), in percentage points"
 _MOST = 10.0  # limit of a triangle's log2 of areas: one without area on the map would dominate
 
 
@@ -387,7 +388,7 @@ class WorstPlaces(Recorded):
         about = f"{self.found} places where areas change by more than {self.beyond:g} times, {share}"
         if not self.places:
             return about
-        names = ["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain, %"]
+        names = ["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain"]
         rows = [[in_unit(name, self.flat_map.metadata) for name in names]]
         rows += [_row(place) for place in self.places]
         if any(place.parcel is not None for place in self.places):
@@ -401,11 +402,7 @@ class WorstPlaces(Recorded):
             )
             for row in rows
         ]
-        told = (
-            []
-            if np.isnan(self.sketch_error)
-            else [f"gain: reduction of the distance error of a coarse preview map, {100 * self.sketch_error:.2f} %"]
-        )
+        told = [] if np.isnan(self.sketch_error) else [_GAIN.format(100 * self.sketch_error)]
         return "\n".join([about, *(line.rstrip() for line in lines), *told])
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:

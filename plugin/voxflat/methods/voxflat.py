@@ -66,8 +66,8 @@ class Voxflat(OverTriangles):
         How distances are measured, as in `Surface.geodesic`. By default "graph". If its error is more than 1 % for a
         sample of sources, which thin triangles can cause, "marching" is used, and then "exact" by the same rule.
     weighting : float
-        From 0 (local) to 1 (global); by default 0.5. The weights of near distances and of triangles are multiplied by
-        ``10 ** (1 - 2 * weighting)``.
+        From 0 (triangles) to 1 (far distances); by default 0.5. The weights of triangles and of distances up to 30 mm
+        are multiplied by ``10 ** (1 - 2 * weighting)``. 0 keeps angles and areas best, 1 far distances.
     scale : {"distances", "areas"}
         The quantity that the map's mm preserve; a curved surface has no map that preserves both. "distances" minimises
         the mean relative error of distances; "areas" gives the map the area of the surface.
@@ -124,7 +124,7 @@ class Voxflat(OverTriangles):
         if self.geodesic is not None:
             checked_choice(self.geodesic, "geodesic", SOLVERS)
         if not (is_number(self.weighting) and 0 <= self.weighting <= 1):
-            raise InputError(f"weighting is {shown(self.weighting)}. Pass a number from 0 (local) to 1 (global)")
+            raise InputError(f"weighting is {shown(self.weighting)}. Pass a number from 0 (triangles) to 1 (distances)")
         checked_choice(self.scale, "scale", SCALES)
         if self.max_area is not None and not (is_number(self.max_area) and 1 < self.max_area < np.inf):
             raise InputError(f"max_area is {shown(self.max_area)}. Pass a factor greater than 1, such as 2")

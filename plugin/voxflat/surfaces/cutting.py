@@ -236,7 +236,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
         f"cut along {what} ({names}; {length:.0f} mm), located with {by}, so that maps of different brains "
-        f"can be compared.{estimate} For less distortion use cuts='automatic'; voxflat check compares both"
+        f"can be compared.{estimate} For less distortion, choose automatic cuts. voxflat check compares both"
     )
     return in_unit(told, cut.metadata)
 

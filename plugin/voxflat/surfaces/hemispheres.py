@@ -6,7 +6,8 @@ hemisphere are filled, as in FreeSurfer's ``filled.mgz``, so that the surface ha
 """
 
 import hashlib
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import Progress, checked_choice, log, optional_number
 from voxflat.errors import Cancelled, HemisphereError, InputError
 from voxflat.io.grid import Affine, voxel_size
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import note_default, telling
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 
@@ -28,6 +29,8 @@ _STEP = 2.0  # mm, voxel size for the alignment
 _SMOOTH = (10.0, 5.0, 3.0)  # mm, from coarse to fine
 _SURE_OVERLAP = 0.75  # overlap at which no further start is tried
 _STARTS = (-25.0, 25.0)  # degrees about each axis, in addition to no rotation
+_BETTER = 0.9  # of the first start's error: another start is followed to the end
+_GAINED = 0.1  # overlap that the finest step may gain
 _ITERATIONS = 40
 _LEAST_OVERLAP, _MOST_STRETCHED = 0.5, 1.45  # least Dice, and largest ratio of stretches: a ball has 0.57 and 2.3
 _NEAR = 0.1  # least membership of the inner parts where gaps are closed
@@ -142,7 +145,8 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
         values = np.unique(data.ravel()[:: max(1, data.size // 100_000)])
         threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
         if len(values) > 2:
-            log.warning("white matter is defined as values above %.4g. Pass threshold= to change this", threshold)
+            log.warning("white matter is defined as values above %.4g. Check this threshold, or set another", threshold)
+        note_default(threshold=threshold)
     white = np.asarray(data > threshold)
     if not white.any():
         said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"
@@ -294,11 +298,13 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
     template = _template()
     pairs = [_Pair.of(coarse, grid, template, width) for width in _SMOOTH]
     start = _aligned_middles(coarse, grid, template)
-    turned = (start @ _turned(axis, angle, template) for axis in range(3) for angle in _STARTS)
+    turned = [start @ _turned(axis, angle, template) for axis in range(3) for angle in _STARTS]
     best, overlap = start, 0.0
-    for moved in (start, *turned):
-        for pair in pairs:
+    for moved in itertools.chain((start,), _more_promising(start, turned, pairs[0], steps)):
+        for pair in pairs[:-1]:
             moved, _ = pair.descend(moved, _ITERATIONS, steps)
+        if _overlap(coarse, grid, template, moved) > _LEAST_OVERLAP - _GAINED:
+            moved, _ = pairs[-1].descend(moved, _ITERATIONS, steps)
         found = _overlap(coarse, grid, template, moved)
         if found > overlap:
             best, overlap = moved, found
@@ -307,6 +313,13 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
     _last.clear()
     _last[key] = best, overlap
     return best, overlap
+
+
+def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _Steps) -> Iterator[Affine]:
+    """Yield the transforms that, after a quick descent with strong smoothing, fit better than the first one does."""
+    (_, first), *further = (pair.descend(one, _ITERATIONS, steps) for one in (start, *others))
+    better = sorted((found for found in further if found[1] < _BETTER * first), key=lambda found: found[1])
+    yield from (moved for moved, _ in better)
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:

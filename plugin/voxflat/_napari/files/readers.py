@@ -22,8 +22,12 @@ _MAPS = f"Flat maps and atlases ({' '.join(f'*{ending}' for ending in reversed(S
 _VOLUMES = "Volumes (*.nii *.nii.gz *.mgz *.mgh *.nrrd *.nhdr *.mha *.mhd)"
 _SURFACES = "Surfaces, and values on surfaces (*)"  # FreeSurfer's files have no common suffix
 
+# on Python 3.10 napari's commands cannot compare list[str] and Callable[[str], ...] with classes
+Paths: TypeAlias = Any  # str, list[str] or None
+Reader: TypeAlias = Any  # Callable[[str], list[LayerData]] or None
 
-def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
+
+def map_reader(path: Paths = None) -> Reader:
     """Return a reader of a flat map or an atlas; without a path, as from napari's palette, ask for one."""
     if path is None:
         _ask("Read a flat map", _MAPS)
@@ -38,7 +42,7 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
     return _reporting_errors({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
 
 
-def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
+def surface_reader(path: Paths = None) -> Reader:
     """Return a reader of a surface, of values or labels on one, or of a patch, as `map_reader`."""
     if path is None:
         _ask("Read a surface or values on a surface", _SURFACES)
@@ -48,7 +52,7 @@ def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[
     return None if read is None else _reporting_errors(read)
 
 
-def volume_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
+def volume_reader(path: Paths = None) -> Reader:
     """Return a reader of a volume of voxels, as `map_reader`."""
     if path is None:
         _ask("Read a volume", _VOLUMES)

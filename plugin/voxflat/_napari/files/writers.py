@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage
 
+Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
 
-def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
+
+def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
     """Save the flat map or atlas to which layers belong.
 
     Without a path, as from napari's command palette, ask for one, and save the selected layers. Raises VoxflatError
@@ -28,7 +30,7 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
     return [path]
 
 
-def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
+def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
     """Save the image of one layer of a map or page; otherwise as `write_flat_map`."""
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)

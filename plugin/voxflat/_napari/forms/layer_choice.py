@@ -8,6 +8,8 @@ from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy mak
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
 from superqt.utils import signals_blocked
 
+from voxflat._napari.layers.list_events import list_events
+
 
 class LayerChoice(QComboBox):
     """Lets the user choose a layer, or `none`, and keeps up with layers that are added, removed and renamed.
@@ -39,7 +41,7 @@ class LayerChoice(QComboBox):
         self._selected: Layer | None = None
         self._has_new = False
         layers = viewer.layers
-        self._events = (layers.events.inserted, layers.events.removed, layers.events.renamed)
+        self._events = list_events(layers)
         for event in self._events:
             event.connect(self.refresh)
         self._follows_selection = follows_selection

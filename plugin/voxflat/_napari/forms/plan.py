@@ -106,6 +106,8 @@ def _steps(asked: _Asked) -> list[str]:
         return [f"Flattens {part}, voxel by voxel. The surface must be open."]
     is_mesh = isinstance(asked.layer, Surface)
     steps = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
+    if asked.threshold is not None and asked.part == "whole":
+        steps.append("In a whole brain, it can include both hemispheres and the cerebellum.")
     if is_mesh and asked.has_pial:
         steps.append("Measures distances midway to the pial surface.")
     if not is_mesh:

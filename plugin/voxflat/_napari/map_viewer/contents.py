@@ -11,6 +11,7 @@ from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of
 from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
 from superqt.utils import signals_blocked
 
+from voxflat._napari.layers.list_events import list_events
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
@@ -84,7 +85,7 @@ class ContentChoice(QComboBox):
         self._offered: list[Content] = []
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.setMinimumContentsLength(12)
-        self._events = (viewer.layers.events.inserted, viewer.layers.events.removed, viewer.layers.events.renamed)
+        self._events = list_events(viewer.layers)
         for event in self._events:
             event.connect(self._on_layers)
         self.currentIndexChanged.connect(self._on_index)

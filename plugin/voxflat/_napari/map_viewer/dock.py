@@ -494,9 +494,11 @@ class FlatMapDock(Dock):
         is_distances = isinstance(content, Measure) and content.name == DISTANCES
         if value is not None and content is not None and not is_distances:
             unit = content.unit if isinstance(content, Measure) else ""
-            parts.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
+            is_log = unit == "log2"
+            shown = f"{100 * (2**value - 1):+.1f} %" if is_log else f"{value:.4g}{unit and ' '}{unit}"
+            parts.append(f"{content.name} {shown}")
         parts.append(spot.distortion)
-        self.text.setText("   ·   ".join(parts).replace("-", "−"))
+        self.text.setText(" · ".join(parts).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
         self.legend.show_length(self.canvas.scale_factor)

@@ -9,7 +9,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog, QGridLayout, QLabel, QPush
 
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
-from voxflat._napari.results.report import figures, table, warnings
+from voxflat._napari.results.report import MEANINGS, figures, table, warnings
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.io.files import SAVED_ENDINGS
@@ -32,7 +32,7 @@ class MapPanel(QWidget):
         self.warnings = QLabel()
         self.warnings.setWordWrap(True)
         self.warnings.setTextFormat(Qt.TextFormat.RichText)
-        colours = QLabel(f"The colours show {meaning}.")
+        colours = QLabel(f"The layer of the heat map shows {meaning}.")
         colours.setWordWrap(True)
         self.save = QPushButton(f"Save {what}…")
         loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
@@ -79,7 +79,9 @@ class MapPanel(QWidget):
         for row, (name, value) in enumerate(figures(flat_map)):
             number = QLabel(value)
             number.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            self._figures.addWidget(QLabel(name), row, 0)
+            label = QLabel(name)
+            label.setToolTip(MEANINGS.get(name, ""))
+            self._figures.addWidget(label, row, 0)
             self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
         found = warnings(flat_map)
         self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in found))

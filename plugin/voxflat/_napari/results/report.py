@@ -1,5 +1,6 @@
 """The measures of a flat map or an atlas, and its warnings, as text."""
 
+import re
 from typing import TypeAlias
 
 import numpy as np
@@ -12,6 +13,16 @@ from voxflat.maps.flat_map import FlatMap
 
 Row: TypeAlias = tuple[str, str]
 """The name of a measure, and its value."""
+
+MEANINGS = {
+    "mean relative distance error": "Mean of |distance on the map − distance on the surface| / distance on the surface",
+    "stress-1": "Kruskal's stress: 0 for a map that keeps all distances",
+    "correlation": "Correlation of distances on the map with those on the surface: 1 at best",
+    "median area change (factor)": "Areas of half of the vertices change by less than this factor, up or down",
+}
+"""What measures mean, by name."""
+
+_REMEDY = re.compile(r"(?<=[.;]) Use \w+=.*")  # for Python
 
 
 def summary(flat_map: FlatMap | Atlas) -> str:
@@ -114,7 +125,7 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 
 def warnings(flat_map: FlatMap | Atlas) -> list[str]:
     """Return the warnings of a map or an atlas, as sentences."""
-    return [sentence(warning) for warning in flat_map.metadata["warnings"]]
+    return [sentence(_REMEDY.sub("", warning)) for warning in flat_map.metadata["warnings"]]
 
 
 def sentence(message: str) -> str:

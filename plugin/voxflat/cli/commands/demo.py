@@ -9,6 +9,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.options import OUT
 from voxflat.cli.output import print_json
 from voxflat.errors import InputError
+from voxflat.io.files import installing
 
 
 @cloup.command("demo")
@@ -39,6 +40,6 @@ def command(output: Path, as_json: bool) -> None:
     except ImportError as error:
         if error.name and error.name.startswith("voxflat"):
             raise
-        raise InputError(f"the demo needs {error.name}. Run pip install 'voxflat[demo]'") from error
+        raise InputError(f"the demo requires {error.name}. Run {installing('nilearn', 'pyvista')}") from error
     if as_json:
         print_json({"output": str(output), **flat_map.description()})

@@ -24,7 +24,7 @@ Examples:
   voxflat figure map.npz -o folds.png
   voxflat figure map.npz --overlay lh.thickness --range 1,4 --unit mm -o thickness.pdf
   voxflat figure map.npz --overlay zstat.nii.gz --depth 2 --threshold 2.3 -o zstat.svg
-  voxflat figure lh.npz rh.npz --overlay zstat.nii.gz --threshold 2.3 -o both.png
+  voxflat figure lh.npz rh.npz --overlay zstat.nii.gz --depth 2 --threshold 2.3 --label "z, right hand" -o both.png
   voxflat figure lh.npz rh.npz --overlay lh.func.gii --overlay rh.func.gii -o both.png
   voxflat figure map.npz --overlay effect.nii.gz --alpha zstat.nii.gz -o effect.png
   voxflat figure map.npz --overlay angle.mgz --period 360 --strength r2.mgz --above 0.1 -o polar_angle.png

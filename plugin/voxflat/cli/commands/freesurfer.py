@@ -19,7 +19,7 @@ from voxflat.lab.study import freesurfer
 Examples:
   voxflat freesurfer $SUBJECTS_DIR/sub-01
   voxflat freesurfer sub-01 --hemi lh --overlay thickness curv
-  voxflat freesurfer sub-01 --overlay {hemi}.zstat.mgz --cuts auto --json
+  voxflat freesurfer sub-01 --overlay {hemi}.zstat.mgz --cuts automatic --json
 """,
 )
 @cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))

@@ -45,7 +45,7 @@ Examples:
 @colour_section(options.value("--opacity", "X", "Opacity of the data.", type=click.FloatRange(0, 1), default=1.0))
 @page_section()
 @options.output(
-    "Output file: .mp4 (needs pip install 'voxflat[movie]'), or .gif for short movies.",
+    "Output file: .mp4 (needs pip install 'voxflat[lab]'), or .gif for short movies.",
     options.value("--rate", "N", "Frames per second.", type=float, default=10.0),
     options.value("--size", "PIXELS", "Width of the movie, in pixels.", type=int, default=1280),
 )
@@ -70,7 +70,7 @@ def command(
     data = overlay_of(one_or_all(overlay), look)
     check_output(output, _ENDINGS, **writing)
     if output.suffix.lower() == ".mp4":
-        require("imageio_ffmpeg", "movie")  # before the long work
+        require("imageio_ffmpeg")  # before the long work
     from voxflat import figures  # imports matplotlib
 
     with bars(quiet) as shown:

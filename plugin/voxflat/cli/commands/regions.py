@@ -6,13 +6,16 @@ from typing import Any
 import click
 import cloup
 import numpy as np
+from numpy.typing import NDArray
 
 from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.reading import reading
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.flat_map import load
-from voxflat.maps.regions import REGION_ENDINGS
+from voxflat.maps.regions import REGION_ENDINGS, Regions
 
 
 @cloup.command(
@@ -47,7 +50,8 @@ Examples:
     options.value(
         "--depth",
         "MM,MM",
-        "Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without --pial.",
+        "Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without --pial. "
+        "0,2.5 covers the cortex above white matter.",
         callback=options.numbers,
     ),
 )
@@ -84,12 +88,16 @@ def command(
         regions = flat_map.regions(drawn[0], pixel_size=pixel_size, **({} if layer is None else {"layer": layer}))
         regions = regions._with_provenance({**regions.provenance, "files": files})
         regions.save(output, volume=volume, depth=depth, **writing)
-    counts = {
-        name: int(np.count_nonzero(regions.labels == key))
-        for name, key in zip(regions.names, regions.keys, strict=True)
-    }
+    counts = {"regions": _counts(regions, regions.labels)}
+    if output.name.lower().endswith(VOLUME_ENDINGS):
+        counts["voxels"] = _counts(regions, as_volume(output).data)
     if as_json:
-        print_json({"output": str(output), "regions": counts, "provenance": regions.provenance})
+        print_json({"output": str(output), **counts, "provenance": regions.provenance})
     else:
-        lines = [f"{name}: {count} points of the map" for name, count in counts.items()]
+        voxels = {name: f", {count} voxels" for name, count in counts.get("voxels", {}).items()}
+        lines = [f"{name}: {n} points of the map{voxels.get(name, '')}" for name, n in counts["regions"].items()]
         click.echo("\n".join([*lines, f"saved as {output}"]))
+
+
+def _counts(regions: Regions, labels: NDArray[Any]) -> dict[str, int]:
+    return {name: int(np.count_nonzero(labels == key)) for name, key in zip(regions.names, regions.keys, strict=True)}

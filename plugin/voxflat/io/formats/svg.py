@@ -44,10 +44,12 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         root = svg.SVG.parse(os.fspath(path), reify=True)
         note(path)
         to_mm = _placement(root, svg)
-        groups = {_name(group): group for group in _groups(root, svg)}
-        found = next((g for g in _groups(root, svg) if layer in (_own(g, _LABEL), g.id)), None)
+        groups = list(_groups(root, svg))
+        found = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)
         if found is None:
-            raise InputError(f"has no layer {layer!r}; its layers are {', '.join(map(repr, groups)) or 'none'}")
+            layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else of other editors
+            names = ", ".join(repr(_name(group)) for group in layers) or "none"
+            raise InputError(f"has no layer {layer!r}; its layers are {names}. Draw the regions in a layer {layer!r}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
         if not outlines:
             raise InputError(f"its layer {layer!r} has no path. Draw the regions there as closed paths")

@@ -19,6 +19,8 @@ from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
+OWN_REGISTRATION = "its own registration"  # in place of a file
+
 _ROUND = 0.02  # largest relative deviation from the radius
 _FOLDED = 0.01  # largest share of flipped triangles; FreeSurfer has 0 to some hundred of 300,000
 _SHARED = 0.9  # least share of common triangles
@@ -102,7 +104,7 @@ def registered_sphere(found: Registration) -> Sphere:
     """Return a surface's registration as its sphere; vertices without a triangle lie in the centre."""
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
-    return Sphere(places, "fsaverage", found.side, "its own registration", 0, distance)
+    return Sphere(places, "fsaverage", found.side, OWN_REGISTRATION, 0, distance)
 
 
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:

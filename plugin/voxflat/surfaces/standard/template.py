@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_path
 from voxflat.errors import InputError
-from voxflat.io.files import contents, from_json
+from voxflat.io.files import check_format, contents, from_json
 from voxflat.io.provenance import Record, as_text
 
 STANDARD = "standard"  # name of the built-in template
@@ -111,8 +111,7 @@ def read_template(path: str | os.PathLike[str]) -> Template:
 def _parsed(path: Path, content: Any, name: str) -> Template:
     if not isinstance(content, dict) or content.get("voxflat") != "template":
         raise InputError(f"{path} is not a template of cuts. Create one with voxflat cut --save-template")
-    if content.get("format") != _FORMAT:
-        raise InputError(f"{path} has format {content.get('format')!r}, but this version supports {_FORMAT}")
+    check_format(path, content.get("format"), _FORMAT, "Save the template again")
     for key, known in (("space", SPACES), ("side", tuple(SIDES))):
         if content.get(key) not in known:
             raise InputError(f"{path}: {key} is {content.get(key)!r}, but must be {' or '.join(map(repr, known))}")

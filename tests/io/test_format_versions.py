@@ -1,0 +1,78 @@
+"""Files of voxflat's own formats: those of a later version are refused with the advice to update, older ones named."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from refusals import refused
+
+import voxflat
+from voxflat.distances.store import read_description
+from voxflat.surfaces.standard import template
+
+FORMAT = re.compile(r'("format": (?:"[a-z ]+ )?)(\d+)')
+
+
+def with_format(text, change):
+    """Return JSON with another format version."""
+    assert len(FORMAT.findall(text)) == 1
+    return FORMAT.sub(lambda found: f"{found[1]}{int(found[2]) + change}", text)
+
+
+def of_archive(key, save):
+    def change(path, by):
+        save(path)
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        np.savez(path, **{**arrays, key: np.array(with_format(str(arrays[key]), by))})
+        return path
+
+    return change
+
+
+def of_json(find, save):
+    def change(path, by):
+        save(path)
+        file = find(path)
+        file.write_text(with_format(file.read_text(encoding="utf-8"), by), encoding="utf-8")
+        return path
+
+    return change
+
+
+def a_template(path):
+    path.write_bytes((Path(template.__file__).parent / "fs_LR.left.json").read_bytes())
+
+
+HILL = voxflat.samples.hill()
+FILES = {
+    "map.npz": (voxflat.load, of_archive("metadata", lambda path: HILL.flatten(relax=False).save(path))),
+    "atlas.npz": (voxflat.load_atlas, of_archive("text", lambda path: HILL.patches(max_angle=20).save(path))),
+    "glued.npz": (voxflat.load_atlas, of_archive("text", lambda path: HILL.patches(max_angle=20).glue().save(path))),
+    "rows": (voxflat.open_rows, of_json(lambda path: path / "store.json", lambda path: HILL.geodesic(9, store=path))),
+    "template.json": (template.read_template, of_json(lambda path: path, a_template)),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_a_later_version_says_to_update(tmp_path, name):
+    read, changed = FILES[name]
+    read(changed(tmp_path / f"now.{name}", 0))
+    refused(rf"{name}.* was made by a newer version of voxflat. Update voxflat$", read, changed(tmp_path / name, 1))
+    message = rf"older\.{name}.* has the format \S.*, but this version of voxflat reads \S.*\. [A-Z]"
+    refused(message, read, changed(tmp_path / f"older.{name}", -1))
+
+
+def test_a_later_version_may_lack_the_arrays_of_this_one(tmp_path):
+    np.savez(tmp_path / "a.npz", text=json.dumps({"format": "voxflat atlas 99"}))
+    refused("newer version", voxflat.load_atlas, tmp_path / "a.npz")
+    np.savez(tmp_path / "m.npz", metadata=json.dumps({"format": 99}))
+    refused("newer version", voxflat.load, tmp_path / "m.npz")
+
+
+@pytest.mark.parametrize("found", ["voxflat lines 3", "3", None, True, [9], -9, 9.5, "voxflat rows x"])
+def test_anything_else_is_no_later_version(tmp_path, found):
+    (tmp_path / "store.json").write_text(json.dumps({"format": found}), encoding="utf-8")
+    refused("has the format", read_description, tmp_path)
