@@ -97,7 +97,7 @@ def test_the_map_has_every_vertex_number(tmp_path):
     # by FreeSurfer's rule: all triangles of the mesh that was given, and nothing turned over
     read = mesh[1][np.isin(mesh[1], patch.vertex_ids).all(axis=1)]
     a, b, c = (places[read[:, k], :2].astype(float) for k in range(3))
-    doubled = np.cross(b - a, c - a)
+    doubled = np.linalg.det(np.stack([b - a, c - a], 1))
     assert (np.abs(doubled) < 1e-6).sum() == 11
     turned = (doubled < -1e-6).sum()
     assert turned == 1  # which is the duplicate that was given so

@@ -26,7 +26,7 @@ from voxflat.methods import Voxflat, Zigelman2002  # noqa: E402
 
 seconds = time.perf_counter() - start
 
-TOLERANCE = 1e-4
+TOLERANCE = 1e-5
 """Greatest difference of a map between processors, relative to its extent."""
 
 

@@ -90,4 +90,4 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
         length += float(leg_length)
     along = np.concatenate(passed)
     at_vertex = (along >= 0).reshape(-1, *[1] * (ids.ndim - 1))
-    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length, space)
+    return Path(np.where(at_vertex, ids[along].astype(np.int64), -1), np.concatenate(points), length, space)
