@@ -180,7 +180,9 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
     for name in ("white", "pial"):
         shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
-    said = {command: run(*shlex.split(command)) for command in how_to.commands(PAGE)}
+    steps = [f"bids study maps {step}" for step in ("participant --dry-run", "participant", "group")]
+    assert all(step in PAGE for step in steps)
+    said = {command: run(*shlex.split(command)) for command in [*steps, *how_to.commands(PAGE)]}
     for command, result in said.items():
         assert result.exit_code == 0, f"{command}\n{result.output}"
     dry, made, group, local, file, rows = (result.stdout for result in said.values())

@@ -45,7 +45,8 @@ def subject(tmp_path_factory):
         white, _, _ = lab.hemisphere(FEW)
         write_obj(folder / "unwrapped.obj", white, flat.ids[flat.faces], flat.uv[flat.faces])
         for command in how_to.commands(how_to.text("compare-maps")):
-            said[command] = run(f"{command} --sources 20")
+            if command.startswith("measure lh."):
+                said[command] = run(f"{command} --sources 20")
     return folder, said
 
 

@@ -54,7 +54,8 @@ def test_too_little_memory_is_one_line(tmp_path, more):
     """Whatever `ulimit -v` leaves (MiB) beyond what the package itself takes."""
     np.save(tmp_path / "v.npy", sheet(110))
     code = (
-        "import psutil, resource, sys\nfrom voxflat.cli import main\n"
+        "import psutil, resource, sys, scipy.ndimage, scipy.spatial, scipy.sparse.csgraph\n"
+        "import voxflat.cli.commands.flatten\nfrom voxflat.cli import main\n"
         f"room = psutil.Process().memory_info().vms + ({more} << 20)\n"
         "resource.setrlimit(resource.RLIMIT_AS, (room, room))\n"
         "main(sys.argv[1:], prog_name='voxflat')"
@@ -140,8 +141,11 @@ def test_memory_is_compared_before_the_surface_of_a_mesh_is_made():
 FORKS = """
 import os, sys, threading, time
 import hard_shapes, numpy as np, voxflat
-import numpy.ma  # else np.unique does: of what another thread was importing at a fork, the child waits for ever
+import numpy.ma
 big, small = (hard_shapes.sheet(lambda u, v: (u, v, np.sin(u)), (9, 9), (n, n)) for n in (40, 6))
+# imports what is used: a child waits for ever for a module that another thread was importing at the fork
+voxflat.flatten(small, voxflat.methods.Voxflat(sources=9), threads=2)
+voxflat.surface(big).geodesic(9, threads=2)
 over, forking = threading.Event(), threading.Event()
 def work():
     while not over.is_set():

@@ -56,7 +56,7 @@ def command(as_json: bool) -> None:
 def _cpu() -> str:
     """Return the name of the processor."""
     try:
-        found = re.search(r"^model name\s*: (.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+        found = re.search(r"^model name\s*: (.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
     except OSError:  # not Linux
         found = None
     return found[1] if found else platform.processor() or platform.machine()
