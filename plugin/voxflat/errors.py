@@ -114,7 +114,7 @@ class HemisphereError(InputError):
         Description of the step that failed and the remedy.
     white : ndarray of bool, shape (X, Y, Z)
         The voxels that were identified as white matter.
-        affine : ndarray, shape (4, 4)
+    affine : ndarray, shape (4, 4)
         The affine from voxel indices to RAS+ coordinates in mm.
     template : ndarray of bool, shape (X, Y, Z), or None
         The white matter of the MNI152 template, aligned and on the same grid, or None if no alignment was attempted.
