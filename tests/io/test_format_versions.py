@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,7 @@ FILES = {
     "atlas.npz": (voxflat.load_atlas, of_archive("text", lambda path: HILL.patches(max_angle=20).save(path))),
     "glued.npz": (voxflat.load_atlas, of_archive("text", lambda path: HILL.patches(max_angle=20).glue().save(path))),
     "rows": (voxflat.open_rows, of_json(lambda path: path / "store.json", lambda path: HILL.geodesic(9, store=path))),
+    "cuts.json": (HILL.cut, of_json(lambda path: path, lambda path: HILL.cut([[200, 221]]).save(path))),
     "template.json": (template.read_template, of_json(lambda path: path, a_template)),
 }
 
@@ -76,3 +78,45 @@ def test_a_later_version_may_lack_the_arrays_of_this_one(tmp_path):
 def test_anything_else_is_no_later_version(tmp_path, found):
     (tmp_path / "store.json").write_text(json.dumps({"format": found}), encoding="utf-8")
     refused("has the format", read_description, tmp_path)
+
+
+KEPT = Path(__file__).parents[1] / "data" / "formats"
+"""Files of every version since the first release. Later programs must open them: add files, never replace them."""
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "first", "error"),
+    [
+        ("map-5.npz", 49, [-3.2044743565226304, -3.220240423591828], 0.006559079800173233),
+        ("map-5.voxflat", 81, [-4.000260451081108, -4.112915964461625], 0.0001655650852129655),
+    ],
+)
+def test_kept_maps_open(name, points, first, error):
+    flat = voxflat.load(KEPT / name)
+    assert (len(flat), flat.uv[0].tolist(), flat.distortion.raw.relative_error) == (points, first, error)
+    assert flat.plot().axes  # and can be used
+
+
+def test_kept_atlases_open():
+    atlas, glued = (voxflat.load_atlas(KEPT / f"{name}.npz") for name in ("patches-3", "glued-2"))
+    assert (len(atlas), atlas.uv[0].tolist()) == (4, [-1.1490292080254034, -2.1108521704622154])
+    assert (len(glued), glued.uv[0].tolist()) == (1, [-1.1916926839383042, -2.1522591049543927])
+
+
+def test_kept_rows_open(tmp_path):
+    rows = voxflat.open_rows(shutil.copytree(KEPT / "rows-2", tmp_path / "rows"))
+    assert rows.sources.tolist() == [32, 0, 6]
+    np.testing.assert_array_equal(np.asarray(rows.rows)[:, 0], np.float32([5.929156, 0, 6.579514]))
+
+
+def test_kept_cuts_and_templates_open():
+    mesh = voxflat.load(KEPT / "map-5.npz")
+    cut = voxflat.surface((mesh.points, mesh.faces)).cut(KEPT / "cuts-1.json")
+    assert [path.ids.tolist() for path in cut.cuts] == [[3, 10, 17]]
+    read = template.read_template(KEPT / "template-1.json")
+    assert (read.space, read.side, len(read.cuts)) == ("fs_LR", "left", 5)
+
+
+def test_cuts_without_a_version_are_of_the_first(tmp_path):
+    (tmp_path / "cuts.json").write_text('{"cuts": [[200, 221]]}', encoding="utf-8")
+    assert [path.ids.tolist() for path in HILL.cut(tmp_path / "cuts.json").cuts] == [[200, 221]]

@@ -18,6 +18,7 @@ from voxflat.io.provenance import Record, as_text, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import How, Rows
+from voxflat.surfaces.cuts import CUTS_FORMAT
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
@@ -259,9 +260,9 @@ class CutSurface(Generic[_Surface]):
         Parameters
         ----------
         path : path
-            If the name ends in ``.json``, the cuts are saved: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...],
-            "provenance": {...}}``. Otherwise the cut surface is saved as with `Surface.save`, for example as the
-            FreeSurfer patch ``lh.cortex.patch.3d``.
+            If the name ends in ``.json``, the cuts are saved: ``{"format": 1, "cuts": [[vertex, ...], ...], "drop":
+            [vertex, ...], "provenance": {...}}``. Otherwise the cut surface is saved as with `Surface.save`, for
+            example as the FreeSurfer patch ``lh.cortex.patch.3d``.
         sidecar, overwrite : bool
             As in `Surface.save`.
 
@@ -284,8 +285,8 @@ class CutSurface(Generic[_Surface]):
         if not os.fspath(checked_path(path)).lower().endswith(".json"):
             self.surface.save(path, sidecar=sidecar, overwrite=overwrite)
             return
-        content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
-        content["provenance"] = self.provenance
+        cuts = [cut.ids.tolist() for cut in self.cuts]
+        content = {"format": CUTS_FORMAT, "cuts": cuts, "drop": self.left_out.tolist(), "provenance": self.provenance}
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 

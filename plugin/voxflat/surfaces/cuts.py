@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
-from voxflat.io.files import contents, from_json
+from voxflat.io.files import check_format, contents, from_json
 from voxflat.io.grid import in_unit
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
+
+CUTS_FORMAT = 1
+"""The version of cuts files; a file without a version is of this one."""
 
 _SMALL_HOLE = 15.0  # mm, largest circumference of a hole that is closed to measure distances
 _SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unknown
@@ -61,6 +64,7 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
         raise InputError(
             f'{path} is not a file of cuts. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}'
         )
+    check_format(path, content.get("format", CUTS_FORMAT), CUTS_FORMAT, "Save the cuts again")
     lists = [_vertices(path, values, indices) for values in content["cuts"]]
     left_out = _vertices(path, content.get("drop", []), indices)
     return [cut for cut in lists if len(cut)], left_out if len(left_out) else None
