@@ -12,7 +12,7 @@ SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
 bench-surfaces bench-published bench-series bench-standard bench-napari soak \
-gallery wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
+gallery platforms wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -148,6 +148,11 @@ template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat
 
 fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
 	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
+
+platforms: setup ## that the core and its bindings compile for Windows and macOS (rustup fetches the targets)
+	rustup target add x86_64-pc-windows-msvc aarch64-apple-darwin
+	for target in x86_64-pc-windows-msvc aarch64-apple-darwin; do \
+	PYO3_NO_PYTHON=1 PYO3_CROSS_PYTHON_VERSION=3.10 cargo check --locked --release --workspace --target $$target; done
 
 wheel: setup ## wheels for Linux (x86-64, AArch64) and the source distribution, into build/dist
 	.ci/wheels $(UV)
