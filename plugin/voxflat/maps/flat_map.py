@@ -180,8 +180,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
-        >>> disk.flatten().affine.shape
+        >>> voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten().affine.shape
         (4, 4)
         """
         return self._triangles.on_surface.affine
@@ -198,8 +197,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
-        >>> disk.flatten().volume_shape
+        >>> voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten().volume_shape
         (24, 24, 24)
         """
         return self._triangles.on_surface.volume_shape
@@ -261,8 +259,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.heat_map(pixel_size=1.0)
+        >>> voxflat.samples.hill().flatten().heat_map(pixel_size=1.0)
         <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1>
         """
         raster = self.raster(pixel_size)
@@ -293,8 +290,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.texture(np.zeros((64, 64))).shape
+        >>> voxflat.samples.hill().flatten().texture(np.zeros((64, 64))).shape
         (441,)
         """
         values = check_values(picture)
@@ -336,8 +332,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         colours, source = as_picture(picture)
@@ -375,8 +370,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
-        >>> flat_map = disk.flatten()
+        >>> flat_map = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten()
         >>> flat_map.paint(flat_map.uv[:, 0]).shape
         (24, 24, 24)
         """
@@ -452,8 +446,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.description()["method"]
+        >>> voxflat.samples.hill().flatten().description()["method"]
         'voxflat'
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
@@ -622,8 +615,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.to_nilearn().n_vertices
+        >>> voxflat.samples.hill().flatten().to_nilearn().n_vertices
         441
         """
         mesh = self._flat_mesh()
@@ -645,8 +637,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.to_gifti().agg_data("pointset").shape
+        >>> voxflat.samples.hill().flatten().to_gifti().agg_data("pointset").shape
         (441, 3)
         """
         mesh = self._flat_mesh()
@@ -668,8 +659,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> len(flat_map.to_trimesh().vertices)
+        >>> len(voxflat.samples.hill().flatten().to_trimesh().vertices)
         441
         """
         mesh = self._flat_mesh()
@@ -691,8 +681,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.to_pyvista().n_points
+        >>> voxflat.samples.hill().flatten().to_pyvista().n_points
         441
         """
         require("pyvista")

@@ -83,8 +83,7 @@ class FlatTriangles:
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> len(flat_map.faces)
+    >>> len(voxflat.samples.hill().flatten().faces)
     800
     """
 
@@ -143,8 +142,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.raster(pixel_size=1.0).shape
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).shape
         (43, 43)
         """
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
@@ -177,8 +175,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> ids, points = flat_map.locate(pixel_size=1.0)
+        >>> ids, points = voxflat.samples.hill().flatten().locate(pixel_size=1.0)
         >>> ids.shape, points.shape
         ((43, 43), (43, 43, 3))
         """
@@ -211,8 +208,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> places = flat_map.look_up([[0.0, 0.0], [500.0, 0.0]])
+        >>> places = voxflat.samples.hill().flatten().look_up([[0.0, 0.0], [500.0, 0.0]])
         >>> places.face_ids[1]  # outside the map
         np.int64(-1)
         """
@@ -277,8 +273,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> uv, far = flat_map.points_to_map([[0.0, 0.0, 10.0]])
+        >>> uv, far = voxflat.samples.hill().flatten().points_to_map([[0.0, 0.0, 10.0]])
         >>> uv.shape, far.round(1)
         ((1, 2), array([0.]))
         """
@@ -447,8 +442,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> len(flat_map.images(np.ones((441, 4)), pixel_size=1.0))  # four frames
+        >>> len(voxflat.samples.hill().flatten().images(np.ones((441, 4)), pixel_size=1.0))  # four frames
         4
         """
         depths = Depths.of(depth, fraction, layering)

@@ -45,8 +45,7 @@ class Raster:
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> flat_map.raster(pixel_size=1.0)
+    >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0)
     <Raster: 43 x 43 pixels of 1>
     """
 
@@ -89,8 +88,7 @@ class Raster:
 
         Examples
         --------
-        >>> raster = voxflat.samples.hill().flatten().raster(pixel_size=1.0)
-        >>> raster.inside.shape
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).inside.shape
         (43, 43)
         """
         return np.asarray(self.corners[..., 0] != _OUTSIDE)
@@ -107,8 +105,7 @@ class Raster:
 
         Examples
         --------
-        >>> raster = voxflat.samples.hill().flatten().raster(pixel_size=1.0)
-        >>> raster.nearest.shape
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).nearest.shape
         (43, 43)
         """
         best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
@@ -265,8 +262,7 @@ class FlatImage(Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
-        >>> image.colours().dtype
+        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).colours().dtype
         dtype('uint8')
         """
         return coloured(self.data, colour_map, limits, labels=self.is_labels)
@@ -283,8 +279,7 @@ class FlatImage(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.heat_map().affine.shape
+        >>> voxflat.samples.hill().flatten().heat_map().affine.shape
         (4, 4)
         """
         step = self.pixel_size
@@ -303,8 +298,7 @@ class FlatImage(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> left, right, bottom, top = flat_map.heat_map().extent
+        >>> left, right, bottom, top = voxflat.samples.hill().flatten().heat_map().extent
         >>> left < right and bottom < top
         True
         """
@@ -343,8 +337,7 @@ class FlatImage(Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
-        >>> image.save("heights.tif")
+        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).save("heights.tif")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_image(
@@ -381,8 +374,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
+    >>> frames = voxflat.samples.hill().flatten().images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
     >>> len(frames)
     4
     """
@@ -416,8 +408,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 2)), pixel_size=1.0).names
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), pixel_size=1.0).names
         ('', '')
         """
         return self.channels.names
@@ -434,8 +425,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 2)), time_step=2.0).timing.step
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), time_step=2.0).timing.step
         2.0
         """
         return self.channels.timing
@@ -452,8 +442,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 3)), time_step=2.0).times
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 3)), time_step=2.0).times
         array([0., 2., 4.])
         """
         timing = self.timing
@@ -475,8 +464,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 3)), pixel_size=1.0).data.shape
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 3)), pixel_size=1.0).data.shape
         (3, 43, 43)
         """
         images = np.stack([self.channels.read(n) for n in range(len(self))])
@@ -505,8 +493,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
-        >>> frames.of_channel(2)
+        >>> flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).of_channel(2)
         <FlatStack: overlay, 1 images (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
@@ -545,8 +532,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
-        >>> len(frames.percent_change())
+        >>> len(flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).percent_change())
         4
         """
         each = max(1, len(self.layers))

@@ -66,8 +66,7 @@ class Regions(Recorded):
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+    >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
     >>> regions
     <Regions: V1>
     """
@@ -115,8 +114,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.at(np.array([[0.0, 0.0], [30.0, 0.0]]))
         array([1, 0])
         """
@@ -137,8 +135,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
+        >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
         (441,)
         """
         return self.at(self._flat.uv)
@@ -156,8 +153,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).vertex_labels.shape
+        >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).vertex_labels.shape
         (441,)
         """
         if self._surface.is_voxels:
@@ -188,8 +184,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.image(pixel_size=1.0)
         <FlatImage: regions, 43 x 43 pixels of 1>
         """
@@ -286,8 +281,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.save("v1.label")
         """
         path = checked_path(path)

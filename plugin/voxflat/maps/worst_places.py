@@ -49,8 +49,7 @@ class RelievingCut:
 
     Examples
     --------
-    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-    >>> worst.places[0].cut
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).places[0].cut
     <RelievingCut along 19 vertices, length 38.5, gain -0.97 %>
     """
 
@@ -106,8 +105,7 @@ class WorstPlace:
 
     Examples
     --------
-    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-    >>> worst.places[0].kind
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).places[0].kind
     'shrunk'
     """
 
@@ -197,8 +195,7 @@ class WorstPlaces(Recorded):
 
     Examples
     --------
-    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-    >>> worst
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
     <WorstPlaces: 1 of 2 where areas change by more than 1.01 times, 87.69 % of the surface>
     """
 
@@ -228,8 +225,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> worst.numbers.shape
+        >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).numbers.shape
         (800,)
         """
         numbers = np.zeros(len(self.flat_map.faces), dtype=np.int64)
@@ -250,8 +246,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> worst.logs.shape
+        >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).logs.shape
         (800,)
         """
         return area_changes(self.flat_map)[1]
@@ -282,8 +277,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> len(worst.cuts())
+        >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
         1
         """
         metadata = self.flat_map.metadata
@@ -352,8 +346,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> sorted(worst.figures())[:2]
+        >>> sorted(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).figures())[:2]
         ['beyond', 'found']
         """
         return {

@@ -51,8 +51,7 @@ class TexturedSurface(Recorded):
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+    >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
     >>> textured
     <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
     """
@@ -82,8 +81,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.textured(np.full((8, 8, 3), 255, np.uint8)).colours.shape
+        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8)).colours.shape
         (441, 3)
         """
         return np.round(values_at(self.picture, self.texture_coordinates, self.repeat)).astype(np.uint8)
@@ -104,8 +102,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         >>> textured.opened()
         <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
@@ -145,8 +142,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         >>> textured.subdivided()
         <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
@@ -186,8 +182,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         >>> textured.save("hill_textured.glb")
         """
         path = checked_path(path)
