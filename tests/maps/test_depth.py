@@ -181,13 +181,13 @@ class TestRefusals:
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)
         refused(r"uint8 may be labels, which have no mean over depths", shells.image, labels, 1.0, fraction=(0.2, 0.8))
         assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="majority").data) == 1
-        with pytest.raises(InputError, match=r"'majority', which is for labels, but values are not whole numbers"):
+        with pytest.raises(InputError, match=r"'majority', but the values are not labels"):
             shells.image(volume_of(lambda x, y, z: x + 0.1), 1.0, interpolation="majority")
         linear = shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="linear")
         assert np.nanmax(linear.data) == pytest.approx(1, rel=1e-12)
         refused(r"overlay has values only on the surface", shells.image, np.arange(2562.0), fraction=0.5)
         alone = replace(shells, white_points=None, pial_points=None)
-        with pytest.raises(InputError, match=r"this map has no pial one. Flatten the white surface with pial="):
+        with pytest.raises(InputError, match=r"this map has no pial surface. Flatten the white surface with pial="):
             alone.image(volume_of(lambda x, y, z: x), fraction=0.5)
 
 

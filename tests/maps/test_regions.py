@@ -209,7 +209,7 @@ class TestFiles:
         np.testing.assert_allclose(image.affine, grid.affine)
         assert "t1.mgz" in json.loads(image.header.extensions[0].get_content())["files"]
         refused("it is an input", regions.save, tmp_path / "t1.mgz", volume=tmp_path / "t1.mgz")
-        refused("Pass volume, whose grid", regions.save, tmp_path / "l.nii.gz")
+        refused("Pass volume to define the grid", regions.save, tmp_path / "l.nii.gz")
         refused("Do not pass them", regions.save, tmp_path / "l.annot", volume=grid)
         refused("Use a name that ends in", regions.save, tmp_path / "l.txt")
 
@@ -329,7 +329,7 @@ class TestDrawings:
         ring = m.regions({"ring": [circle(u, v, 8.0), circle(u, v, 4.0)[::-1]]})
         assert ring.at([[u, v], [u + 6, v], [u + 9, v]]).tolist() == [0, 1, 0]
         both = m.regions([circle(u, v, 8.0), circle(u + 4, v, 8.0)])
-        assert "lie in several regions; the region drawn last contains them" in caplog.text
+        assert "lie in several regions. Only the last of these contains them" in caplog.text
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 

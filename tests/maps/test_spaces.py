@@ -134,7 +134,7 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     (points, faces), of = ball(), header()
     nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces)
     flat(tmp_path / "lh.white").image(volumes["RAS"][0])
-    assert "c_ras). Use a file that defines its space" in caplog.text
+    assert "c_ras). Use a surface file that defines its space" in caplog.text
     caplog.clear()
     meta = {name: value for name, value in volume_geometry(of, points).items() if "Center" not in name}
     for spaces, moved, reading in (((0, 3), points + np.array(C_RAS), "(tkRAS)"), ((3, 3), points, "(scanner RAS)")):

@@ -241,7 +241,7 @@ class FlatImage(Recorded):
         Parameters
         ----------
         colour_map : str, optional
-            A matplotlib colour map for values; by default grey levels, and for labels a colour each.
+            A matplotlib colour map. By default, values are shown in grey levels, and each label has its own colour.
         limits : sequence of 2 floats, optional
             The values at the ends of the colour map; by default the 1st and 99th percentiles.
 
@@ -314,14 +314,12 @@ class FlatImage(Recorded):
         Parameters
         ----------
         path : path
-            ``.png`` is for viewing: scalars in grey levels from the 1st to the 99th percentile, labels in their own
-            colours, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii`` and
-            ``.nii.gz`` are for measurements: values as float32, NaN outside the map, with the pixel size in mm.
-            ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
-        sidecar : bool
-            Also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Replace an existing file that voxflat did not write.
+            ``.png`` is for viewing. It shows scalars in grey levels from the 1st to the 99th percentile, each label in
+            its own colour, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii``
+            and ``.nii.gz`` are for measurements. They hold float32 values, with NaN outside the map, and the pixel size
+            in mm. ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
+        sidecar, overwrite : bool
+            As in `FlatMap.save`.
 
         Raises
         ------
@@ -340,9 +338,7 @@ class FlatImage(Recorded):
         >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).save("heights.tif")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_image(
-                path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance, unit=self.unit
-            )
+            write_image(path, self, self.provenance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,7 +390,8 @@ class FlatStack(Sequence[FlatImage], Recorded):
         return len(self.channels)
 
     def __repr__(self) -> str:
-        return f"<FlatStack: {self.name or 'no name'}, {len(self)} images ({self.channels.listed()})>"
+        images = f"{len(self)} image{'s' * (len(self) != 1)}"
+        return f"<FlatStack: {self.name or 'no name'}, {images} ({self.channels.listed()})>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -494,7 +491,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
         >>> flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).of_channel(2)
-        <FlatStack: overlay, 1 images (0 to 0)>
+        <FlatStack: overlay, 1 image (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
             raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0")
@@ -535,17 +532,16 @@ class FlatStack(Sequence[FlatImage], Recorded):
         >>> len(flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).percent_change())
         4
         """
-        each = max(1, len(self.layers))
+        each, read = max(1, len(self.layers)), self.channels.read
         total: list[Any] = [0.0] * each
         for n in range(len(self)):
-            data = self.channels.read(n)
+            data = read(n)
             if data.ndim != 2:
                 raise InputError("cannot compute the percent change of colours. Pass images of values")
             total[n % each] = total[n % each] + data
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
                 raise Cancelled("cancelled while averaging")
         means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
-        read = self.channels.read
         changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
         return replace(self, channels=changes, name=f"{self.name}, change (%)")
 
@@ -556,7 +552,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     def __getitem__(self, channel: slice) -> list[FlatImage]: ...
 
     def __getitem__(self, channel: int | str | slice) -> FlatImage | list[FlatImage]:
-        """Sample a channel, selected by number or name; raise an error if there is none."""
+        """Sample a channel, selected by number or name; raise an error if it does not exist."""
         if isinstance(channel, slice):
             return [self[n] for n in range(*channel.indices(len(self)))]
         if isinstance(channel, int) and channel >= len(self):
@@ -585,11 +581,11 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Parameters
         ----------
         path : path
-            ``.tif`` and ``.tiff``: OME-TIFF with one page per image. ``.nii`` and ``.nii.gz``: (H, W, D, K) for K
-            channels at D depths, with the names in a header extension (JSON). ``.zarr``: OME-Zarr 0.4, a new directory
-            with one chunk per image, y = −v and x = u. These formats store the pixel size in mm and, for series, the
-            time between frames in s. ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without names. Values are float32,
-            NaN outside the map. All formats except ``.npy`` include `provenance`.
+            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image. ``.nii`` and ``.nii.gz`` have shape (H,
+            W, D, K) for K channels at D depths, with the names in a header extension (JSON). ``.zarr`` is a new
+            OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store the pixel size in mm
+            and, for series, the time between frames in s. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H, W), and
+            no names. Values are float32, with NaN outside the map. All formats except ``.npy`` include `provenance`.
         sidecar, overwrite : bool
             As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
@@ -620,7 +616,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Show an overlay's values at the pixels; whole numbers, which may be labels, use the nearest point by default."""
+    """Return an overlay's values at the pixels, by default of the nearest point for integers, which may be labels."""
     way = _way(values, interpolation)
     if way == "linear":
         return raster.interpolate(values)
@@ -663,6 +659,6 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
-    """Rasterise a flat map; pixels in torn triangles, which have no surface, show the nearest corner."""
+    """Rasterise a flat map; pixels in torn triangles show the nearest corner."""
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))
