@@ -7,7 +7,6 @@ from refusals import refused
 from textures import chessboard, cylinder
 
 import voxflat
-from voxflat import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Voxflat
 

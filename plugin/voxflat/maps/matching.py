@@ -69,7 +69,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         return _of_rows(whole, *flat)
     mesh = as_mesh(flat)
     if mesh is None:
-        places = array_of(flat, "map")
+        places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(f"the map is {_kind(places)}. Pass numbers (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
