@@ -16,20 +16,7 @@ from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    AGAIN,
-    SAVED_ENDINGS,
-    atomic_path,
-    check_format,
-    check_places,
-    check_range,
-    check_regular,
-    check_shapes,
-    from_json,
-    holding,
-    in_types,
-    naming,
-)
+from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, as_text, saving
@@ -444,13 +431,13 @@ class Atlas(FlatPieces, ABC):
         <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
         path = checked_path(path)
-        if path.suffix.lower() not in SAVED_ENDINGS:
+        if path.suffix.lower() not in files.SAVED_ENDINGS:
             raise InputError(f"cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
         with (
             saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite),
-            atomic_path(path) as temporary,
+            files.atomic_path(path) as temporary,
             temporary.open("wb") as file,
         ):
             np.savez_compressed(file, text=np.array(as_text(text)), **arrays)
@@ -497,14 +484,14 @@ class Atlas(FlatPieces, ABC):
         >>> voxflat.FlatAtlas.load("hill_patches.npz")
         <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
-        with naming(path, AGAIN):
-            check_regular(checked_path(path))
-        with holding(path, "an atlas"):
-            text = from_json(str(read_arrays(path, ["text"])["text"]))
-            check_format(path, text.pop("format"), cls._format, "Create the atlas again")
+        with files.naming(path, files.AGAIN):
+            files.check_regular(checked_path(path))
+        with files.holding(path, "an atlas"):
+            text = files.from_json(str(read_arrays(path, ["text"])["text"]))
+            files.check_format(path, text.pop("format"), cls._format, "Create the atlas again")
             arrays = read_arrays(path, cls._arrays)
             note(path)
-            with naming(path, AGAIN):
+            with files.naming(path, files.AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)
 
@@ -535,19 +522,19 @@ _LAYOUT = {
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file, checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
-    check_shapes(arrays, layout)
+    files.check_shapes(arrays, layout)
     points, rows, starts = len(arrays["points"]), len(arrays["uv"]), arrays["starts"].astype(np.int64)
     pieces = len(starts) - 1
     is_split = pieces >= 1 and starts[0] == 0 and starts[-1] == rows and (np.diff(starts) >= 1).all()
     if not is_split or pieces != len(arrays["measured"]):
-        raise InputError(f"its array starts does not match its {len(arrays['measured'])} pieces. {AGAIN}")
-    check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
-    check_range(arrays, {"patch_ids": len(arrays["faces"])})
+        raise InputError(f"its array starts does not match its {len(arrays['measured'])} pieces. {files.AGAIN}")
+    files.check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
+    files.check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
-        raise InputError(f"its figures are incomplete. {AGAIN}")
+        raise InputError(f"its figures are incomplete. {files.AGAIN}")
     areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
-        raise InputError(f"the areas of its pieces are not valid: {shown(areas)} mm². {AGAIN}")
-    check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
+        raise InputError(f"the areas of its pieces are not valid: {shown(areas)} mm². {files.AGAIN}")
+    files.check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])
-    return in_types(arrays, layout)
+    return files.in_types(arrays, layout)

@@ -15,7 +15,7 @@ from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
-from voxflat.unique_rows import distinct
+from voxflat.maps.lines import edges_of
 
 _COLUMNS = {"piece": ">6", "triangles": ">11", "area, mm²": ">12.4g", "C": ">9.4f", "K": ">9.4f"}
 
@@ -206,9 +206,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         >>> voxflat.samples.hill().patches(max_angle=20).glue().outline.shape[1]
         2
         """
-        edges = np.sort(np.stack([self.uv_faces, np.roll(self.uv_faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-        found = distinct(edges)
-        return np.asarray(found.rows[found.counts == 1])
+        edges, _, counts = edges_of(self.uv_faces, len(self.uv))
+        return np.asarray(edges[counts == 1])
 
     @cached_property
     def cuts(self) -> NDArray[np.int64]:

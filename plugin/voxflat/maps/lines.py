@@ -17,8 +17,8 @@ def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.flo
 
 def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
     """Return the boundary edges as lines of points; a closed line ends at its first point."""
-    edges, _, counts = _edges(faces, count)
-    return chains(edges[counts == 1])
+    sides, _, counts = edges_of(faces, count)
+    return chains(sides[counts == 1])
 
 
 def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,7 +109,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
     return lines
 
 
-def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def edges_of(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return edges (E, 2), smaller number first; the edges of each face (F, 3); and the face count of each edge."""
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
@@ -122,7 +122,7 @@ def _crossings(
     uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the edges that borders cross, the share at which they cross, links, and centres, numbered after edges."""
-    edges, of_face, _ = _edges(faces, len(uv))
+    edges, of_face, _ = edges_of(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)
     number[differs] = np.arange(differs.sum())
