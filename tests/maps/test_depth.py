@@ -17,7 +17,7 @@ from voxflat.errors import InputError
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.depth import Depths, equivolume, vertex_areas
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import at_points
 from voxflat.methods import Voxflat
 
 INNER, OUTER = 10.0, 13.0
@@ -43,9 +43,7 @@ def radius_volume(affine=GRID, n=61):
 
 def at_vertices(m, volume, **how):
     """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
-    raster = Raster(corners, np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape), (0.0, 0.0), 1.0)
-    return m._triangles.on_surface.image(raster, volume, depths=Depths.of(**how)).data[0]
+    return m._triangles.on_surface.image(at_points(len(m)), volume, depths=Depths.of(**how)).data[:, 0]
 
 
 class TestFractions:

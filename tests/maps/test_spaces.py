@@ -27,7 +27,7 @@ from numpy.testing import assert_allclose
 import voxflat
 from voxflat.io import Space, VolumeGeometry
 from voxflat.io.meshes import read_mesh
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import at_points
 from voxflat.methods import Voxflat
 
 
@@ -49,6 +49,11 @@ def volumes(tmp_path_factory):
         name: [coordinate_volume(folder / f"{name}{axis}.mgz", affine, axis) for axis in range(3)]
         for name, affine in AFFINES.items()
     }
+
+
+def at_vertices(m, volume):
+    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
+    return m._triangles.on_surface.image(at_points(len(m)), volume).data[:, 0]
 
 
 def agrees(m, volumes, scanner, depth=0.0):
@@ -215,10 +220,3 @@ def test_workbench_samples_the_same(tmp_path, axes):
     for name in ("tk", "ours", "theirs"):
         again = voxflat.surface(tmp_path / f"{name}.surf.gii").disk(0, 30.0).flatten(Voxflat(sources=20))
         assert_allclose(at_vertices(again, volume), ours, atol=1e-4)
-
-
-def at_vertices(m, volume):
-    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
-    weights = np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape)
-    return m._triangles.on_surface.image(Raster(corners, weights, (0.0, 0.0), 1.0), volume).data[0]

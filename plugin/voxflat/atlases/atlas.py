@@ -516,7 +516,7 @@ _LAYOUT = {
     "measured": ("f8", "pieces ?"),
     "planes": ("f8", "pieces 4 3"),
 }
-"""Types and axes of a file's arrays, as `check_shapes` takes them."""
+"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:

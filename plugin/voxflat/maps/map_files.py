@@ -91,7 +91,7 @@ _LAYOUT = {
     "distortion_areal": ("f8", "points"),
     "distortion_is_flipped": ("?", "faces"),
 }
-"""Types and axes of a file's arrays, as `check_shapes` takes them."""
+"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
 
 
 def _checked(

@@ -107,7 +107,7 @@ def _of_patch(whole: Manifold, path: Any) -> Matched:
 
 
 def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
-    """Use an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
+    """Use the texture coordinates of an OBJ file as a map, which is cut at vertices with several coordinates."""
     _check_count(whole, len(mesh.points))
     with naming(path, REMEDY):
         faces, coordinates, _ = read_obj_texture(contents(path))

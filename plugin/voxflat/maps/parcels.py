@@ -14,7 +14,7 @@ from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import Raster, at_points
 
 _NONE = -1
 
@@ -77,12 +77,8 @@ def parcels_of(
     (V,)), or are a volume. From a volume, each point takes the label of the nearest voxel, or, with several depths, the
     most frequent label of the surrounding voxels. `table` gives names and colours that the file does not contain.
     """
-    points = np.repeat(np.arange(len(flat_map), dtype=np.uint32), 3).reshape(-1, 1, 3)
-    weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)
-    on_points = Raster(points, weights, (0.0, 0.0), 1.0)
-    sampler = flat_map._triangles.on_surface
-    way = "nearest" if len(depths.values) == 1 else "majority"
-    stack = sampler.images(on_points, labels, depths=depths, average=True, interpolation=way)
+    sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
+    stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, average=True, interpolation=way)
     number = stack.channels.find(channel)
     values: NDArray[Any] = stack[number].data
     file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""

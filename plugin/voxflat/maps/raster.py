@@ -658,6 +658,13 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
     return checked_choice(interpolation, "interpolation", INTERPOLATIONS)
 
 
+def at_points(count: int) -> Raster:
+    """Return a raster with one pixel at each point of a map, shape (N, 1)."""
+    corners = np.repeat(np.arange(count, dtype=np.uint32), 3).reshape(-1, 1, 3)
+    weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), corners.shape)
+    return Raster(corners, weights, (0.0, 0.0), 1.0)
+
+
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
     """Rasterise a flat map; pixels in torn triangles show the nearest corner."""
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
