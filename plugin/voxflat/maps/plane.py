@@ -179,7 +179,10 @@ class Planar(ABC):
         >>> ids.shape, points.shape
         ((43, 43), (43, 43, 3))
         """
-        return self._triangles.on_surface.locate(self.raster(pixel_size))
+        of, raster = self._triangles.on_surface, self.raster(pixel_size)
+        nearest = raster.nearest
+        inside = (nearest >= 0)[..., None] if of.is_voxels else nearest >= 0
+        return np.where(inside, of.ids[nearest], -1), raster.interpolate(of.points)
 
     def look_up(self, places: ArrayLike) -> Places:
         """Look up the triangle, the piece and the surface position at points of the plane.

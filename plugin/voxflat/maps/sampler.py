@@ -108,13 +108,6 @@ class Sampler:
         if not self.is_voxels:
             raise InputError(f"the map of a mesh {what}. {remedy}")
 
-    def locate(self, raster: Raster) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Find the position of each pixel on the surface, as `FlatMap.locate` does."""
-        nearest = raster.nearest
-        inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
-        ids = np.where(inside, self.ids[nearest], -1)
-        return ids, raster.interpolate(self.points)
-
     def images(
         self,
         raster: Raster,
@@ -184,19 +177,10 @@ class Sampler:
             return channels.find(channel)
 
     def image(
-        self,
-        raster: Raster,
-        volume: object,
-        *,
-        channel: int | str | None = None,
-        depths: Depths = ON_SURFACE,
-        interpolation: str | None = None,
-        period: float | None = None,
-        name: str = "",
+        self, raster: Raster, volume: object, *, channel: int | str | None = None, name: str = "", **how: Any
     ) -> FlatImage:
-        """Sample one channel of a volume, an overlay or a texture at pixels, as `FlatMap.image` does."""
-        how: dict[str, Any] = {"interpolation": interpolation, "period": period, "name": name}
-        stack = self.images(raster, volume, depths=depths, average=True, several=False, **how)
+        """Sample one channel at pixels, as `FlatMap.image` does; `how` holds options of `images`."""
+        stack = self.images(raster, volume, average=True, several=False, name=name, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
