@@ -182,7 +182,7 @@ class TestTexture:
 
     @pytest.mark.parametrize("picture", [np.zeros(5), np.zeros((0, 4)), np.zeros((2, 2, 2, 2)), np.array([["a"]])])
     def test_what_is_no_picture(self, sheet_map, picture):
-        refused("the picture is .* with shape", sheet_map.texture, picture)
+        refused("the picture has shape .* and data type", sheet_map.texture, picture)
 
     def test_painting_puts_values_at_their_voxels(self, ball_map):
         painted = ball_map.paint(np.arange(1, len(ball_map) + 1), background=-1)

@@ -146,7 +146,7 @@ class TestVoxels:
         far = np.eye(4)
         far[:3, 3] = 500
         for volume in (Volume(np.zeros((5, 5, 5)), far), Volume(np.zeros((2, 2, 2)), np.diag([100.0, 100, 100, 1]))):
-            refused(r"no voxel of the volume has its centre in a region", regions.volume, volume)
+            refused(r"no region contains the centre of a voxel", regions.volume, volume)
 
 
 class TestFiles:
@@ -323,7 +323,7 @@ class TestDrawings:
         ring = m.regions({"ring": [circle(u, v, 8.0), circle(u, v, 4.0)[::-1]]})
         assert ring.at([[u, v], [u + 6, v], [u + 9, v]]).tolist() == [0, 1, 0]
         both = m.regions([circle(u, v, 8.0), circle(u + 4, v, 8.0)])
-        assert "lie in several regions. Only the last of these contains them" in caplog.text
+        assert "lie in several regions. They belong to the one drawn last" in caplog.text
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 

@@ -208,8 +208,8 @@ def test_maps_of_other_surfaces_are_refused(ball, flat_ball):
     points, faces = np.asarray(flat_ball.points), flat_ball.regular_faces
     ids = flat_ball["vertex_ids"]
     for bad, message in (
-        ((points[:, 0], faces, ids), "the map is a float64 array of shape"),
-        ((points, faces + len(points), ids), "the map has triangles of points"),
+        ((points[:, 0], faces, ids), "the map is an array of shape"),
+        ((points, faces + len(points), ids), "the triangles of the map refer to points"),
         ((points, faces[:, :2], ids), "the map's triangles are"),
         ((points, faces, ids[1:]), "Pass one per place"),
         ((points, faces, ids + 10**6), "has no vertex 1000000"),

@@ -527,7 +527,7 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     pieces = len(starts) - 1
     is_split = pieces >= 1 and starts[0] == 0 and starts[-1] == rows and (np.diff(starts) >= 1).all()
     if not is_split or pieces != len(arrays["measured"]):
-        raise InputError(f"its array starts does not match its {len(arrays['measured'])} pieces. {files.AGAIN}")
+        raise InputError(f"its array 'starts' does not match its {len(arrays['measured'])} pieces. {files.AGAIN}")
     files.check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     files.check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:

@@ -174,7 +174,7 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         own = [outline for outline in outlines if outline.name == name]
         counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
     if (counts > 1).any():
-        log.warning("%d points lie in several regions. Only the last of these contains them", int((counts > 1).sum()))
+        log.warning("%d points lie in several regions. They belong to the one drawn last", int((counts > 1).sum()))
     return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
 
 
@@ -182,7 +182,8 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
     """Return a label image as regions."""
     values = array_of(data, "labels")
     if values.ndim != 2 or values.dtype.kind not in "biuf":
-        raise InputError(f"the label image is {values.dtype} with shape {values.shape}. Pass whole numbers (H, W)")
+        told = f"the label image has shape {values.shape} and data type {values.dtype}"
+        raise InputError(f"{told}. Pass whole numbers of shape (H, W)")
     raster = of.raster(pixel_size)
     if raster.shape != values.shape:
         raise InputError(

@@ -382,9 +382,7 @@ class FlatMap(Planar):
         if not is_number(background):
             raise InputError(f"background is {shown(background)}. Pass a number")
         if not _holds(values.dtype, background):
-            raise InputError(
-                f"background is {shown(background)}, which the type {values.dtype} cannot hold. Convert the values"
-            )
+            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert the values")
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one per point")
         self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")

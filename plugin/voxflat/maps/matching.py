@@ -71,7 +71,7 @@ def match(whole: Manifold, flat: object) -> Matched:
     if mesh is None:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-            raise InputError(f"the map is {_kind(places)}. Pass numbers (V, 2), or a file")
+            raise InputError(f"the map is {_kind(places)}. Pass positions of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
@@ -81,7 +81,7 @@ def match(whole: Manifold, flat: object) -> Matched:
 
 
 def _kind(array: NDArray[Any]) -> str:
-    return f"a {array.dtype} array of shape {array.shape}"
+    return f"an array of shape {array.shape} and data type {array.dtype}"
 
 
 def _check_count(whole: Manifold, count: int) -> None:
@@ -126,14 +126,15 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     """Use positions of given vertices, some of which a cut may have duplicated."""
     places, faces, vertices = (array_of(part, "positions, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-        raise InputError(f"the map is {_kind(places)}. Pass numbers (N, 2)")
+        raise InputError(f"the map is {_kind(places)}. Pass positions of shape (N, 2)")
     if not _is_flat(places) or not np.isfinite(places).all():
         raise InputError("the coordinates of the map are not flat or not finite. Pass a flat surface")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
-        raise InputError(f"the triangles of the map are {_kind(faces)}. Pass whole numbers (F, 3)")
+        raise InputError(f"the triangles of the map are {_kind(faces)}. Pass whole numbers of shape (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
         low, high = int(faces.min()), int(faces.max())
-        raise InputError(f"the map has triangles of points {low} to {high}. Pass numbers from 0 to {len(places) - 1}")
+        told = f"the triangles of the map refer to points {low} to {high}"
+        raise InputError(f"{told}. Pass numbers from 0 to {len(places) - 1}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
         raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one number per point")
     numbers = np.full(whole.count, -1, dtype=np.int64)
@@ -143,7 +144,7 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
     if (found < 0).any():
         missing = vertices[found < 0][0]
-        raise InputError(f"the surface does not have vertex {missing} of the map. Pass a map of this surface")
+        raise InputError(f"vertex {missing} of the map is not a vertex of the surface. Pass a map of this surface")
     return _cut_as_it_is(whole, found, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
 
 
@@ -193,7 +194,9 @@ def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
         told = f"the map has a triangle with vertex {strange[0]}, which is in no triangle of the surface"
         raise InputError(f"{told}. Pass a map of this surface")
     if whole._has_triangles(faces) is None:
-        log.warning("the map has triangles that the surface does not have. The triangles of the map are evaluated")
+        log.warning(
+            "the map has triangles that the surface does not have. Distortion is measured on the triangles of the map"
+        )
 
 
 def _places_of(whole: Manifold) -> NDArray[np.float64]:

@@ -239,7 +239,7 @@ class Regions(Recorded):
         found = np.zeros(math.prod(shape), dtype=np.int32)
         found[voxels] = self.at(places)
         if not found.any():
-            raise InputError("no voxel of the volume has its centre in a region. Use a finer volume that covers them")
+            raise InputError("no region contains the centre of a voxel. Use a finer volume that covers the regions")
         return Volume(found.reshape(shape), grid.affine)
 
     def save(

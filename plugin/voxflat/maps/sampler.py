@@ -65,7 +65,7 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
     else:
         raise InputError(f"its kind is {kind!r:.80} instead of 'voxels' or 'mesh'. {AGAIN}")
     if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
-        raise InputError(f"its ids exceed the range from 0 to {(most - 1).tolist()}. {AGAIN}")
+        raise InputError(f"its ids are outside the range from 0 to {(most - 1).tolist()}. {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,8 +284,8 @@ class Sampler:
         """Return the sampling positions of pixels, (H, W, 3) for each depth, scanner RAS, mm."""
         if self.space.doubt:
             log.warning(
-                "the volume may be sampled at wrong positions: %s. Use a surface file that defines its space, such as "
-                "FreeSurfer's lh.white with its footer, or the output of mris_convert --to-scanner (version 7.4 or "
+                "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space, such "
+                "as FreeSurfer's lh.white with its footer, or the output of mris_convert --to-scanner (version 7.4 or "
                 "later)",
                 self.space.doubt,
             )
@@ -376,7 +376,7 @@ def _timed(channels: Channels, step: float | None, name: str) -> Channels:
         return replace(channels, timing=timing)
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
         log.warning(
-            "the time step in the header of %s is %g s, but may be in milliseconds. Pass the time step in seconds",
+            "the header of %s gives a time step of %g s, which may be in milliseconds. Pass the time step in seconds",
             name,
             channels.timing.step,
         )

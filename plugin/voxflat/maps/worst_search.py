@@ -88,7 +88,7 @@ def worst_places(
     if factor is None or not 1 < factor < np.inf:
         raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
-        raise InputError("the map has no triangles of the surface, so areas are unknown. Pass a map of another method")
+        raise InputError("the map has no triangles of the surface to measure areas. Pass a map of another method")
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())

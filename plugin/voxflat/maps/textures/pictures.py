@@ -72,7 +72,8 @@ def check_values(picture: object) -> NDArray[Any]:
     """Return an array of numbers, (H, W) or (H, W, C), as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise InputError(f"the picture is {array.dtype} with shape {array.shape}. Pass numbers (H, W) or (H, W, C)")
+        told = f"the picture has shape {array.shape} and data type {array.dtype}"
+        raise InputError(f"{told}. Pass numbers of shape (H, W) or (H, W, C)")
     return array
 
 
