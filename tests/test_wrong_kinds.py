@@ -153,7 +153,7 @@ ON_MAPS = {
     "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which float64 cannot hold"),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which float32 cannot hold"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which uint8 cannot hold"),
-    "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*. Pass the number"),
+    "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*. Pass the maximum"),
     "no factor": (lambda m, a: voxflat.worst_places(m, beyond=None), "beyond is None. Pass a factor greater than 1"),
     "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
     "overwrite": (lambda m, a: m.textured(np.eye(4)).save("x.obj", overwrite=ARRAY), "overwrite is array.*; give True"),

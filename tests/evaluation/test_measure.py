@@ -133,7 +133,7 @@ class TestFormats:
     def test_vertices_that_no_triangle_has(self):
         (points, faces), uv = bump()
         less = (np.concatenate([points, [[500.0, 0, 0]]]), faces)
-        with pytest.raises(InputError, match="vertex 169, which no triangle of the surface has"):
+        with pytest.raises(InputError, match="vertex 169, which is in no triangle of the surface"):
             voxflat.measure(less, (uv_mesh(np.concatenate([uv, [[3.0, 4.0]]])), np.array([[0, 1, 169]])))
 
     def test_voxels_are_measured_by_the_graph(self):

@@ -468,7 +468,7 @@ def test_depth_is_of_volumes_alone(flat_map):
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
     of = {"overlay": values, "parcels": Volume(beside, affine)}
-    refused("no labels on the map", composed.flat_map, flat_map, **of)
+    refused("there are no labels on the map", composed.flat_map, flat_map, **of)
     assert "7" in {text.get_text() for text in texts(composed.flat_map(flat_map, **of, depth=20))}
 
 

@@ -364,7 +364,11 @@ def test_whole_numbers_beyond_those_of_a_map(tmp_path, flat_map):
 def test_an_atlas_whose_pieces_have_no_area(tmp_path, atlas, area):
     columns = np.arange(atlas.measured.shape[1])
     without = other("measured", lambda measured: np.where(columns == len(columns) - 3, area, measured))
-    refuses(changed(atlas, tmp_path / "atlas.npz", without), r"its pieces have the areas .* mm²", voxflat.load_atlas)
+    refuses(
+        changed(atlas, tmp_path / "atlas.npz", without),
+        r"the areas of its pieces are not valid: .* mm²",
+        voxflat.load_atlas,
+    )
 
 
 def test_areas_of_an_atlas_in_numbers_that_hold_no_limit_of_ours(tmp_path, atlas):

@@ -202,18 +202,18 @@ def test_an_image_is_cut_and_its_map_measured():
 
 
 def test_maps_of_other_surfaces_are_refused(ball, flat_ball):
-    refused(r"not on the surface|the surface has no vertex", pv.Icosphere(nsub=1).voxflat.measure, flat_ball)
+    refused(r"not on the surface|not a vertex of the surface", pv.Icosphere(nsub=1).voxflat.measure, flat_ball)
     refused("not flat", ball.voxflat.measure, ball)
     refused("has 5 points, but the surface", ball.voxflat.measure, np.zeros((5, 2)))
     points, faces = np.asarray(flat_ball.points), flat_ball.regular_faces
     ids = flat_ball["vertex_ids"]
     for bad, message in (
-        ((points[:, 0], faces, ids), "places are float64 of shape"),
-        ((points, faces + len(points), ids), "a triangle with point"),
-        ((points, faces[:, :2], ids), "the map's triangles are"),
-        ((points, faces, ids[1:]), "Pass one per place"),
-        ((points, faces, ids + 10**6), "has no vertex 1000000"),
-        ((points * np.nan, faces, ids), "not flat, or not finite"),
+        ((points[:, 0], faces, ids), "the map is an array of shape"),
+        ((points, faces + len(points), ids), "the triangles of the map refer to points"),
+        ((points, faces[:, :2], ids), "the triangles of the map are"),
+        ((points, faces, ids[1:]), "Pass one number per point"),
+        ((points, faces, ids + 10**6), "vertex 1000000 of the map is not"),
+        ((points * np.nan, faces, ids), "not flat or not finite"),
     ):
         refused(message, voxflat.measure, ball, bad)
 

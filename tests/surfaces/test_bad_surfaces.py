@@ -279,8 +279,8 @@ def test_command_line(name, tmp_path):
     ("flat", "message"),
     [
         (np.zeros((48, 2)), "the map has 48 points, but the surface has 49 vertices"),
-        (np.zeros(49), r"float64 of shape \(49,\). Pass places"),
-        (np.full((49, 2), NAN), "no place for all corners of any triangle"),
+        (np.zeros(49), r"shape \(49,\) and data type float64. Pass positions"),
+        (np.full((49, 2), NAN), "does not contain a complete triangle"),
         (square()[0] + np.arange(49)[:, None], "the map is not flat: its third coordinate varies by"),
     ],
 )

@@ -184,7 +184,7 @@ class TestOverlays:
         points, faces = mesh(brain, "lh.white")
         write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
         flat = voxflat.surface(tmp_path / "sub-01" / "lh.white").disk(2000, 20.0).flatten(Voxflat(sources=20))
-        doubt = "sub-02_thickness.txt is of sub-02, but the surface is of sub-01. Check the file"
+        doubt = "sub-02_thickness.txt belongs to sub-02, but the surface belongs to sub-01. Check the file"
         for name, told in (("sub-01_thickness.txt", []), ("thickness.txt", []), ("sub-02_thickness.txt", [doubt])):
             np.savetxt(tmp_path / name, np.zeros(len(points)))
             flat.image(tmp_path / name)

@@ -159,7 +159,7 @@ class TestFiles:
         ids, points = flat_map.locate()
         assert (ids[inside] >= 0).all()
         assert np.isfinite(points[inside]).all()
-        refused("the overlay has 5 values, but the mesh 10242 vertices", flat_map.image, np.zeros(5))
+        refused("the overlay has 5 values, but the mesh has 10242 vertices", flat_map.image, np.zeros(5))
         refused("no voxels to paint", flat_map.paint, np.zeros(len(flat_map)))
 
 
