@@ -286,13 +286,13 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
     mesh = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2]]))
     for surface, sources, options, message in [
         (SHEET, SOURCES, {"geodesic": "chain"}, "its geodesic is 'graph', not 'chain'"),
-        (SHEET, SOURCES + 1, {}, "its sources differ (40 sources; here there are 41)"),
+        (SHEET, SOURCES + 1, {}, "its sources differ (40 sources instead of 41)"),
         (SHEET, SOURCES, {"sampling": "random"}, "its sources differ (40 sources; here there are 40)"),
         (SHEET, SOURCES, {"spacing": (1, 1, 2)}, "its surface differs"),
-        (hole, SOURCES, {}, "its surface differs (600 points; this one has 599)"),
-        (mesh, 2, {}, "its surface differs (600 points; this one has 4)"),
+        (hole, SOURCES, {}, "its surface differs (600 points instead of 599)"),
+        (mesh, 2, {}, "its surface differs (600 points instead of 4)"),
     ]:
-        with pytest.raises(InputError, match=re.escape(f"is a store of other rows: {message}")):
+        with pytest.raises(InputError, match=re.escape(f"holds other distances: {message}")):
             composed.geodesic(surface, sources, store=stored.store, **options)
     assert before == {name: (stored.store / name).read_bytes() for name in before}
 
@@ -300,7 +300,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
 def test_the_same_points_under_other_triangles_are_told_apart(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
     voxflat.surface((points, np.array([[0, 1, 2], [1, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
-    with pytest.raises(InputError, match="its surface has other triangles"):
+    with pytest.raises(InputError, match="its surface has different triangles"):
         voxflat.surface((points, np.array([[0, 1, 3], [0, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
 
 
@@ -308,7 +308,7 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("much work")
     (tmp_path / "file").write_text("a file")
-    other = r"is not a store and holds files \(chapter.tex\). Pass a new or empty one"
+    other = r"is not a store, but has files \(chapter.tex\). Pass a new or empty directory"
     for name, message in (("thesis", other), ("file", "is a file. Pass a directory")):
         refused(message, SURFACE.geodesic, SOURCES, store=tmp_path / name)
         refused("not a store", voxflat.open_rows, tmp_path / name)
@@ -340,17 +340,19 @@ def test_a_store_in_use_is_refused(stored):
 
 
 def test_too_little_memory_is_refused_with_numbers(tmp_path):
-    with pytest.raises(InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
+    with pytest.raises(InputError, match=r"[\d.]+ \S+ of memory is needed, but the limit is 1000 bytes"):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store", memory_limit=1000)
     mesh = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (29, 19), (30, 20))
-    with pytest.raises(InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* pass store"):
+    with pytest.raises(InputError, match=r"MiB of memory is needed, but the limit is 976.6 KiB. .* pass store"):
         voxflat.surface(mesh).geodesic(600, memory_limit=1_000_000)
     assert names(tmp_path) == []
 
 
 def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 1024}))
-    with pytest.raises(OSError, match=r"93.75 KiB of disk space are needed, 1 KiB are free. Free some space.*store"):
+    with pytest.raises(
+        OSError, match=r"93.75 KiB of disk space is needed, but only 1 KiB is free. Free some space.*store"
+    ):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store")
     assert names(tmp_path) == []
 

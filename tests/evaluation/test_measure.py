@@ -273,7 +273,8 @@ class TestGeometry:
         assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
         assert found.triangles.areal_p95 == pytest.approx(expected.triangles.areal_p95, rel=1e-4)
         assert (
-            "another geometry than that of the given surface (midthickness: halfway to the pial surface)" in caplog.text
+            "a different geometry from that of the given surface (midthickness: halfway to the pial surface)"
+            in caplog.text
         )
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
@@ -302,7 +303,8 @@ class TestGeometry:
         part = voxflat.surface(middle).keep(np.arange(100)).flatten(Voxflat(sources=40))
         whole = {"part": part, "all": white[0][:, :2]}
         with pytest.raises(
-            InputError, match=r"part was made on another geometry .* and all has 69 vertices of unknown position"
+            InputError,
+            match=r"part was made on a different geometry .* does not define the positions of 69 vertices of all",
         ):
             voxflat.compare(white, whole, sources=20)
         assert voxflat.compare(middle, whole, sources=20)["all"].raw.relative_error > 0

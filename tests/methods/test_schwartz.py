@@ -88,7 +88,7 @@ class TestBadInput:
 
     def test_what_does_not_fit_into_memory_is_refused_with_numbers(self):
         mesh, _ = cylinder((201, 161))
-        told = r"needed, 4.00 GiB is the limit; distances between all pairs of 32361 points are stored.*"
+        told = r"the limit is 4.00 GiB. Distances between all pairs of 32361 points are stored.*"
         how = {"method": Schwartz1989(neighbourhood="all"), "memory_limit": 4 << 30}
         refused(told + "the method 'voxflat'", voxflat.flatten, mesh, **how)
 

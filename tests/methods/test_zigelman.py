@@ -44,7 +44,7 @@ class TestFlatten:
         ("options", "message"),
         [
             ({"sampling": "best"}, "is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
-            ({"sampling": "grid"}, "is not a range image. Make one with voxflat.range_image"),
+            ({"sampling": "grid"}, "is not a range image. Create one with voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
             ({"sources": 2}, "2 sources are too few. Pass at least 3"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),

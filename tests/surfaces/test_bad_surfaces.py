@@ -98,21 +98,21 @@ def test_check_lists_all_defects():
     [
         ({"label": 1}, "label does not apply when the input is a mesh"),
         ({"threshold": 0.5}, "threshold does not apply when the input is a mesh"),
-        ({"method": "grossmann2002"}, "this surface has none. Pass a volume"),
+        ({"method": "grossmann2002"}, "this surface has none. Pass a surface from a volume"),
         ({"seed_point": (1, 2, 3), "radius": 3.0}, "Pass the number of a vertex of the mesh"),
         ({"seed_point": 99, "radius": 3.0}, "vertex 99 is not on the surface"),
         ({"seed_point": 24, "radius": 0.1}, "no triangle around vertex 24 lies within 0.1 mm"),
         ({"keep": np.zeros(49, bool)}, "contains no triangle of the surface"),
-        ({"keep": np.ones(50, bool)}, r"region to keep has type bool and shape \(50,\)"),
+        ({"keep": np.ones(50, bool)}, r"region to keep has data type bool and shape \(50,\)"),
         ({"keep": [3, 77]}, "refers to vertex 77, but the mesh has 49"),
         ({"keep": np.arange(49) % 7 != 3}, "consists of 2 separate pieces"),
         ({"cuts": [[0, 2]]}, "0 and 2"),
         ({"cuts": [[0, 99]]}, "vertex 99 is not on the surface"),
         ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
-        ({"cuts": 5}, "cuts have type int. Pass a list of paths"),
+        ({"cuts": 5}, "cuts has type int. Pass a list of paths"),
         ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
         ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers of shape \(m,\)"),
-        ({"memory_limit": 1000}, "of memory are needed"),
+        ({"memory_limit": 1000}, "of memory is needed"),
     ],
 )
 def test_options(options, message):
@@ -156,7 +156,7 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
         found = voxflat.check(both)
         assert (found.components, found.used) == ((len(coarse[0]), len(fine[0])), len(coarse[0]))
         # what is chosen may have little beside it
-        with pytest.raises(voxflat.InputError, match=r"2 separate pieces \(of 1600, 400 mm²\)"):
+        with pytest.raises(voxflat.InputError, match=r"2 separate pieces \(with areas of 1600, 400 mm²\)"):
             voxflat.surface(both).keep(np.ones(len(both[0]), bool)).flatten()
 
 
@@ -222,7 +222,7 @@ def test_flipped_and_unused_are_mended_and_told():
     points, faces = square()
     faces[3] = faces[3][[1, 0, 2]]
     surface = voxflat.surface((np.vstack([points, [[9.0, 9.0, 9.0]]]), faces))
-    assert surface.remarks[0] == "1 of 72 triangles were flipped so that all face outwards"
+    assert surface.remarks[0] == "1 of 72 triangles were reversed, so that all of them face outwards"
     assert surface.remarks[1] == "1 of 50 vertices belong to no triangle and are excluded"
 
 

@@ -44,7 +44,7 @@ class TestPial:
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
     def test_the_other_side_by_its_name(self, brain):
-        with pytest.raises(InputError, match="the surface is CortexLeft, the pial surface CortexRight"):
+        with pytest.raises(InputError, match="the surface is CortexLeft, but the pial surface is CortexRight"):
             voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
 
     WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))
@@ -52,7 +52,7 @@ class TestPial:
 
     @pytest.mark.parametrize(("white", "pial"), WRONG)
     def test_wrong_ones_by_geometry(self, brain, white, pial):
-        message = r"does not match the given surface: .* mm \(median\), -?\d+ % of it outward"
+        message = r"does not match the given surface: .* mm, and -?\d+ % of the displacement points outward"
         refused(message, voxflat.surface, mesh(brain, white), pial=mesh(brain, pial))
 
     @pytest.mark.parametrize("unit", [1.0, 0.001, 1000.0])
@@ -63,7 +63,7 @@ class TestPial:
         refused("does not match", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
 
     def test_exchanged(self, brain):
-        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether they are exchanged"):
+        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether the two are swapped"):
             voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
 
     def test_shifted(self, brain):
@@ -116,7 +116,7 @@ class TestLabels:
         path = write_label(tmp_path / "rh.V1.label", vertices, white[vertices])
         refused(r"rh\.V1\.label: belongs to CortexRight, but the surface is CortexLeft", self.cut, brain, path)
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
-        refused(r"V1\.label: its points lie on the other side of the brain .*x = \d+ and -\d+", self.cut, brain, path)
+        refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
 
     def test_of_another_surface(self, brain, tmp_path):
         """Whose numbers are others': only a doubt, for it may be an inflated surface that is flattened."""

@@ -63,7 +63,7 @@ def test_a_polygon_of_voxels():
         ({"polygon": [1, 2, 3]}, "do not enclose a region"),
         ({"polygon": [1, 2, 999]}, "vertex 999 is not on the surface"),
         ({"polygon": [[1, 2, 3]]}, "must be vertex numbers"),
-        ({"polygon": [0.5, 1.0, 2.0]}, "whole numbers"),
+        ({"polygon": [0.5, 1.0, 2.0]}, "integers"),
     ],
 )
 def test_bad_polygons(sheet, options, message):

@@ -330,15 +330,18 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
         ({"cuts": 3}, "cuts is not a list"),
         ({"cuts": [{"name": "", "line": [[1, 0, 0], [0, 1, 0]]}]}, "must have a name"),
         ({"cuts": [{"name": "a", "root": 3, "line": [[1, 0, 0], [0, 1, 0]]}]}, "root of 'a' is not a name"),
-        ({"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]}, "'b', neither an outline nor"),
+        (
+            {"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]},
+            "'b', which is neither an outline nor",
+        ),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [0, 2, 0]]}]}, "unit sphere"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "coincide"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [-1, 0, 0]]}]}, "too far apart"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "NaN is not a valid number in JSON"),
         ({"cuts": [{"name": "a", "line": [[1, 0], [0, 1]]}]}, "rows of 3"),
         ({"cuts": [], "outlines": []}, "neither outlines nor cuts"),
-        ({"side": "right"}, "has the side right, but the sphere .* left"),
-        ({"space": "fs_LR"}, "has the space fs_LR, but the sphere .* fsaverage"),
+        ({"side": "right"}, "the side of the template .* is right, but the side of the sphere .* is left"),
+        ({"space": "fs_LR"}, "the space of the template .* is fs_LR, but the space of the sphere .* is fsaverage"),
     ],
 )
 def test_damaged_templates_are_refused(standard, subject, tmp_path, change, reason):

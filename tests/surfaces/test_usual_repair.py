@@ -82,7 +82,7 @@ def test_what_is_a_ring_stays_one_and_it_is_said():
     ring = (np.hypot(np.hypot(i, j) - 10, k) < 4.5).astype(np.uint8)
     made = voxflat.surface(ring)
     assert handles(made) == 1
-    assert any("Use repair='voxels' to close" in remark for remark in made.remarks)
+    assert any("Use repair='voxels' to remove" in remark for remark in made.remarks)
     assert handles(voxflat.surface(ring, repair="voxels")) == 0
 
 

@@ -47,7 +47,7 @@ def geodesic(
 ) -> DistanceRows:
     """Measure distances over a surface; see `voxflat.Surface.geodesic`."""
     if dask is not None and store is None:
-        raise InputError("dask is given, but the workers have no store to write into. Pass store, too")
+        raise InputError("dask is given, but the workers have no store to write into. Also pass store")
     seed, threads = checked_seed(seed), checked_threads(threads)
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
     part: Manifold | VoxelGraph

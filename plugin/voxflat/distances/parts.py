@@ -132,7 +132,7 @@ def _locked(store: Path) -> Iterator[None]:
                     break
                 except BlockingIOError:
                     if time.monotonic() > deadline:
-                        text = f"the store is in use by process {lock.read().strip()}. Wait until it has finished"
+                        text = f"the store is in use by process {lock.read().strip()}. Wait until it is finished"
                         raise OSError(errno.EAGAIN, text, str(store)) from None
                 time.sleep(0.01)
             lock.truncate(0)

@@ -86,87 +86,27 @@ class DistanceRows:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The numbers of sources and of points.
-
-        These are the lengths of the array's axes.
-
-        See Also
-        --------
-        DistanceRows.chunks : Shape of blocks to read at once.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).shape
-        (5, 441)
-        """
+        """The number of sources and the number of points."""
         return (self.rows.shape[0], self.rows.shape[1])
 
     @property
     def dtype(self) -> np.dtype[np.float32]:
-        """The type of the distances.
-
-        It is always float32.
-
-        See Also
-        --------
-        DistanceRows.nbytes : Size of all distances.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).dtype
-        dtype('float32')
-        """
+        """The data type of the distances, float32."""
         return self.rows.dtype
 
     @property
     def ndim(self) -> int:
-        """The number of axes.
-
-        It is always 2.
-
-        See Also
-        --------
-        DistanceRows.shape : Length of the axes.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).ndim
-        2
-        """
+        """The number of axes, 2."""
         return 2
 
     @property
     def nbytes(self) -> int:
-        """The size of all distances in bytes.
-
-        Rows in a store need this much memory only if they are converted to an array.
-
-        See Also
-        --------
-        DistanceRows.chunks : Shape of blocks to read at once.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).nbytes
-        8820
-        """
+        """The size of all distances in bytes; rows in a store need this memory only when converted to an array."""
         return int(self.rows.nbytes)
 
     @property
     def chunks(self) -> tuple[int, int]:
-        """The shape of blocks to read at once, which consist of complete rows.
-
-        Dask uses it as a hint.
-
-        See Also
-        --------
-        DistanceRows.nbytes : Size of all distances.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).chunks
-        (5, 441)
-        """
+        """The shape of blocks of complete rows to read at once; Dask uses it as a hint."""
         height = self.shape[0] if self.store is None else _CHUNK // max(1, 4 * self.shape[1])
         return (max(1, min(height, self.shape[0])), self.shape[1])
 
@@ -240,7 +180,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """
     path = checked_path(path)
     if not path.exists():
-        raise InputError(f"{path}: store not found. Create one with Surface.geodesic(store=) or `voxflat rows`")
+        raise InputError(f"{path}: store not found. Create a store with Surface.geodesic(store=) or `voxflat rows`")
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
@@ -248,7 +188,8 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     rows = Table.open(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
-            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape} instead of float32 of {shape}. {FINISH}"
+            f"{path / 'rows.npy'} has data type {rows.dtype} and shape {rows.shape} instead of float32 and {shape}. "
+            f"{FINISH}"
         )
     return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, read_provenance(path))
 
@@ -264,7 +205,9 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's rows."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
-        raise InputError(f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]}). {OTHER}")
+        raise InputError(
+            f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]} distances). {OTHER}"
+        )
     known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
     if not journal.is_complete or len(known) < journal.rows:
         raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
@@ -272,10 +215,10 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
 
 
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
-    """Read the rows of a store that the journal lists; return the rows that do not match their CRC-32."""
+    """Read the rows of a store that the journal lists, and return those that do not match their CRC-32."""
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:
-        raise InputError(f"{store / 'rows.npy'} has shape {shape} instead of two axes. {FINISH}")
+        raise InputError(f"{store / 'rows.npy'} has shape {shape}, but must have two axes. {FINISH}")
     rows, columns = shape
     if max(checksums, default=0) >= rows:
         raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal lists row {max(checksums)}. {FINISH}")

@@ -61,7 +61,7 @@ def method_of(method: str | Method) -> Method:
 
 
 def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
-    """Flatten a surface, which may already be cut, with a method; see `voxflat.Surface.flatten`."""
+    """Flatten a surface, which may already be cut; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
     chosen._check(how)
     return chosen._flatten(surface, where, how)

@@ -161,6 +161,6 @@ def _warnings(graph: VoxelGraph, topology: dict[str, Any], torn: float) -> list[
     if torn > _TORN_WARNING:
         warnings.append(
             f"{100 * torn:.1f} % of the map is torn: points that are neighbours in the map are not neighbours on the "
-            "surface. See the heat map, or flatten a smaller patch"
+            "surface. Check the heat map, or flatten a smaller patch"
         )
     return warnings

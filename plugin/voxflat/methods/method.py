@@ -29,7 +29,7 @@ Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or 
 
 @dataclass(frozen=True)
 class How:
-    """Flattening options that do not depend on the method."""
+    """Store the options of `Surface.flatten` that do not depend on the method."""
 
     mirror: bool = False
     rows: Rows = False
@@ -98,19 +98,7 @@ class Method:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Return the name of the method and its options.
-
-        Maps keep this record, so that they can be reproduced.
-
-        See Also
-        --------
-        FlatMap.provenance : The record of a map.
-
-        Examples
-        --------
-        >>> voxflat.methods.Saucan2006(bound=1.3).provenance
-        {'method': 'saucan2006', 'bound': 1.3}
-        """
+        """Name of the method and its options; maps store this record so that they can be reproduced."""
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 
     def _check(self, how: How) -> None:

@@ -81,7 +81,7 @@ class Zigelman2002(OverTriangles):
         if self.sampling == "grid":
             if choice.given is not None:
                 raise InputError(
-                    "sampling is 'grid', which chooses the sources itself. Pass the number of sources, or omit it"
+                    "sampling is 'grid', which chooses the sources itself. Pass only the number of sources, or nothing"
                 )
             grid = pixels_of(part)
         need = part.core.zigelman2002_memory_need(choice.count, how.workers)
@@ -100,7 +100,7 @@ def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     grid = part.metadata.get("range_image")
     if grid is None:
         raise InputError(
-            "sampling is 'grid', but the surface is not a range image. Make one with voxflat.range_image, or pass "
+            "sampling is 'grid', but the surface is not a range image. Create one with voxflat.range_image, or pass "
             "sampling='decimation'"
         )
     ids = part.ids

@@ -39,15 +39,7 @@ def flatten(
         As in `Surface.flatten`.
     cuts, sphere, relax, adapt : optional
         Where the surface is cut, as in `Surface.cut`.
-    mirror : bool
-        As in `Surface.flatten`.
-    rows : bool or path
-        As in `Surface.flatten`.
-    seed : int
-        As in `Surface.flatten`.
-    threads, memory_limit : int, optional
-        As in `Surface.flatten`.
-    progress : callable, optional
+    mirror, rows, seed, threads, memory_limit, progress : optional
         As in `Surface.flatten`.
 
     Returns

@@ -111,12 +111,12 @@ def cut_open(
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
     cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
     if adapt is not None and not is_standard:
-        raise InputError("adapt requires the cuts of a template. Pass cuts='standard' or a template, or omit adapt")
+        raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or do not pass adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
 def _chosen_part(part: Manifold) -> dict[str, Any]:
-    """Return how the part was selected, for the metadata of a map."""
+    """Return metadata that describe how the part was selected."""
     verbs = {step.verb: step for step in part.steps}
     disk, corners = verbs.get("disk"), verbs.get("polygon")
     return {
@@ -194,8 +194,8 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
             return part, []
         names = ", ".join(line.name for line in choice.template.outlines)
         told = [
-            f"the excluded region covers {100 * covered:.0f} % of the region that the template excludes "
-            f"({names}), so the template's region is excluded, too"
+            f"the excluded region covers only {100 * covered:.0f} % of the region that the template excludes "
+            f"({names}), so the template's region is also excluded"
         ]
         kept &= region
     left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
@@ -219,8 +219,8 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     after = opened_part.core.topology()
     if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
         raise InputError(
-            "the lines of the template do not fit: after cutting, the surface has Euler characteristic "
-            f"{after['euler']} and {len(after['loops'])} boundary loops. Pass cuts='automatic'"
+            "the lines of the template do not open the surface to a disk: after cutting, its Euler characteristic is "
+            f"{after['euler']}, and it has {len(after['loops'])} boundary loops. Pass cuts='automatic'"
         )
     return opened_part, cuts, remarks
 
@@ -236,7 +236,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
         f"cut along {what} ({names}; {length:.0f} mm), located with {by}, so that maps of different brains "
-        f"can be compared.{estimate} For less distortion, choose automatic cuts. voxflat check compares both"
+        f"can be compared.{estimate} For less distortion, choose automatic cuts. `voxflat check` compares the two"
     )
     return in_unit(told, cut.metadata)
 

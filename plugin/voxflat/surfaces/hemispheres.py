@@ -71,12 +71,8 @@ def hemisphere(
         The hemisphere.
     threshold : float, optional
         Values above this threshold are white matter. By default, Otsu's method determines it; masks do not need it.
-    spacing : sequence of 3 floats, optional
-        Voxel size, as in `voxflat.surface`.
-    affine : array_like, shape (4, 4), optional
-        Affine to RAS+ mm, as in `voxflat.surface`.
-    progress : callable, optional
-        Function that receives the progress, as in `flatten`.
+    spacing, affine, progress : optional
+        As in `voxflat.surface`.
 
     Returns
     -------

@@ -54,41 +54,9 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Manifold:
-    """Store a surface of triangles.
+    """Store a surface of triangles, an oriented manifold with or without a boundary.
 
-    It is a manifold, with or without a boundary, whose faces run counterclockwise as seen from outside.
-
-    Parameters
-    ----------
-    core : _core.Surface
-        Surface of the compiled core.
-    voxels : ndarray of int64, shape (V, 3), or None
-        Voxel of each vertex of the complete surface, if the input was a volume.
-    metadata : dict
-        Origin and options of the surface.
-    remarks : tuple of str
-        Remarks for the user.
-    white_points, pial_points : ndarray of float64, shape (V, 3), or None
-        White and pial surface at each vertex of the complete surface, RAS+ mm in `space`, if both were given.
-    mesh_faces : ndarray of int64, shape (G, 3), or None
-        Triangles of the complete mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
-    merged : ndarray of int64, shape (M, 2)
-        Pairs of vertices of the complete surface: a vertex, and the vertex at the same position that replaces it.
-    foreground : PackedMask or None
-        The voxels that the surface was made of.
-    whole : Manifold or None
-        The surface that this one is a part of.
-    steps : tuple of Step
-        The steps that selected the part.
-
-    See Also
-    --------
-    voxflat.surface : Create a surface.
-
-    Examples
-    --------
-    >>> voxflat.samples.hill()
-    <Surface from a mesh: 441 vertices, 800 triangles>
+    `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
     """
 
     core: _core.Surface
@@ -121,183 +89,66 @@ class Manifold:
 
     @property
     def is_voxels(self) -> bool:
-        """Whether the surface came from a volume.
-
-        A surface from a mesh has no voxels.
-
-        See Also
-        --------
-        Surface.voxel_size : The size of the voxels.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().is_voxels
-        False
-        """
+        """Whether the surface came from a volume, so that its vertices have voxels."""
         return self.voxels is not None
 
     @property
     def voxel_size(self) -> float | None:
-        """Geometric mean of the three voxel spacings, mm.
+        """Geometric mean of the three voxel spacings, mm; None for a surface from a mesh."""
+        return voxel_size(self.metadata["affine"]) if self.is_voxels else None
 
-        It is None for a surface from a mesh.
-
-        See Also
-        --------
-        Surface.is_voxels : Whether the surface came from a volume.
-
-        Examples
-        --------
-        >>> voxflat.surface(voxflat.samples.ball()).voxel_size
-        1.0
-        """
-        if not self.is_voxels:
-            return None
-        return voxel_size(self.metadata["affine"])
+    @property
+    def _largest_spacing(self) -> float:
+        """The largest of the three voxel spacings, mm; the surface must come from a volume."""
+        return float(np.linalg.norm(np.asarray(self.metadata["affine"])[:3, :3], axis=0).max())
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3).
-
-        The two sides of a cut have separate vertices.
-
-        See Also
-        --------
-        Surface.ids : The vertices in the input.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().points.shape
-        (441, 3)
-        """
+        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3); each side of a cut has its own vertices."""
         return self.core.points
 
     @property
     def space(self) -> Space:
-        """Coordinate space of the points.
-
-        It is the space of the volume, or the space that the file of the mesh defines.
-
-        See Also
-        --------
-        voxflat.io.Space : The spaces of coordinates.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().space.name
-        'unknown'
-        """
+        """Coordinate space of the points, as defined by the volume or by the file of the mesh."""
         return Space._of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
-        """Triangles as vertex numbers, shape (F, 3).
-
-        Their corners run counterclockwise as seen from outside.
-
-        See Also
-        --------
-        Surface.points : Coordinates of the vertices.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().faces.shape
-        (800, 3)
-        """
+        """Triangles as vertex numbers, shape (F, 3), with corners counterclockwise as seen from outside."""
         return self.core.faces
 
     @property
     def thickness(self) -> NDArray[np.float64] | None:
-        """Distance from the white to the pial surface at each vertex of the complete surface, mm, shape (V,).
-
-        It is None if the white or the pial surface is not known.
-
-        See Also
-        --------
-        Surface.count : Number of vertices of the complete surface.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().thickness is None
-        True
-        """
+        """Distance from the white to the pial surface at each vertex of the complete surface, mm; None if unknown."""
         if self.white_points is None or self.pial_points is None:
             return None
         return np.asarray(np.linalg.norm(self.pial_points - self.white_points, axis=1))
 
     @property
     def usual_edge(self) -> float:
-        """Median length of the triangle edges, mm.
-
-        It is a measure of the resolution of the surface.
-
-        See Also
-        --------
-        Surface.voxel_size : The size of the voxels.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().usual_edge > 0
-        True
-        """
+        """Median length of the triangle edges, mm."""
         corners = self.points[self.faces]
         return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
     @property
     def count(self) -> int:
-        """Number of vertices of the complete surface.
-
-        It includes vertices without a triangle.
-
-        See Also
-        --------
-        Surface.vertices : The vertices in the complete surface.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().count
-        441
-        """
+        """Number of vertices of the complete surface, including vertices without a triangle."""
         return len(self.voxels) if self.voxels is not None else int(self.metadata["vertices"])
 
     @property
     def vertices(self) -> NDArray[np.int64]:
-        """Number of each vertex in the complete surface, shape (N,).
-
-        The two sides of a cut share a number.
-
-        See Also
-        --------
-        Surface.ids : The vertices in the input.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().vertices.shape
-        (441,)
-        """
+        """Number of each vertex in the complete surface, shape (N,); both sides of a cut share a number."""
         return self.core.ids.astype(np.int64)
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Voxel or vertex of the input for each vertex.
-
-        These are voxel indices of shape (N, 3), or vertex numbers of shape (N,) if the input was a mesh.
-
-        See Also
-        --------
-        Surface.find : Find vertices by their ids.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().ids.shape
-        (441,)
-        """
+        """Voxel indices in the input for each vertex, shape (N, 3), or vertex numbers, shape (N,), for a mesh."""
         return self.vertices if self.voxels is None else self.voxels[self.core.ids]
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
         """Find vertices by their voxels or vertex numbers in the input.
 
-        It is the inverse of `ids`.
+        This is the inverse of `ids`.
 
         Parameters
         ----------
@@ -328,9 +179,13 @@ class Manifold:
         """
         wanted = array_of(ids, checked_text(name, "name").removeprefix("the "))
         shape = (3,) if self.is_voxels else ()
-        what = "voxel indices of shape (m, 3)" if self.is_voxels else "vertex numbers of shape (m,)"
         if wanted.shape[1:] != shape or wanted.ndim == 0 or wanted.dtype.kind not in "ui":
-            raise InputError(f"{name} must be {what}, whole numbers, not {wanted.dtype} of shape {wanted.shape}")
+            what = (
+                "voxel indices (integers) of shape (m, 3)"
+                if self.is_voxels
+                else "vertex numbers (integers) of shape (m,)"
+            )
+            raise InputError(f"{name} must be {what}, but have data type {wanted.dtype} and shape {wanted.shape}")
         wanted = wanted.astype(np.int64)
         own = self.ids.astype(np.int64)
         if len(self.merged):
@@ -355,7 +210,7 @@ class Manifold:
 
     def _nearest(self, key: Any) -> str:
         if not self.is_voxels:
-            return f", which has vertices of a mesh of {self.metadata['vertices']}, counted from 0"
+            return f"; the vertices of the mesh are numbered from 0 to {self.metadata['vertices'] - 1}"
         vertex, distance = self.nearest(key)
         return f"; the nearest surface voxel is {self.ids[vertex].tolist()}, {distance:.1f} mm away"
 
@@ -388,7 +243,7 @@ class Manifold:
         0.0
         """
         if not self.is_voxels:
-            raise InputError("a surface from a mesh has no voxels. Pass the number of a vertex instead")
+            raise InputError("a surface from a mesh has no voxels. Pass a vertex number instead")
         wanted = numbers_of(place, "voxel")
         if wanted.shape != (3,):
             raise InputError(f"the voxel is {shown(place)}. Pass its three indices")
@@ -409,10 +264,8 @@ class Manifold:
         smoothing : float
             Standard deviation in mm of a Gaussian that smooths the curvature along the surface; 0 for no smoothing.
             A value of 2 mm is similar to FreeSurfer's ``curv``, which has the opposite sign.
-        threads : int, optional
-            Number of threads, as in `voxflat.flatten`.
-        progress : callable, optional
-            Function that receives the progress, as in `voxflat.flatten`.
+        threads, progress : optional
+            As in `Surface.flatten`.
 
         Returns
         -------
@@ -453,10 +306,8 @@ class Manifold:
         flow : float
             Duration of the flow in mm²: folds of wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² suits the human
             cortex; for other surfaces, scale it with the square of their size.
-        threads : int, optional
-            Number of threads, as in `voxflat.flatten`.
-        progress : callable, optional
-            Function that receives the progress, as in `voxflat.flatten`.
+        threads, progress : optional
+            As in `Surface.flatten`.
 
         Returns
         -------
@@ -547,7 +398,7 @@ class Manifold:
         0
         """
         if not self.is_voxels:
-            raise InputError("the surface came from a mesh and has no voxels to change")
+            raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
         labels = np.zeros(self.metadata["shape"], dtype=np.uint8)
         report = self.metadata.get("repair", {})
         for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
@@ -561,19 +412,7 @@ class Manifold:
 
     @property
     def provenance(self) -> Record:
-        """Record of how the surface was made.
-
-        It holds the version, the function, its parameters, and the files that were read.
-
-        See Also
-        --------
-        Surface.save : Write the surface to a file.
-
-        Examples
-        --------
-        >>> voxflat.surface(voxflat.samples.ball()).provenance["function"]
-        'surface'
-        """
+        """Record of how the surface was made: version, function, parameters, and the files that were read."""
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self, record: Record) -> Self:
@@ -594,9 +433,9 @@ class Manifold:
             vertex numbers of the mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a
             warning reports how many. GIFTI files contain `provenance`.
         sidecar : bool
-            Whether to write `provenance` to ``<path>.json``, too.
+            Whether to also write `provenance` to ``<path>.json``.
         overwrite : bool
-            Whether to replace a file of that name that voxflat did not write.
+            Whether to replace an existing file that voxflat did not write.
 
         Raises
         ------
@@ -634,7 +473,9 @@ class Manifold:
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
-            raise InputError(f"cannot write {path}: a 3-D surface is not a flat patch. End its name in {PATCH_ENDING}")
+            raise InputError(
+                f"cannot write {path}: a 3-D surface is not a flat patch. Use a name that ends in {PATCH_ENDING}"
+            )
         if self.is_voxels:
             raise InputError("a patch file requires a mesh, but this surface comes from voxels. Save it as .surf.gii")
         points, _ = in_tkras(self.points, space)
@@ -671,12 +512,12 @@ def patch_of(
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]
     if len(kept) == 0:
-        raise InputError("every triangle lies at a cut, so a patch file cannot hold them. Save as .vtp, .ply or .obj")
+        raise InputError("every triangle lies at a cut, so a patch file cannot store any. Save as .vtp, .ply or .obj")
     vertices = len(np.unique(ids[faces]))
     if len(kept) < len(faces):
         log.warning(
-            "a patch file stores one position per vertex, and programs read all triangles whose corners it "
-            "lists: at cuts, %d of %d vertices and %d of %d triangles are excluded",
+            "%d of %d vertices and %d of %d triangles at cuts are excluded, because a patch file stores one position "
+            "per vertex, and programs read every triangle whose corners it lists",
             vertices - len(rows),
             vertices,
             len(faces) - len(kept),

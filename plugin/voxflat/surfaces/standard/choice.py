@@ -59,12 +59,8 @@ def chosen(
     except InputError as error:
         if sphere is not None:
             raise
-        return Choice(
-            None,
-            None,
-            True,
-            (f"automatic cuts are used, because the sphere beside the surface does not match: {error}",),
-        )
+        remark = f"automatic cuts are used, because the sphere next to the surface file does not match: {error}"
+        return Choice(None, None, True, (remark,))
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
     return Choice(template, found, is_usual, tuple(remarks))
@@ -74,8 +70,8 @@ def _check_fits(template: Template, sphere: Sphere) -> None:
     for name, own, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
         if own != other:
             raise InputError(
-                f"the template {template.name} has the {name} {own}, but the sphere {sphere.name} has the {name} "
-                f"{other}. Pass a template and a sphere of the same {name}"
+                f"the {name} of the template {template.name} is {own}, but the {name} of the sphere {sphere.name} is "
+                f"{other}. Pass a template and a sphere with the same {name}"
             )
 
 
