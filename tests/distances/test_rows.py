@@ -287,7 +287,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
     for surface, sources, options, message in [
         (SHEET, SOURCES, {"geodesic": "chain"}, "its geodesic is 'graph', not 'chain'"),
         (SHEET, SOURCES + 1, {}, "its sources differ (40 sources instead of 41)"),
-        (SHEET, SOURCES, {"sampling": "random"}, "its sources differ (40 sources; here there are 40)"),
+        (SHEET, SOURCES, {"sampling": "random"}, "its sources differ"),
         (SHEET, SOURCES, {"spacing": (1, 1, 2)}, "its surface differs"),
         (hole, SOURCES, {}, "its surface differs (600 points instead of 599)"),
         (mesh, 2, {}, "its surface differs (600 points instead of 4)"),
@@ -382,7 +382,7 @@ def test_the_command_measures_and_goes_on(tmp_path):
     assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
     assert "40 rows were already in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
-    fail(1, "is a store of other rows", *command, "--radius", 9, "--seed-point", "9,9,1")
+    fail(1, "holds other distances", *command, "--radius", 9, "--seed-point", "9,9,1")
 
 
 def test_flatten_keeps_its_rows(tmp_path):

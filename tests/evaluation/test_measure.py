@@ -294,7 +294,10 @@ class TestGeometry:
             for name in both:
                 assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
         on_white = voxflat.flatten(white, method=Voxflat(sources=60))
-        with pytest.raises(InputError, match=r"ours was made on midthickness.*, but white on the given surface, a"):
+        with pytest.raises(
+            InputError,
+            match=r"ours was made on midthickness.*, but white was made on the given surface, whose geometry",
+        ):
             voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20)
         assert set(voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20, on_surface=True).maps)
 
@@ -325,7 +328,7 @@ class TestGeometry:
         for more in ((), ("--pial", tmp_path / "lh.pial"), ("--on-surface",)):
             result = succeed("measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more)
             errors[len(more)] = json.loads(result.stdout)["raw"]["relative_error"]
-            assert ("another geometry" in result.stderr) == (more == ())
+            assert ("a different geometry" in result.stderr) == (more == ())
         assert errors[0] == pytest.approx(errors[2], rel=1e-4)
         assert errors[1] > 1.2 * errors[0]
 

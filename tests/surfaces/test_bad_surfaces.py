@@ -111,7 +111,7 @@ def test_check_lists_all_defects():
         ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
         ({"cuts": 5}, "cuts has type int. Pass a list of paths"),
         ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
-        ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers of shape \(m,\)"),
+        ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers \(integers\) of shape \(m,\)"),
         ({"memory_limit": 1000}, "of memory is needed"),
     ],
 )

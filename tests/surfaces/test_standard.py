@@ -232,8 +232,8 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
         (subject / "none", "the file does not exist"),
         (3, "sphere has type int"),
         ("lh.white", "the file does not exist"),
-        (tmp_path / "rh.sphere.reg", "is right, but the surface is left"),
-        (tmp_path / "lh.sphere.reg", "other triangles"),
+        (tmp_path / "rh.sphere.reg", "is a right hemisphere, but the surface is a left one"),
+        (tmp_path / "lh.sphere.reg", "shares only"),
     ):
         refused(reason, sphere_of, whole, given)
     ball = 30 * icosphere(4)[0], icosphere(4)[1]

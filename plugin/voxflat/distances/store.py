@@ -197,6 +197,10 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
     if there == identity:
         return
     differ = [name for name in identity if there.get(name) != identity[name]]
+
+    def counts(of: str) -> str:
+        return f" ({there[of]} {of} instead of {identity[of]})" if of in differ else ""
+
     differences = [
         f"its {name} is {there.get(name)!r}, not {identity[name]!r}"
         for name in ("geodesic", "link_lengths")
@@ -205,11 +209,11 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
     if differences:
         pass  # its points also have other numbers
     elif {"points", "points_sha256", "ids_sha256"} & set(differ):
-        differences.append(f"its surface differs ({there['points']} points instead of {identity['points']})")
+        differences.append(f"its surface differs{counts('points')}")
     elif "fingerprint" in differ:
         differences.append("its surface has different triangles, or was processed by another version of voxflat")
     if "sources_sha256" in differ and not differences:
-        differences.append(f"its sources differ ({there['sources']} sources instead of {identity['sources']})")
+        differences.append(f"its sources differ{counts('sources')}")
     raise InputError(
         f"the store {path} holds other distances: {' and '.join(differences) or 'its store.json differs'}. {OTHER}"
     )

@@ -93,17 +93,9 @@ def cut_open(
         part, named, told = _cut_by(choice, part, progress)
         cut_paths, length = [uncut.ids[cut.vertices].tolist() for cut in named], sum(cut.length for cut in named)
         remarks += told
-    metadata = {
-        **whole.metadata,
-        **_chosen_part(uncut),
-        "cuts": cut_paths,
-        "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
-        "cuts_by": choice.template.name if choice.template else AUTOMATIC if paths is None else "given",
-        "sphere": None if choice.sphere is None else choice.sphere._described(),
-        "automatic_cuts": [],
-        "surface_points": len(whole),
-        "points": len(np.unique(part.vertices)),
-    }
+    by = choice.template.name if choice.template else AUTOMATIC if paths is None else "given"
+    names = [cut.name for cut in named] if named else [None] * len(cut_paths)
+    metadata = _metadata(whole, part, cut_paths, names, by, choice.sphere)
     is_standard = choice.template is not None
     given = length if is_standard or paths is not None else None
     is_cut = given is not None or any(step.by_triangles for step in part.steps)
@@ -115,40 +107,39 @@ def cut_open(
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
-def _chosen_part(part: Manifold) -> dict[str, Any]:
-    """Return metadata that describe how the part was selected."""
+def _metadata(
+    whole: Manifold, part: Manifold, cuts: list[Any], names: list[Any], by: str, sphere: Sphere | None = None
+) -> dict[str, Any]:
+    """Return metadata that describe how a part was selected and cut, before automatic cuts are made."""
     verbs = {step.verb: step for step in part.steps}
     disk, corners = verbs.get("disk"), verbs.get("polygon")
     return {
+        **whole.metadata,
         "keep": "keep" in verbs,
         "drop": "drop" in verbs,
         "seed_point": None if disk is None else disk.seed_point,
         "seed_found": None if disk is None else disk.seed_found,
         "radius": None if disk is None else disk.radius,
         "polygon": None if corners is None else corners.corners,
+        "cuts": cuts,
+        "cut_names": names,
+        "cuts_by": by,
+        "sphere": None if sphere is None else sphere._described(),
+        "automatic_cuts": [],
+        "surface_points": len(whole),
+        "points": len(np.unique(part.vertices)),
     }
 
 
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
     """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
-    named = [part.ids[path] for path in cuts]
+    named = [part.ids[path].tolist() for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    metadata = {
-        **whole.metadata,
-        **dict.fromkeys(("seed_point", "seed_found", "radius", "polygon", "sphere")),
-        "keep": not is_all,
-        "drop": False,
-        "cuts": [path.tolist() for path in named],
-        "cut_names": [None] * len(named),
-        "cuts_by": by,
-        "automatic_cuts": [],
-        "surface_points": len(whole),
-        "points": len(np.unique(part.vertices)),
-    }
+    metadata = _metadata(whole, part, named, [None] * len(named), by)
     return Cutout(whole, part, part.faces, metadata, part.remarks, length, True, is_all)
 
 

@@ -103,9 +103,9 @@ def hemisphere(
     checked_choice(side, "side", _SIDES)
     volume = as_volume(source, spacing=spacing, affine=affine)
     if volume.data.ndim != 3:
-        raise InputError(f"a hemisphere is extracted from a 3-D volume, but this one has {volume.data.ndim} axes")
+        raise InputError(f"a 3-D volume is required, but this one has {volume.data.ndim} axes. Select one volume")
     if not volume.is_placed:
-        log.warning("the volume does not define left and right: its first axis is assumed to point to the right")
+        log.warning("the volume does not define left and right, so its first axis is assumed to point to the right")
     threshold = optional_number(threshold, "threshold")
     found = _of_labels(volume, side) if threshold is None else None
     if found is None:

@@ -110,7 +110,7 @@ def registered_sphere(found: Registration) -> Sphere:
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     if isinstance(sphere, str | os.PathLike):
         if not Path(sphere).is_file():
-            raise InputError(f"{os.fspath(sphere)}: the sphere file does not exist. Check the path")
+            raise InputError(f"{os.fspath(sphere)}: the file does not exist. Check the path of the sphere")
         return read_mesh(sphere)
     mesh = as_mesh(sphere)
     if mesh is not None:
