@@ -272,10 +272,7 @@ class TestGeometry:
             found = voxflat.measure(tmp_path / "lh.white", tmp_path / "map.npz", sources=20)
         assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
         assert found.triangles.areal_p95 == pytest.approx(expected.triangles.areal_p95, rel=1e-4)
-        assert (
-            "a different geometry from that of the given surface (midthickness: halfway to the pial surface)"
-            in caplog.text
-        )
+        assert "a different geometry from that of the given surface (midthickness: halfway to" in caplog.text
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
             forced = voxflat.measure(tmp_path / "lh.white", flat, sources=20, on_surface=True)
@@ -305,11 +302,8 @@ class TestGeometry:
         white, middle, _ = self.maps(tmp_path)
         part = voxflat.surface(middle).keep(np.arange(100)).flatten(Voxflat(sources=40))
         whole = {"part": part, "all": white[0][:, :2]}
-        with pytest.raises(
-            InputError,
-            match=r"part was made on a different geometry .* does not define the positions of 69 vertices of all",
-        ):
-            voxflat.compare(white, whole, sources=20)
+        message = "part was made on a different geometry .* does not define the positions of 69 vertices of all"
+        refused(message, voxflat.compare, white, whole, sources=20)
         assert voxflat.compare(middle, whole, sources=20)["all"].raw.relative_error > 0
 
     def test_the_space_alone_is_no_other_geometry(self, tmp_path, caplog):

@@ -53,10 +53,7 @@ MESHES = {
     "an edge of three": (fin(), r"more than two triangles meet at the edge between vertices 0 and 8 \(1 such edges\)"),
     "a vertex of two fans": ((square()[0], np.array([[0, 7, 8], [8, 16, 9]])), r"touches itself at vertex 8 \(1 such"),
     "a corner twice": (changed(faces=lambda f: put(f, (5, 1), int(f[5, 0]))), r"triangle 5 has no area"),
-    "no area": (
-        changed(points=lambda p: p[[0, *range(1, 8), 0, *range(9, 49)]]),
-        r"has no area \(\d+ such triangles\)",
-    ),
+    "no area": (changed(points=lambda p: p[[*range(8), 0, *range(9, 49)]]), r"has no area \(\d+ such triangles\)"),
     "a triangle twice": (changed(faces=lambda f: np.vstack([f, f[4]])), r"triangle \d+ has the same corners"),
     "a Möbius strip": (mobius(), r"only one side, like a Möbius strip"),
     "text": ((np.array([["a", "b", "c"]]), np.array([[0, 0, 0]])), r"<U1"),
@@ -240,9 +237,8 @@ def test_a_label_at_the_border_is_told():
     volume = np.zeros((12, 12, 12), np.uint8)
     volume[:8, 2:10, 2:10] = 1
     (remark,) = voxflat.surface(volume).remarks
-    assert (
-        remark == "the foreground touches the border of the volume (first layer of axis 0); the surface is closed there"
-    )
+    touches = "the foreground touches the border of the volume (first layer of axis 0)"
+    assert remark == f"{touches}; the surface is closed there"
 
 
 @pytest.mark.parametrize(

@@ -138,11 +138,7 @@ def _edges(whole, through):
 def test_white_and_pial_are_measured_midway_where_only_one_of_them_is_degenerate():
     (points, faces), twins, _ = defective()
     pial = points + np.array([0.0, 0.0, 2.0])
-    pial[list(twins)] += np.arange(1, 6)[:, None] * [
-        0.02,
-        0.01,
-        0.0,
-    ]  # apart there: the surface midway needs no merging
+    pial[list(twins)] += np.arange(1, 6)[:, None] * [0.02, 0.01, 0]  # so that the midway surface needs no merging
     surface = voxflat.surface((points, faces), pial=(pial, faces))
     assert len(surface.merged) == 0
     np.testing.assert_array_equal(surface.points, ((points + pial) / 2)[surface.ids])

@@ -15,7 +15,7 @@ SAMPLINGS = ("farthest", "curvature", "random")  # ways to choose sources on any
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How sources will be chosen. Their number is known beforehand; choosing them needs memory for links."""
+    """Store how sources will be chosen; their number is known before any memory is needed for choosing them."""
 
     part: Manifold | VoxelGraph
     count: int

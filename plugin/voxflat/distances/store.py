@@ -149,7 +149,7 @@ def _holds_files(path: Path) -> bool:
 
 
 def check_disk(path: Path, size: int) -> None:
-    """Log the disk space that will be used, and raise an error if it is not free."""
+    """Log the disk space that will be used, and raise an error if it is not available."""
     table = path / "rows.npy"
     need = max(0, size - (int(getattr(table.stat(), "st_blocks", 0)) * 512 if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
@@ -206,13 +206,11 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
         for name in ("geodesic", "link_lengths")
         if name in differ
     ]
-    if differences:
-        pass  # its points also have other numbers
-    elif {"points", "points_sha256", "ids_sha256"} & set(differ):
+    if not differences and {"points", "points_sha256", "ids_sha256"} & set(differ):
         differences.append(f"its surface differs{counts('points')}")
-    elif "fingerprint" in differ:
+    elif not differences and "fingerprint" in differ:
         differences.append("its surface has different triangles, or was processed by another version of voxflat")
-    if "sources_sha256" in differ and not differences:
+    elif not differences and "sources_sha256" in differ:
         differences.append(f"its sources differ{counts('sources')}")
     raise InputError(
         f"the store {path} holds other distances: {' and '.join(differences) or 'its store.json differs'}. {OTHER}"

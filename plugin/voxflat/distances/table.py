@@ -26,7 +26,7 @@ class Table:
 
     @classmethod
     def open(cls, path: Path) -> "Table":
-        """Open a file without reading its values; raise an error if it is shorter than its header says."""
+        """Open a file without reading its values; raise an error if it is shorter than its header specifies."""
         try:
             with path.open("rb") as file:
                 major, _ = npy.read_magic(file)

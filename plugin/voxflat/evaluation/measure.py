@@ -209,10 +209,8 @@ def measure(
 
     Raises
     ------
-    InputError
-        If the map does not belong to the surface, or is not flat.
-    Cancelled
-        If `progress` returned False.
+    InputError, Cancelled
+        If the map does not belong to the surface or is not flat, or `progress` returned False.
 
     See Also
     --------

@@ -83,7 +83,7 @@ class Grossmann2002(Method):
     """
 
     name: ClassVar[str] = "grossmann2002"
-    summary: ClassVar[str] = "over a volume's surface voxels"
+    summary: ClassVar[str] = "uses chain codes on the surface voxels of a volume"
     takes_store: ClassVar[bool] = True
 
     sources: int | ArrayLike = 1000

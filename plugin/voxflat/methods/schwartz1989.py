@@ -74,7 +74,7 @@ class Schwartz1989(OverTriangles):
     """
 
     name: ClassVar[str] = "schwartz1989"
-    summary: ClassVar[str] = "by exact distances from random starts"
+    summary: ClassVar[str] = "uses exact distances and random starts"
 
     sources: int | ArrayLike = 50
     sampling: str = "farthest"

@@ -109,7 +109,7 @@ class Voxflat(OverTriangles):
     """
 
     name: ClassVar[str] = "voxflat"
-    summary: ClassVar[str] = "over the triangles of a surface"
+    summary: ClassVar[str] = "minimises the distortion of distances and triangles"
     takes_store: ClassVar[bool] = True
 
     sources: int | ArrayLike = 400

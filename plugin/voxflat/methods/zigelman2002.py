@@ -64,7 +64,7 @@ class Zigelman2002(OverTriangles):
     """
 
     name: ClassVar[str] = "zigelman2002"
-    summary: ClassVar[str] = "by fast marching"
+    summary: ClassVar[str] = "uses fast marching and classical scaling"
 
     sources: int | ArrayLike = 625
     sampling: str = "decimation"

@@ -67,9 +67,7 @@ def check(
 
     Examples
     --------
-    >>> labels = np.zeros((9, 9, 9), dtype=np.uint8)
-    >>> labels[2:7, 2:7, 2:7] = 1
-    >>> voxflat.check(labels).can_flatten
+    >>> voxflat.check(voxflat.samples.ball()).can_flatten
     True
     """
     if part is not None and not callable(part):

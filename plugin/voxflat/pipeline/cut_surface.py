@@ -109,8 +109,7 @@ class CutSurface(Generic[_Surface]):
 
     Examples
     --------
-    >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
-    >>> opened = voxflat.surface(ball).cut()
+    >>> opened = voxflat.surface(voxflat.samples.ball()).cut()
     >>> flat_map = opened.flatten("zigelman2002")
     """
 
@@ -175,8 +174,7 @@ class CutSurface(Generic[_Surface]):
 
         Examples
         --------
-        >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
-        >>> opened = voxflat.surface(ball).cut(relax=False)
+        >>> opened = voxflat.surface(voxflat.samples.ball()).cut(relax=False)
         >>> len(opened.flatten()) == len(opened.surface)
         True
         """
@@ -185,9 +183,8 @@ class CutSurface(Generic[_Surface]):
         return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
-        return (
-            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices>"
-        )
+        counts = f"{len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices"
+        return f"<CutSurface: {counts}>"
 
     def _repr_html_(self) -> str:
         """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
@@ -196,9 +193,8 @@ class CutSurface(Generic[_Surface]):
         drawing = importlib.import_module("voxflat.figures.cut_surfaces")  # a higher layer than the pipeline
         figure = drawing.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
-        return page(
-            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides; cuts in red"
-        )
+        caption = "The surface seen from its two broad sides, with the cuts in red"
+        return page(self, in_unit(table, self.surface.metadata), figure, caption)
 
     def title(self, number: int) -> str:
         """Return the title of a cut: its name or number, and its location.
@@ -276,8 +272,8 @@ class CutSurface(Generic[_Surface]):
         if not os.fspath(checked_path(path)).lower().endswith(".json"):
             self.surface.save(path, sidecar=sidecar, overwrite=overwrite)
             return
-        content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
-        content["provenance"] = self.provenance
+        cuts = [cut.ids.tolist() for cut in self.cuts]
+        content = {"cuts": cuts, "drop": self.left_out.tolist(), "provenance": self.provenance}
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
@@ -325,8 +321,8 @@ class CutSurface(Generic[_Surface]):
             name = cut.name or cut.reason
             names[name] = names.get(name, 0) + 1
             cuts.append((name if cut.name else f"{name} {names[name]}", self._vertices(cut)))
-        template = replace(template_of(self.whole, kept, cuts, self.sphere), name=Path(path).stem)
-        template = replace(template, provenance=self.provenance)
+        template = template_of(self.whole, kept, cuts, self.sphere)
+        template = replace(template, name=Path(path).stem, provenance=self.provenance)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(template.as_json(), encoding="utf-8", newline="\n")
 

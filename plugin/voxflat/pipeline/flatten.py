@@ -58,11 +58,9 @@ def flatten(
 
     Examples
     --------
-    >>> sheet = np.zeros((20, 20, 5), dtype=np.uint8)
-    >>> sheet[2:-2, 2:-2, 2] = 1
-    >>> flat_map = voxflat.flatten(sheet)
+    >>> flat_map = voxflat.flatten(voxflat.samples.hill())
     >>> flat_map.uv.shape
-    (256, 2)
+    (441, 2)
     """
     where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}

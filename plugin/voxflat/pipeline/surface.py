@@ -75,11 +75,8 @@ class Surface(Manifold):
 
     Examples
     --------
-    >>> ball = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0) < 8
-    >>> surface = voxflat.surface(ball)
-    >>> cap = surface.disk((9, 9, 16), radius=6.0)
-    >>> flat_map = cap.flatten()
-    >>> flat_map.uv.shape == (len(cap), 2)
+    >>> cap = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), radius=6.0)
+    >>> cap.flatten().uv.shape == (len(cap), 2)
     True
     """
 
@@ -303,9 +300,8 @@ class Surface(Manifold):
 
         Examples
         --------
-        >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
-        >>> opened = voxflat.surface(ball).cut()
-        >>> [cut.reason for cut in opened.cuts][0]
+        >>> opened = voxflat.surface(voxflat.samples.ball()).cut()
+        >>> opened.cuts[0].reason
         'closed sphere'
         """
         made = cut_open(self, Where(cuts, sphere, relax, adapt), checked_threads(threads), progress)
@@ -379,11 +375,9 @@ class Surface(Manifold):
 
         Examples
         --------
-        >>> rows, columns = np.indices((20, 30))
-        >>> wave = voxflat.range_image(3 * np.sin(columns / 4), 1.0)
-        >>> flat_map = wave.flatten()
-        >>> flat_map.distortion.raw.relative_error < 0.01
-        True
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> round(flat_map.distortion.raw.relative_error, 3)
+        0.036
         """
         how = How(mirror, rows, seed, threads, memory_limit, progress)
         return flattened(self, method, Where(cuts, sphere, relax, adapt), how)
@@ -432,10 +426,8 @@ class Surface(Manifold):
 
         Raises
         ------
-        InputError
-            If an argument is not valid.
-        Cancelled
-            If `progress` returned False.
+        InputError, Cancelled
+            If an argument is not valid, or `progress` returned False.
 
         See Also
         --------
@@ -709,9 +701,8 @@ def surface(
         this value. By default, the volume itself determines their positions if `threshold` is given and its values vary
         smoothly; otherwise, a fit to the voxels does.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
-        The pial surface that belongs to a white surface, with the same vertices. Distances are then measured midway
-        between the two surfaces. An error is raised if the pial surface does not lie outside the white one, vertex by
-        vertex.
+        The pial surface whose vertices correspond to those of the given white surface. Distances are then measured
+        midway between the two surfaces. An error is raised if the pial surface does not lie outside the white one.
     repair : {"none", "voxels", "cuts"}, optional
         How to remove topological handles: edit as few voxels as possible ("voxels"), cut the handles open ("cuts"), or
         leave the surface unchanged and fail if it has defects ("none"). With "voxels" the surface of a volume becomes
@@ -730,10 +721,8 @@ def surface(
 
     Raises
     ------
-    InputError
-        If the input does not define a valid surface.
-    Cancelled
-        If `progress` returned False.
+    InputError, Cancelled
+        If the input does not define a valid surface, or `progress` returned False.
 
     See Also
     --------
@@ -742,24 +731,21 @@ def surface(
 
     Examples
     --------
-    >>> labels = np.zeros((8, 8, 8), dtype=np.uint8)
-    >>> labels[2:6, 2:6, 2:6] = 3
-    >>> voxflat.surface(labels, label=3)
-    <Surface from voxels: 56 vertices, 108 triangles>
+    >>> voxflat.surface(voxflat.samples.ball(), label=3)
+    <Surface from voxels: 632 vertices, 1260 triangles>
     """
     if repair is not None and (not isinstance(repair, str) or repair not in _REPAIRS):
         raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or do not pass it")
     threads = checked_threads(threads)
     give_back_memory()
+    voxels = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine, "probability": probability}
     if isinstance(source, Surface):
-        _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
-        _refuse_options("a Surface", unit=unit, probability=probability, repair=repair)
+        _refuse_options("a Surface", **voxels, pial=pial, unit=unit, repair=repair)
         return source
     unit = None if unit is None else named_unit(unit)
     given = taken(source, spacing=spacing, affine=affine, unit=unit, memory_limit=memory_limit)
     if isinstance(given, Mesh):
-        _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
-        _refuse_options("a mesh", probability=probability)
+        _refuse_options("a mesh", **voxels)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or do not pass it")
         made = of_mesh(given, pial, mend=repair != "none")

@@ -82,12 +82,10 @@ def hemisphere(
     Raises
     ------
     HemisphereError
-        The volume does not look like the white matter of a whole brain. The message names the step that failed, and
+        If the volume does not look like the white matter of a whole brain. The message names the step that failed, and
         the error's ``figure()`` shows it.
-    InputError
-        The input is not a 3-D volume.
-    Cancelled
-        `progress` returned False.
+    InputError, Cancelled
+        If the input is not a 3-D volume, or `progress` returned False.
 
     See Also
     --------
@@ -278,8 +276,7 @@ class _Steps:
             raise Cancelled(f"cancelled while {stage}")
 
 
-_last: dict[bytes, tuple[Affine, float]] = {}
-"""Cache of the last alignment, by its input, because both hemispheres of a brain need the same one."""
+_last: dict[bytes, tuple[Affine, float]] = {}  # the last alignment, by its input: both hemispheres need the same one
 
 
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
@@ -319,7 +316,7 @@ def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
-    """Return a mask in larger voxels, as fractions, and their affine."""
+    """Return the share of a mask in each voxel of a coarser grid, and the affine of that grid."""
     factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
     beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
     padded = np.pad(white, beyond)

@@ -165,7 +165,7 @@ class Manifold:
         Raises
         ------
         InputError
-            One of the ids is not on this surface.
+            If one of the ids is not on this surface.
 
         See Also
         --------
@@ -274,10 +274,8 @@ class Manifold:
 
         Raises
         ------
-        InputError
-            The smoothing is negative or not finite.
-        Cancelled
-            `progress` returned False.
+        InputError, Cancelled
+            If the smoothing is negative or not finite, or `progress` returned False.
 
         See Also
         --------
@@ -316,10 +314,8 @@ class Manifold:
 
         Raises
         ------
-        InputError
-            The flow is not positive.
-        Cancelled
-            `progress` returned False.
+        InputError, Cancelled
+            If the flow is not positive, or `progress` returned False.
 
         See Also
         --------
@@ -385,7 +381,7 @@ class Manifold:
         Raises
         ------
         InputError
-            The surface came from a mesh.
+            If the surface came from a mesh.
 
         See Also
         --------
@@ -440,9 +436,9 @@ class Manifold:
         Raises
         ------
         InputError
-            The path has another ending, or the surface was made from that file.
+            If the path has another ending, or the surface was made from that file.
         OSError
-            The file cannot be written.
+            If the file cannot be written.
 
         See Also
         --------

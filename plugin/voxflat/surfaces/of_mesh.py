@@ -11,8 +11,7 @@ from voxflat.io.reading import check_room
 from voxflat.surfaces.correspondence import pial_of
 from voxflat.surfaces.manifold import Manifold
 
-_A_TRIANGLE, _A_POINT = 200, 100
-"""Bytes of memory to create a surface; measured: 160 to 190 per triangle and half a point."""
+_A_TRIANGLE, _A_POINT = 200, 100  # bytes to create a surface; measured: 160 to 190 per triangle and half a point
 
 
 def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:

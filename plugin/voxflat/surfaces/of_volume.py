@@ -17,8 +17,7 @@ from voxflat.surfaces.manifold import Manifold
 _MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
 _SHARE_BETWEEN = 0.5  # least share of border voxels with intermediate values
 
-_A_SURFEL = 600
-"""Bytes of memory per face between foreground and background to create the surface; measured: 250 to 520."""
+_A_SURFEL = 600  # bytes per face between foreground and background to create a surface; measured: 250 to 520
 
 
 def of_volume(

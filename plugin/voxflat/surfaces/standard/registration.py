@@ -97,9 +97,9 @@ class Registration(Recorded):
         Raises
         ------
         InputError
-            The path has another ending, or the surface was made from that file.
+            If the path has another ending, or the surface was made from that file.
         OSError
-            The file cannot be written.
+            If the file cannot be written.
 
         See Also
         --------

@@ -68,16 +68,13 @@ class Template:
             "name": self.name,
             "space": self.space,
             "side": self.side,
-            "outlines": [{"name": line.name, "line": _rounded(line.points)} for line in self.outlines],
-            "cuts": [{"name": line.name, "root": line.root, "line": _rounded(line.points)} for line in self.cuts],
+            "outlines": [{"name": line.name, "line": line.points.round(6).tolist()} for line in self.outlines],
+            "cuts": [
+                {"name": line.name, "root": line.root, "line": line.points.round(6).tolist()} for line in self.cuts
+            ],
             "provenance": self.provenance,
         }
         return as_text(content) + "\n"
-
-
-def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
-    rows: list[list[float]] = np.round(points, 6).tolist()
-    return rows
 
 
 @cache
