@@ -39,7 +39,7 @@ SMALLEST: float
 
 _Progress = Callable[[str, int, int], bool | None] | None
 _Threads = int | None
-_Directory = str | PathLike[str]
+_Folder = str | PathLike[str]
 _Facts = dict[str, Any]
 _Floats = NDArray[np.float64]
 _Singles = NDArray[np.float32]
@@ -59,7 +59,7 @@ def repair(
 ) -> tuple[_Mask, _Facts]: ...
 def reference_sources(points: int, count: int, seed: int) -> _Uints: ...
 def damaged_rows(
-    directory: _Directory, columns: int, checksums: Sequence[int | None], progress: _Progress = None
+    directory: _Folder, columns: int, checksums: Sequence[int | None], progress: _Progress = None
 ) -> list[int]: ...
 def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
 def turn_onto(uv: _Floats, places: _Floats, onto: _Floats) -> tuple[_Floats, float]: ...
@@ -198,7 +198,7 @@ class Surface:
     def fingerprint(self, geodesic: str, progress: _Progress = None) -> int: ...
     def store_rows(
         self,
-        directory: _Directory,
+        directory: _Folder,
         identity: str,
         sources: _Uints,
         geodesic: str = "graph",
@@ -206,12 +206,12 @@ class Surface:
         progress: _Progress = None,
     ) -> tuple[int, int]: ...
     def lay_out_store(
-        self, directory: _Directory, identity: str, rows: int, progress: _Progress = None
+        self, directory: _Folder, identity: str, rows: int, progress: _Progress = None
     ) -> tuple[int, int]: ...
     def store_part(
         self,
-        directory: _Directory,
-        part: _Directory,
+        directory: _Folder,
+        part: _Folder,
         identity: str,
         sources: _Uints,
         rows: _Uints,
@@ -239,7 +239,7 @@ class Surface:
         keep_rows: bool = False,
         threads: _Threads = None,
         progress: _Progress = None,
-        store: tuple[_Directory, str] | None = None,
+        store: tuple[_Folder, str] | None = None,
         start: _Floats | None = None,
         patience: int = 1,
         max_area: float | None = None,
@@ -276,12 +276,7 @@ class VoxelSurface:
     def rows(self, sources: _Uints, threads: _Threads = None, progress: _Progress = None) -> _Singles: ...
     def fingerprint(self, progress: _Progress = None) -> int: ...
     def store_rows(
-        self,
-        directory: _Directory,
-        identity: str,
-        sources: _Uints,
-        threads: _Threads = None,
-        progress: _Progress = None,
+        self, directory: _Folder, identity: str, sources: _Uints, threads: _Threads = None, progress: _Progress = None
     ) -> tuple[int, int]: ...
     def path(self, source: int, target: int) -> tuple[_Uints, float]: ...
     def memory_need(self, sources: int, threads: int) -> int: ...

@@ -14,7 +14,7 @@ SOLVERS = ["graph", "marching", "exact"]
 
 @pytest.fixture(scope="module")
 def ball():
-    """A sphere of radius 10 mm: points and faces."""
+    """Return the points and faces of a sphere of radius 10 mm."""
     pyvista = pytest.importorskip("pyvista")
     return voxflat.surface(pyvista.Icosphere(radius=10.0, nsub=4))
 

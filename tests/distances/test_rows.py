@@ -1,4 +1,4 @@
-"""Distance rows on disk: the same bits as in memory, whatever happens on the way."""
+"""Distance rows on disk equal those in memory bit by bit, even after interruptions."""
 
 import json
 import logging

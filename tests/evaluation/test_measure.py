@@ -1,4 +1,4 @@
-"""The judge of flat maps against brute force, analytic maps, and itself."""
+"""Measured distortion, compared with analytic maps and between formats."""
 
 import json
 import logging
@@ -27,7 +27,7 @@ def plane(side=12, step=3.0):
 
 
 def bump():
-    """Return a bumpy sheet, and places of its vertices that are no good map."""
+    """Return a bumpy sheet, and a poor map of its vertices."""
     points, faces = plane()
     x, y = points[:, :2].T
     points[:, 2] = 6 * np.exp(-((x - 16) ** 2 + (y - 20) ** 2) / 120) + np.sin(x / 4)
@@ -35,7 +35,7 @@ def bump():
 
 
 def tube():
-    """Return a prism of 24 sides without ends, its triangles, and each corner's place in the plane: a rectangle."""
+    """Return a prism of 24 sides without ends, and the position of each triangle corner in its flat rectangle."""
     radius = 1 / np.sin(np.pi / 24)  # of edges of 2 mm
     points, faces = sheet(lambda u, v: (radius * np.cos(u), radius * np.sin(u), v), (2 * np.pi, 18.0), (25, 10))
     places = 2.0 * np.column_stack(np.divmod(np.arange(len(points)), 10))
@@ -55,7 +55,7 @@ class TestDistances:
 
 
 def uv_mesh(uv):
-    """Return places as points, those that there are not at the origin."""
+    """Return positions as 3-D points; missing positions are at the origin."""
     return np.nan_to_num(np.column_stack([uv, np.zeros(len(uv))]))
 
 
@@ -249,11 +249,11 @@ class TestCommandLine:
 
 
 class TestGeometry:
-    """A map is judged on the geometry that it was made on, which it knows."""
+    """A map is measured on the geometry on which it was made."""
 
     @staticmethod
     def maps(tmp_path):
-        """Return a white and a pial sheet, a map made midway, and the files of all."""
+        """Return a white sheet, the sheet midway to a pial one, and a map made there; write their files."""
         (white, faces), _ = bump()
         pial = white * [1, 1, 5] + [0, 0, 3]
         for name, points in (("lh.white", white), ("lh.pial", pial)):

@@ -1,4 +1,4 @@
-"""The default map: what it promises whatever the surface, and what its options do."""
+"""The guarantees of the default method for any surface, and the effects of its options."""
 
 import composed
 import hard_shapes

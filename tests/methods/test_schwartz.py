@@ -17,7 +17,7 @@ schwartz1989 = {"method": "schwartz1989", "sources": 20}
 
 
 def apart(uv, other):
-    """Return how far two maps are apart (RMS) after the best rotation or reflection."""
+    """Return the RMS distance between two maps after the best rotation or reflection."""
     uv, other = uv - uv.mean(axis=0), other - other.mean(axis=0)
     turn, _ = orthogonal_procrustes(other, uv)
     return np.sqrt(((other @ turn - uv) ** 2).sum(axis=1).mean())

@@ -10,7 +10,7 @@ CENTRE = np.array([3.3, -20.1, 7.7])
 
 
 def hull(points):
-    """The convex hull of points as an outward mesh, and the equations of its planes."""
+    """Return the convex hull of points as an outward mesh, and the equations of its planes."""
     solid = ConvexHull(points)
     corners = points[solid.simplices]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -21,7 +21,7 @@ def hull(points):
 
 
 def blocks(mask):
-    """The faces of unit cubes at integer corners, outward: an oracle of any shape."""
+    """Return the outward faces of unit cubes at integer corners, an exact reference for any shape."""
     points, faces = [], []
     padded = np.pad(mask, 1)
     for axis in range(3):
@@ -37,7 +37,7 @@ def blocks(mask):
 
 
 def centres(labels, affine):
-    """Voxel centres in mm."""
+    """Return the centres of the voxels in mm."""
     return np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3]
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a surface is said in one line that names the place and the remedy; nothing is written."""
+"""Invalid surfaces raise an error that names the location and the remedy in one line, and write no file."""
 
 import re
 
@@ -17,7 +17,7 @@ from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat
 
 
 def changed(*, points=None, faces=None):
-    """The sheet with something done to it."""
+    """Return a sheet with changed points or faces."""
     places, triangles = square()
     return points(places) if points else places, faces(triangles) if faces else triangles
 
@@ -121,7 +121,7 @@ def test_a_ring_without_cuts_is_refused():
 
 
 def hole():
-    """A sheet with a hole that is too large to be closed."""
+    """Return a sheet with a hole that is too large to be closed."""
     points, faces = square(20)
     inside = (np.abs(points[:, :2] - 10) <= 4).all(axis=1)
     return points, faces[~inside[faces].all(axis=1)]

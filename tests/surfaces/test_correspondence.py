@@ -1,4 +1,4 @@
-"""Files that fit by their number of vertices and belong to another surface: both sides of fsaverage5 have 10,242."""
+"""Files of another surface with the same number of vertices: both sides of fsaverage5 have 10,242."""
 
 import logging
 
@@ -16,7 +16,7 @@ from voxflat.methods import Voxflat
 
 @pytest.fixture(scope="module")
 def brain(tmp_path_factory):
-    """Return a folder as FreeSurfer's: lh.white, rh.pial, lh.curv, ... of fsaverage5."""
+    """Return a directory like FreeSurfer's, with lh.white, rh.pial, lh.curv, ... of fsaverage5."""
     folder = tmp_path_factory.mktemp("fsaverage5")
     for side, h in (("left", "lh"), ("right", "rh")):
         for name, of in (("white", "white"), ("pial", "pial"), ("infl", "inflated"), ("sphere", "sphere")):
@@ -29,7 +29,7 @@ def brain(tmp_path_factory):
 
 
 def mesh(brain, name):
-    """Return points and triangles alone, without a name that tells the side."""
+    """Return points and triangles without a file name that shows the side."""
     return tuple(nib.freesurfer.read_geometry(brain / name))
 
 
@@ -67,7 +67,7 @@ class TestPial:
             voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
 
     def test_shifted(self, brain):
-        """By an ordinary c_ras it is refused, by 2.4 mm doubted."""
+        """A shift by a typical c_ras raises an error, and a shift by 2.4 mm a warning."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         with pytest.raises(InputError, match=r"same hemisphere, subject and space"):
             voxflat.surface((white, faces), pial=(pial + np.array([3, -17, 22]), faces))
@@ -79,7 +79,7 @@ class TestPial:
         assert "the pial surface equals the given surface" in remark
 
     def test_a_patch_that_faces_inwards_is_no_error(self, brain):
-        """What has a boundary has no outside that could be known."""
+        """The outside of a surface with a boundary is not known."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         part = faces[(white[faces][:, :, 2] > 40).all(axis=1)][:, ::-1]
         (remark,) = [told for told in voxflat.surface((white, part), pial=(pial, part)).remarks if "pial" in told]
@@ -98,7 +98,7 @@ class TestLabels:
         return voxflat.surface(brain / white if isinstance(white, str) else white).keep(label).cut(relax=False)
 
     def chosen(self, brain, name):
-        """Return the vertices within 25 mm of a place, and their places on a surface."""
+        """Return the vertices within 25 mm of a point, and the positions of all vertices."""
         points = mesh(brain, name)[0]
         return np.flatnonzero(np.linalg.norm(points - points[2000], axis=1) < 25), points
 
@@ -119,7 +119,7 @@ class TestLabels:
         refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
 
     def test_of_another_surface(self, brain, tmp_path):
-        """Whose numbers are others': only a doubt, for it may be an inflated surface that is flattened."""
+        """A label of another surface only causes a warning, because the surface may be inflated."""
         vertices, white = self.chosen(brain, "lh.white")
         path = write_label(tmp_path / "V1.label", vertices, white[::-1][vertices])
         remarks = [remark for remark in self.cut(brain, path).remarks if "V1.label" in remark]
@@ -127,7 +127,7 @@ class TestLabels:
         assert "mm (median) away from the vertices to which it refers" in remarks[0]
 
     def test_on_a_surface_in_scanner_ras(self, brain, tmp_path):
-        """The label's points are tkRAS all the same, c_ras not known."""
+        """The points of the label are in tkRAS although the surface is not, and c_ras is unknown."""
         vertices, white = self.chosen(brain, "lh.white")
         path = write_label(tmp_path / "V1.label", vertices, white[vertices])
         points, faces = mesh(brain, "lh.white")
@@ -164,7 +164,7 @@ class TestOverlays:
     @pytest.mark.slow
     @pytest.mark.parametrize("name", ["curv", "sulc"])
     def test_another_surfaces_folds(self, flat, brain, tmp_path, caplog, name):
-        """Of as many vertices, and of no name that tells: those of the other side."""
+        """The overlay has the right number of vertices, but belongs to the other side, which its name does not show."""
         other = tmp_path / f"bert.{name}"
         other.write_bytes((brain / f"rh.{name}").read_bytes())
         flat.image(other)

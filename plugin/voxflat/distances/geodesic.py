@@ -58,11 +58,8 @@ def geodesic(
         what["link_lengths"] = part.metadata["link_lengths"]
     else:
         refuse(geodesic, link_lengths=link_lengths)
-        part = (
-            largest_piece(surface)
-            if sources is None or is_whole(sources)
-            else piece_of(surface, surface.find(sources, "sources"))
-        )
+        of_all = sources is None or is_whole(sources)
+        part = largest_piece(surface) if of_all else piece_of(surface, surface.find(sources, "sources"))
     common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     choice = source_choice(part, sources, sampling, seed, fewest=1)
     if dask is not None and store is not None and isinstance(part, Manifold):

@@ -74,9 +74,8 @@ def rows_by_workers(
     try:
         with connected(dask, most=choice.count) as cluster:
             try:
-                ((_, prepared, error),) = cluster.each(
-                    partial(_begin, wanted), [(beside, path)], stage="choosing sources", **how
-                )
+                begin = partial(_begin, wanted)
+                ((_, prepared, error),) = cluster.each(begin, [(beside, path)], stage="choosing sources", **how)
                 if error is not None:
                     raise error
                 _finish(cluster, prepared, beside, partial(_part, wanted, prepared.identity, memory_limit), how)

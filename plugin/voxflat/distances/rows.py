@@ -205,9 +205,7 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's rows."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
-        raise InputError(
-            f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]} distances). {OTHER}"
-        )
+        raise InputError(f"{path / 'journal.jsonl'} is damaged (expected {shape[0]} x {shape[1]} distances). {OTHER}")
     known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
     if not journal.is_complete or len(known) < journal.rows:
         raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")

@@ -212,9 +212,8 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
         differences.append("its surface has different triangles, or was processed by another version of voxflat")
     elif not differences and "sources_sha256" in differ:
         differences.append(f"its sources differ{counts('sources')}")
-    raise InputError(
-        f"the store {path} holds other distances: {' and '.join(differences) or 'its store.json differs'}. {OTHER}"
-    )
+    told = " and ".join(differences) or "its store.json differs"
+    raise InputError(f"the store {path} holds other distances: {told}. {OTHER}")
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:

@@ -188,12 +188,12 @@ _TRIANGLES = (
     ("covering another", "covering", 1.0, 0),
     ("boundary crossings", "crossings", 1.0, 0),
 )
-_TOPOLOGY = (
-    ("components", "components"),
-    ("Euler characteristic", "euler"),
-    ("boundary loops", "loops"),
-    ("handles", "handles"),
-)
+_TOPOLOGY = {
+    "components": "components",
+    "Euler characteristic": "euler",
+    "boundary loops": "loops",
+    "handles": "handles",
+}
 _REFERENCES = {
     "exact": "exact distances over the triangles",
     "graph": "distances by straight links over the triangles",
@@ -241,7 +241,7 @@ def _other_rows(of: Sequence[Distortion]) -> list[list[str]]:
             values = [None if one.triangles is None else factor * getattr(one.triangles, key) for one in of]
             rows.append([name, *(_number(value, digits) for value in values)])
     if any(one.topology is not None for one in of):
-        for name, key in _TOPOLOGY:
+        for name, key in _TOPOLOGY.items():
             rows.append([name, *(_number(None if one.topology is None else one.topology[key], 0) for one in of)])
     return rows
 

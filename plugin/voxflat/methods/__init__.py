@@ -17,10 +17,8 @@ from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "Voxflat", "Zigelman2002", "method_of"]
 
-METHODS: dict[str, type[Method]] = {
-    method.name: method for method in (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
-}
-"""The methods by name, the default first."""
+_METHODS: tuple[type[Method], ...] = (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
+METHODS = {method.name: method for method in _METHODS}  # the default first
 
 
 def method_of(method: str | Method) -> Method:

@@ -115,10 +115,8 @@ class Grossmann2002(Method):
         chosen = choice.made(how.progress)
         store = None
         if how.store is not None:
-            lengths = graph.metadata["link_lengths"]
-            store = prepare_store(
-                how.store, part, graph.ids, chosen, geodesic="chain", link_lengths=lengths, progress=how.progress
-            )
+            kind = {"geodesic": "chain", "link_lengths": graph.metadata["link_lengths"]}
+            store = prepare_store(how.store, part, graph.ids, chosen, **kind, progress=how.progress)
         result = part.grossmann2002(chosen, how.seed, how.keep_rows and store is None, how.threads, how.progress)
         topology = part.topology(how.progress)
         faces, torn = part.map_faces(result["uv"], how.progress)

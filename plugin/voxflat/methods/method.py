@@ -106,9 +106,7 @@ class Method:
         if how.rows is not False and not self.takes_rows:
             raise InputError(f"the method {self.name!r} does not measure distances. Do not pass rows")
         if how.store is not None and not self.takes_store:
-            raise InputError(
-                f"the method {self.name!r} cannot write a store. Pass rows=True to keep the distances in memory"
-            )
+            raise InputError(f"the method {self.name!r} cannot write a store. Pass rows=True to keep rows in memory")
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
         """Flatten a surface."""

@@ -56,9 +56,8 @@ def _at_corners(
     triangle[keys] = np.arange(len(keys))
     found = triangle[wanted_keys]
     is_there = keys[found] == wanted_keys
-    sorted_known = np.take_along_axis(
-        start.core.faces[found].astype(np.int64), np.argsort(known[found], axis=1), axis=1
-    )
+    order = np.argsort(known[found], axis=1)
+    sorted_known = np.take_along_axis(start.core.faces[found].astype(np.int64), order, axis=1)
     places = np.empty((*faces.shape, 2))
     np.put_along_axis(places, np.argsort(wanted, axis=1)[:, :, None], start.uv[sorted_known], axis=1)
     return places, is_there

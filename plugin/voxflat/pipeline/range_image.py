@@ -78,9 +78,7 @@ def range_image(
     kept = inside & (np.ptp(corners, axis=1) <= limit)
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
-        raise InputError(
-            f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units of depth"
-        )
+        raise InputError(f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units")
     remarks = []
     if cut:
         remarks.append(

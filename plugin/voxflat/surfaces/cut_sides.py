@@ -105,9 +105,7 @@ class _Corners:
     def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[frozenset[int], bool]]:
         """Return the triangles at a vertex that a program would read, and whether each one is correct."""
         found = [triangle for triangle in self.around[vertex] if triangle <= listed.keys()]
-        return [
-            (one, any(all(listed[v] == point for v, point in of.items()) for of in self.points[one])) for one in found
-        ]
+        return [(one, any(points.items() <= listed.items() for points in self.points[one])) for one in found]
 
     def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Exclude vertices one by one: those with the most wrong triangles first, then those with the fewest others."""

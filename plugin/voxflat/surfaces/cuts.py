@@ -52,15 +52,12 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
     try:
         content = from_json(contents(path))
     except OSError as error:
-        raise InputError(
-            f"cannot read the cuts {path}: {error.strerror}. Pass 'standard', 'automatic', a file or paths"
-        ) from error
+        remedy = "Pass 'standard', 'automatic', a file or paths"
+        raise InputError(f"cannot read the cuts {path}: {error.strerror}. {remedy}") from error
     except ValueError as error:
         raise InputError(f"{path} is not a cuts file: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):
-        raise InputError(
-            f'{path} is not a cuts file. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}'
-        )
+        raise InputError(f'{path} is not a cuts file. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [...]}}')
     lists = [_vertices(path, values, indices) for values in content["cuts"]]
     left_out = _vertices(path, content.get("drop", []), indices)
     return [cut for cut in lists if len(cut)], left_out if len(left_out) else None
@@ -75,9 +72,7 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
         return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
     if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
         what = "vertex numbers" if indices is None else "voxel indices"
-        raise InputError(
-            f"{path} contains a list with data type {array.dtype} and shape {array.shape}. Provide lists of {what}"
-        )
+        raise InputError(f"{path} has a list of type {array.dtype} and shape {array.shape}. Provide lists of {what}")
     return array.astype(np.int64)
 
 

@@ -165,11 +165,8 @@ class Check:
         of = self.contents
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
-            rows = [
-                ("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"),
-                ("size", in_unit(f"{size} mm", of)),
-            ]
-            rows.append(("coordinates", str(Space._of(of))))
+            rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles")]
+            rows += [("size", in_unit(f"{size} mm", of)), ("coordinates", str(Space._of(of)))]
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [

@@ -206,9 +206,8 @@ def _template() -> _Template:
     def soft(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
         return np.asarray(scipy.ndimage.gaussian_filter(mask.astype(np.float32), _SOFT / _STEP))
 
-    return _Template(
-        affine, white > 0, np.stack([soft(part == n) for n in (1, 2, 3)]), np.stack([soft(deep == n) for n in (1, 2)])
-    )
+    parts, inner = ([soft(of == n) for n in numbers] for of, numbers in ((part, (1, 2, 3)), (deep, (1, 2))))
+    return _Template(affine, white > 0, np.stack(parts), np.stack(inner))
 
 
 def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps") -> NDArray[np.bool_]:

@@ -452,10 +452,8 @@ class Manifold:
         path = checked_path(path)
         space, structure = self.space, self.metadata.get("structure")
         if space.name == "scanner" and self.is_voxels:
-            volume = VolumeGeometry.of_volume(
-                self.metadata["affine"], self.metadata["shape"], self.metadata["input"] or ""
-            )
-            space = Space("scanner", volume)
+            affine, shape, file = (self.metadata[name] for name in ("affine", "shape", "input"))
+            space = Space("scanner", VolumeGeometry.of_volume(affine, shape, file or ""))
         if space.doubt:
             log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
@@ -469,9 +467,7 @@ class Manifold:
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
-            raise InputError(
-                f"cannot write {path}: a 3-D surface is not a flat patch. Use a name that ends in {PATCH_ENDING}"
-            )
+            raise InputError(f"{path}: a 3-D surface is not a flat patch. Pass a name that ends in {PATCH_ENDING}")
         if self.is_voxels:
             raise InputError("a patch file requires a mesh, but this surface comes from voxels. Save it as .surf.gii")
         points, _ = in_tkras(self.points, space)

@@ -72,7 +72,5 @@ def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
     if told["split"]:
         count, first = len(told["split"]), told["split"][0]
         where = f"vertex {first}" if count == 1 else f"{count} vertices (the first is {first})"
-        remarks.append(
-            f"parts of the surface touch at {where}; each part has its own vertex there, with the same number"
-        )
+        remarks.append(f"parts of the surface touch at {where}; each has its own vertex there, with the same number")
     return remarks

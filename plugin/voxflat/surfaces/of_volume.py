@@ -90,10 +90,8 @@ def _level(
     if probability is not None:
         image = as_volume(probability)
         if image.data.shape != mask.shape:
-            raise InputError(
-                f"the probability image has shape {image.data.shape}, but the volume has {mask.shape}. Resample the "
-                "image"
-            )
+            shapes = f"shape {image.data.shape}, but the volume has {mask.shape}"
+            raise InputError(f"the probability image has {shapes}. Resample the image")
         if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
             raise InputError("the affines of the probability image and of the volume differ. Resample the image")
         values = image.data.astype(np.float32)
@@ -134,9 +132,8 @@ def _repaired(
     remarks: list[str] = []
     if removed or added:
         share = 100 * (removed + added) / np.count_nonzero(mask)
-        remarks.append(
-            f"repaired {report['handles']} handle(s): {removed} voxels removed, {added} added ({share:.2f} %)"
-        )
+        changes = f"{removed} voxels removed, {added} added ({share:.2f} %)"
+        remarks.append(f"repaired {report['handles']} handle(s): {changes}")
     if others:
         remarks.append(
             f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "

@@ -126,9 +126,8 @@ def register(whole: Manifold, side: str | None, threads: int | None, progress: P
         checked_choice(side, "side", SIDES)
     whole, remarks = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
-    found = whole.core.register(
-        *icosphere(), templates, None if side is None else SIDES.index(side), checked_threads(threads), progress
-    )
+    number = None if side is None else SIDES.index(side)
+    found = whole.core.register(*icosphere(), templates, number, checked_threads(threads), progress)
     return _validated(whole, found, side, remarks)
 
 

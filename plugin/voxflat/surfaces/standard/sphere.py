@@ -208,14 +208,9 @@ def _placed(
         )
         own = best
     distance = distances[own]
-    told = (
-        f"according to {name}, the surface is {distance:.0f} mm (median) away from the template's brain after "
-        "rigid alignment"
-    )
+    told = f"according to {name}, the aligned surface is {distance:.0f} mm (median) away from the template's brain"
     if distance > _FAR[1]:
-        raise InputError(
-            f"{told}, so the sphere is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere"
-        )
+        raise InputError(f"{told}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
     if distance > _FAR[0]:
         remarks.append(f"{told}; 4 to 9 mm is usual. Check that the sphere is registered")
     return *own, distance, remarks

@@ -120,14 +120,13 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
     for cut in cuts:
         if cut.root is not None and cut.root not in names:
             raise InputError(
-                f"{path}: the root of {cut.name!r} is {cut.root!r}, which is neither an outline nor an earlier cut"
+                f"{path}: {cut.root!r}, the root of {cut.name!r}, is neither an outline nor an earlier cut"
             )
         if cut.name in names:
             raise InputError(f"{path} has two lines named {cut.name!r}")
         names.add(cut.name)
-    return Template(
-        name, content["space"], content["side"], outlines, cuts, _anchors(path, content), content.get("provenance", {})
-    )
+    more = _anchors(path, content), content.get("provenance", {})
+    return Template(name, content["space"], content["side"], outlines, cuts, *more)
 
 
 def _entries(path: Path, content: dict[str, Any], name: str) -> list[Any]:

@@ -174,10 +174,8 @@ def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], c
             f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no boundary there, because that region "
             "was not excluded. Exclude the region, or pass cuts='automatic'"
         )
-    apart = [
-        float(scipy.spatial.KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min())
-        for loop in loops
-    ]
+    start = cut.points[: max(2, len(cut.points) // 3)]
+    apart = [float(scipy.spatial.KDTree(places[loop]).query(start)[0].min()) for loop in loops]
     return loops[int(np.argmin(apart))]
 
 
@@ -185,9 +183,8 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
     """Return the distance of points from a cut's line, which may be extended beyond its root."""
     points = cut.points
     if drawn_on:
-        inwards = points[
-            np.linalg.norm(points - points[0], axis=1) <= max(_DIRECTION, np.linalg.norm(points[1] - points[0]))
-        ]
+        reach = max(_DIRECTION, np.linalg.norm(points[1] - points[0]))
+        inwards = points[np.linalg.norm(points - points[0], axis=1) <= reach]
         back = points[0] - inwards[-1]
         back -= (back @ points[0]) * points[0]
         back /= max(float(np.linalg.norm(back)), 1e-12)
@@ -229,7 +226,7 @@ def template_of(
             break
         else:
             raise InputError(
-                f"the cut {rest[0][0]!r} begins neither at a boundary nor at another cut, but a template requires one"
+                f"the cut {rest[0][0]!r} begins neither at a boundary nor at another cut. Extend it to one"
             )
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
 
