@@ -37,7 +37,7 @@ class Distortion:
     reference : {"exact", "graph", "chain"}
         How reference distances were measured, as in `Surface.geodesic`.
     per_point : ndarray, shape (N,)
-        Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1: the heat map.
+        Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1, as in the heat map.
     scatter : ndarray, shape (K, 2)
         A sample of pairs (δ, d), mm.
     triangles : TriangleFigures or None
@@ -212,7 +212,7 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
         *_distance_rows([(one.raw, one.standard_error.raw) for one in of], voxel_size),
         ["AT THE BEST SCALE", *(_number(one.best_scale.scale, 4) for one in of)],
         *_distance_rows([(one.best_scale, one.standard_error.best_scale) for one in of], voxel_size),
-        ["OF THE MAP AS IT IS"],
+        ["OTHER FIGURES"],
         *_other_rows(of),
     ]
     return _aligned(of, rows)

@@ -63,7 +63,7 @@ def disk(
     seed, told = _seed(of, seed_point)
     core, filled = of.core.disk(seed, radius, threads, progress)
     if filled:
-        told.append(f"the disk includes {filled} triangles beyond the radius that it encloses")
+        told.append(f"the disk includes {filled} triangles that are beyond the radius, but enclosed by the disk")
     given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
     return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
 
