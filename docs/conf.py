@@ -39,7 +39,7 @@ myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"
 myst_heading_anchors = 3
 
 # Docstrings: every check of numpydoc, and a page for each class and function
-numpydoc_validation_checks = {"all", "ES01", "EX01", "SA01"}  # the tests check these three, except for properties
+numpydoc_validation_checks = {"all"}
 numpydoc_show_class_members = False
 OTHERS = "object BaseException Exception Sequence ValueError VTKPythonAlgorithmBase"
 OTHERS += " vtkPythonAlgorithm vtkAlgorithm vtkObject vtkObjectBase"

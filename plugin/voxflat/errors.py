@@ -26,7 +26,19 @@ class VoxflatError(Exception):
 
     @property
     def remedy(self) -> str:
-        """How to fix the error: the message after its first sentence, or after its last semicolon or colon."""
+        """Return the part of the message that explains how to fix the error, or an empty string if there is none.
+
+        This part follows the first sentence of the message, or else its last semicolon or colon.
+
+        See Also
+        --------
+        InputError : Exception whose message names the value and the remedy.
+
+        Examples
+        --------
+        >>> voxflat.InputError("radius is -1; give a positive radius").remedy
+        'give a positive radius'
+        """
         text = str(self)
         sentence = re.search(r"\. (?=[A-Z])", text)
         at = max(text.rfind(mark) for mark in ("; ", ": ")) if sentence is None else sentence.start()

@@ -86,27 +86,87 @@ class DistanceRows:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The number of sources and the number of points."""
+        """The numbers of sources and of points.
+
+        These are the lengths of the array's axes.
+
+        See Also
+        --------
+        DistanceRows.chunks : Shape of blocks to read at once.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).shape
+        (5, 441)
+        """
         return (self.rows.shape[0], self.rows.shape[1])
 
     @property
     def dtype(self) -> np.dtype[np.float32]:
-        """The data type of the distances, float32."""
+        """The type of the distances.
+
+        It is always float32.
+
+        See Also
+        --------
+        DistanceRows.nbytes : Size of all distances.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).dtype
+        dtype('float32')
+        """
         return self.rows.dtype
 
     @property
     def ndim(self) -> int:
-        """The number of axes, 2."""
+        """The number of axes.
+
+        It is always 2.
+
+        See Also
+        --------
+        DistanceRows.shape : Length of the axes.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).ndim
+        2
+        """
         return 2
 
     @property
     def nbytes(self) -> int:
-        """The size of all distances in bytes; rows in a store need this memory only when converted to an array."""
+        """The size of all distances in bytes.
+
+        Rows in a store need this much memory only if they are converted to an array.
+
+        See Also
+        --------
+        DistanceRows.chunks : Shape of blocks to read at once.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).nbytes
+        8820
+        """
         return int(self.rows.nbytes)
 
     @property
     def chunks(self) -> tuple[int, int]:
-        """The shape of blocks of complete rows to read at once; Dask uses it as a hint."""
+        """The shape of blocks to read at once, which consist of complete rows.
+
+        Dask uses it as a hint.
+
+        See Also
+        --------
+        DistanceRows.nbytes : Size of all distances.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().geodesic(5).chunks
+        (5, 441)
+        """
         height = self.shape[0] if self.store is None else _CHUNK // max(1, 4 * self.shape[1])
         return (max(1, min(height, self.shape[0])), self.shape[1])
 

@@ -89,12 +89,36 @@ class Manifold:
 
     @property
     def is_voxels(self) -> bool:
-        """Whether the surface came from a volume, so that its vertices have voxels."""
+        """Whether the surface came from a volume.
+
+        A surface from a mesh has no voxels.
+
+        See Also
+        --------
+        Surface.voxel_size : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().is_voxels
+        False
+        """
         return self.voxels is not None
 
     @property
     def voxel_size(self) -> float | None:
-        """Geometric mean of the three voxel spacings, mm; None for a surface from a mesh."""
+        """Geometric mean of the three voxel spacings, mm.
+
+        It is None for a surface from a mesh.
+
+        See Also
+        --------
+        Surface.is_voxels : Whether the surface came from a volume.
+
+        Examples
+        --------
+        >>> voxflat.surface(voxflat.samples.ball()).voxel_size
+        1.0
+        """
         return voxel_size(self.metadata["affine"]) if self.is_voxels else None
 
     @property
@@ -104,45 +128,141 @@ class Manifold:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3); each side of a cut has its own vertices."""
+        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3).
+
+        The two sides of a cut have separate vertices.
+
+        See Also
+        --------
+        Surface.ids : The vertices in the input.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().points.shape
+        (441, 3)
+        """
         return self.core.points
 
     @property
     def space(self) -> Space:
-        """Coordinate space of the points, as defined by the volume or by the file of the mesh."""
+        """Coordinate space of the points.
+
+        It is the space of the volume, or the space that the file of the mesh defines.
+
+        See Also
+        --------
+        voxflat.io.Space : The spaces of coordinates.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().space.name
+        'unknown'
+        """
         return Space._of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
-        """Triangles as vertex numbers, shape (F, 3), with corners counterclockwise as seen from outside."""
+        """Triangles as vertex numbers, shape (F, 3).
+
+        Their corners run counterclockwise as seen from outside.
+
+        See Also
+        --------
+        Surface.points : Coordinates of the vertices.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().faces.shape
+        (800, 3)
+        """
         return self.core.faces
 
     @property
     def thickness(self) -> NDArray[np.float64] | None:
-        """Distance from the white to the pial surface at each vertex of the complete surface, mm; None if unknown."""
+        """Distance from the white to the pial surface at each vertex of the complete surface, mm, shape (V,).
+
+        It is None if the white or the pial surface is not known.
+
+        See Also
+        --------
+        Surface.count : Number of vertices of the complete surface.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().thickness is None
+        True
+        """
         if self.white_points is None or self.pial_points is None:
             return None
         return np.asarray(np.linalg.norm(self.pial_points - self.white_points, axis=1))
 
     @property
     def usual_edge(self) -> float:
-        """Median length of the triangle edges, mm."""
+        """Median length of the triangle edges, mm.
+
+        It is a measure of the resolution of the surface.
+
+        See Also
+        --------
+        Surface.voxel_size : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().usual_edge > 0
+        True
+        """
         corners = self.points[self.faces]
         return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
     @property
     def count(self) -> int:
-        """Number of vertices of the complete surface, including vertices without a triangle."""
+        """Number of vertices of the complete surface.
+
+        It includes vertices without a triangle.
+
+        See Also
+        --------
+        Surface.vertices : The vertices in the complete surface.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().count
+        441
+        """
         return len(self.voxels) if self.voxels is not None else int(self.metadata["vertices"])
 
     @property
     def vertices(self) -> NDArray[np.int64]:
-        """Number of each vertex in the complete surface, shape (N,); both sides of a cut share a number."""
+        """Number of each vertex in the complete surface, shape (N,).
+
+        The two sides of a cut share a number.
+
+        See Also
+        --------
+        Surface.ids : The vertices in the input.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().vertices.shape
+        (441,)
+        """
         return self.core.ids.astype(np.int64)
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Voxel indices in the input for each vertex, shape (N, 3), or vertex numbers, shape (N,), for a mesh."""
+        """Voxel or vertex of the input for each vertex.
+
+        These are voxel indices of shape (N, 3), or vertex numbers of shape (N,) if the input was a mesh.
+
+        See Also
+        --------
+        Surface.find : Find vertices by their ids.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().ids.shape
+        (441,)
+        """
         return self.vertices if self.voxels is None else self.voxels[self.core.ids]
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
@@ -408,7 +528,19 @@ class Manifold:
 
     @property
     def provenance(self) -> Record:
-        """Record of how the surface was made: version, function, parameters, and the files that were read."""
+        """Record of how the surface was made.
+
+        It holds the version, the function, its parameters, and the files that were read.
+
+        See Also
+        --------
+        Surface.save : Write the surface to a file.
+
+        Examples
+        --------
+        >>> voxflat.surface(voxflat.samples.ball()).provenance["function"]
+        'surface'
+        """
         return dict(self.metadata.get("provenance", {}))
 
     def _with_provenance(self, record: Record) -> Self:
