@@ -73,7 +73,7 @@ API = {
     "label absent": (sheet() * 3, {"label": 7}, r"no voxel has label 7; the volume has labels 3$"),
     "label ambiguous": (sheet() + sheet(cut=3), {}, r"pass a label or a threshold; the volume has labels 1, 2$"),
     "label and threshold": (sheet(), {"label": 1, "threshold": 0.5}, r"label=1 and threshold=0.5 .* only one"),
-    "intensities": (sheet() * 0.3, {}, r"intensities \(float64, 0 to 0.3\). Use a threshold"),
+    "intensities": (sheet() * 0.3, {}, r"intensities from 0 to 0.3. Pass a threshold"),
     "threshold too high": (sheet(), {"threshold": 5}, r"above the threshold 5(\.0)?; the largest value is 1"),
     "threshold NaN": (sheet(), {"threshold": NAN}, r"threshold is nan. Pass a finite"),
     "threshold text": (sheet(), {"threshold": "high"}, r"threshold is 'high'; give a number"),
@@ -111,7 +111,11 @@ API = {
         {"keep": kept(np.s_[:5], np.s_[30:])},
         r"2 separate pieces \(of 400, 200 voxels\). Keep one",
     ),
-    "mask of wrong shape": (sheet(), {"keep": np.ones((3, 4, 5))}, r"shape \(3, 4, 5\), the volume \(40, 40, 5\)"),
+    "mask of wrong shape": (
+        sheet(),
+        {"keep": np.ones((3, 4, 5))},
+        r"shape \(3, 4, 5\), but the volume has \(40, 40, 5\)",
+    ),
     "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
     "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"contains no triangle of the surface \(1600 vertices"),
     "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep contains NaN. Set"),
@@ -129,8 +133,8 @@ API = {
     "seed point of two": (sheet(), {"seed_point": (1, 1), "radius": 5}, r"seed point must be .*\(2,\)"),
     "seed point fractional": (sheet(), {"seed_point": (1.5, 1, 2), "radius": 5}, r"seed point must be .*whole"),
     "closed": (ball(), {}, r"the surface is closed.*Flatten a patch: give a seed point and a radius .* or a mask"),
-    "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory are needed, 976.6 KiB is the limit; crop"),
-    "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
+    "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory is needed, but the limit is 976.6 KiB. Crop"),
+    "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB\. Crop or downsample the volume"),
     "method": (sheet(), {"method": "tsne"}, "Pass 'voxflat', .* 'saucan2006', or an object of voxflat.methods"),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is 'best'; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is 'city-block'; give"),
@@ -213,7 +217,7 @@ def test_wrong_usage(name, tmp_path):
 def test_memory_is_checked_before_the_start():
     stages = []
     how = {"method": "grossmann2002", "memory_limit": 10**6, "progress": lambda stage, *_: stages.append(stage)}
-    refused("of memory are needed", voxflat.flatten, sheet(), **how)
+    refused("of memory is needed", voxflat.flatten, sheet(), **how)
     assert "measuring distances" not in stages
     assert "classical scaling" not in stages
 

@@ -97,13 +97,13 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
-        refused(address, rf"no Dask scheduler answers at {address} \(.*\)\. Check that it is running")
+        refused(address, rf"no Dask scheduler responds at {address} \(.*\)\. Check that it is running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
-    refused(ready, r"the worker tcp://\S+ has voxflat \S+, this process 0\.0\.1. Install the same version")
+    refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install the same version")
     monkeypatch.setattr(cluster, "version", no_package)
-    refused(ready, r"the worker tcp://\S+ has no voxflat. Install version 0\.0\.1 there")
+    refused(ready, r"voxflat is not installed on the worker tcp://\S+. Install version 0\.0\.1")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    refused(ready, r"a cluster requires distributed\. Run pip install 'voxflat\[lab\]'")
+    refused(ready, r"a cluster requires the package distributed\. Run pip install 'voxflat\[lab\]'")
 
 
 # ----------------------------------------------------------------------------------------------- studies
@@ -309,11 +309,11 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
     store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
-        ({"dask": ready}, "the workers have no store to write into. Pass store"),
-        ({"dask": ready, "store": store, "geodesic": "chain"}, "does not have this option; leave it out"),
+        ({"dask": ready}, "the workers have no store to write into. Also pass store"),
+        ({"dask": ready, "store": store, "geodesic": "chain"}, "does not have the option dask. Do not pass it"),
         (
             {"dask": ready, "store": store, "memory_limit": 1_000_000},
-            "memory are needed, 976.6 KiB is the limit; use fewer threads",
+            "memory is needed, but the limit is 976.6 KiB. Use fewer threads",
         ),
     ):
         with pytest.raises(voxflat.InputError, match=match):

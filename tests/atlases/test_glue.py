@@ -219,7 +219,7 @@ class TestOneMap:
     def test_too_little_memory_is_refused_before_work_begins(self):
         stages = []
         options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
-        told = "of memory are needed, .* is the limit; flatten a smaller patch"
+        told = r"of memory is needed, but the limit is .*. Flatten a smaller patch"
         refused(told, composed.flatten, bumps(), **options, memory_limit=400_000)  # its surface takes less
         assert "growing patches" not in stages
 

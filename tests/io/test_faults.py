@@ -130,7 +130,7 @@ def test_rows_that_are_cut_short_while_they_are_open(tmp_path):
 
 def test_memory_is_compared_before_the_surface_of_a_mesh_is_made():
     points, faces = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (50, 50), (51, 51))
-    told = re.compile(r"1\.\d+ MiB of memory are needed, 1 MiB is the limit")
+    told = re.compile(r"1\.\d+ MiB of memory is needed, but the limit is 1 MiB")
     refused(told, voxflat.surface, (points, faces), memory_limit=1 << 20)
     found = voxflat.check((points, faces), memory_limit=1 << 20)
     assert not found.can_flatten

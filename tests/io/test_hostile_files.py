@@ -35,7 +35,7 @@ META = (
     "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
     "ElementDataFile = LOCAL\n"
 )
-ENDED = "(ITK|VTK) (ended while it read|did not finish|reports)|memory are needed|cannot be read|its header specifies"
+ENDED = "(ITK|VTK) (ended while it read|did not finish|reports)|memory is needed|cannot be read|its header specifies"
 NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 5\nencoding: raw\ndata file: v.raw\n\n"
 VOLUMES = {
     "colon.mhd": (META.replace("ElementDataFile", "ElementDataFile : ../secret.raw ="), "is not a MetaImage"),
@@ -393,7 +393,7 @@ def test_cuts_in_a_damaged_gzip(tmp_path):
     path = tmp_path / "cuts.json"
     path.write_bytes(gzip.compress(b'{"cuts": [[[0, 3, 2], [1, 3, 2]]]}' + b" " * 5000))
     patch(path, {12: b"\xff" * 8})
-    refuses(path, "is not a file of cuts: ", sheet_of_voxels().cut)
+    refuses(path, "is not a cuts file: ", sheet_of_voxels().cut)
 
 
 @pytest.mark.parametrize(
@@ -530,7 +530,7 @@ def test_what_a_picture_takes_is_known_before_it_is_decoded(tmp_path, sheet):
     Image.new("L", (12_000, 12_000)).save(path)
     for read in (as_picture, sheet.regions):
         with reading(1 << 30):
-            refuses(path, r"3\.22 GiB of memory are needed", read)
+            refuses(path, r"3\.22 GiB of memory is needed", read)
 
 
 def test_values_that_are_no_whole_numbers_or_signal_print_no_warning(sheet):

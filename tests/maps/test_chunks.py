@@ -219,7 +219,7 @@ class TestOmeZarr:
 
     @pytest.mark.parametrize(
         ("axis", "length", "message"),
-        [(3, 2**31, "an axis of more than 2147483647 voxels"), (0, 2**31 - 1, "of memory are needed")],
+        [(3, 2**31, "an axis of more than 2147483647 voxels"), (0, 2**31 - 1, "of memory is needed")],
     )
     def test_a_shape_beyond_all_files(self, m, values, tmp_path, axis, length, message):
         """Chunks that are not there are zero, so that a header alone may say so."""

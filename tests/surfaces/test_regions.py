@@ -248,7 +248,7 @@ def test_patches_that_cannot_be_written(tmp_path):
 
 
 def test_faces_and_border_of_a_patch():
-    """Without the corner of a grid of 5 by 5: its old edge and what was next to the corner are the border."""
+    """A 5 x 5 grid without a corner: the border is its old edge and the neighbours of the corner."""
     mesh = grid(5)
     vertices = np.arange(24, 0, -1)  # all but point 0, backwards
     faces = patch_faces(mesh.faces, vertices, 25)
