@@ -480,9 +480,9 @@ def test_starting_needs_no_numbers_no_plotting_and_no_gui(arguments):
 
 def test_the_table_of_commands_agrees_with_their_modules():
     modules = {path.stem for path in Path(cli.__file__).parent.glob("commands/[a-z]*.py")}
-    assert modules == set(cli.main.commands) == set(cli.program.COMMANDS)
-    assert list(cli.program.COMMANDS) == sorted(modules)
-    for name, summary in cli.program.COMMANDS.items():
+    assert modules == {module for module, _ in cli.program.COMMANDS.values()}
+    assert list(cli.program.COMMANDS) == sorted(cli.main.commands)
+    for name, (_, summary) in cli.program.COMMANDS.items():
         command = cli.main.get_command(None, name)
         assert (command.name, " ".join(command.help.split("\n\n")[0].split())) == (name, summary)
 
@@ -523,7 +523,15 @@ def test_messages_name_options_in_place_of_keyword_arguments():
     for text, shown in (
         ("Use relax=False to disable them", "Use --no-relax to disable them"),
         ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),
-        ("seed_point is given without radius", "--seed-point is given without radius"),
+        ("seed_point is given without radius", "--seed-point is given without --radius"),
+        ("max_area and scale are both given", "--max-area and --scale are both given"),
+        ("sources and scale are both given", "--sources and --scale are both given"),
+        (
+            "scale does not apply. Pass sources, bound or max_area",
+            "--scale does not apply. Pass --sources, --bound or --max-area",
+        ),
+        ("the label is given by a radius or by seed_point", "the label is given by a radius or by --seed-point"),
+        ("Pass repair='cuts' or a label", "Pass --repair cuts or a label"),
         ("the relax=3 of lh.max_area_7.gii", "the relax=3 of lh.max_area_7.gii"),
         ("cannot read /data/seed_point/wm.nii", "cannot read /data/seed_point/wm.nii"),
     ):

@@ -35,11 +35,8 @@ def check_output(
     """Check that a result can be written before it is computed.
 
     An output must not be an input under any name, or the same file as another output. An existing file that the user
-    named is replaced; its companion files are replaced only if voxflat wrote them or ``--overwrite`` is given.
-
-    `path`: the result. `endings`: the allowed file name extensions, any by default. `beside`: the companion files that
-    are written. `sidecar`: whether the record is also written as a companion file. `overwrite`: whether existing
-    companion files are replaced.
+    named is replaced. Files `beside` it, and the record (`sidecar`), are replaced only if voxflat wrote them or with
+    `overwrite`.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
         raise InputError(
@@ -78,3 +75,11 @@ def _is_same(a: Path, b: Path) -> bool:
 def print_json(content: dict[str, Any]) -> None:
     """Print one JSON object to stdout."""
     click.echo(json.dumps(content, allow_nan=False))
+
+
+def report(content: dict[str, Any], text: str, *, as_json: bool, quiet: bool = False) -> None:
+    """Print the result of a command: as one JSON object, or as text unless `quiet`."""
+    if as_json:
+        print_json(content)
+    elif not quiet:
+        click.echo(text)

@@ -26,7 +26,7 @@ from voxflat.io.files import installing
     options.as_json,
 )
 @options.run()
-def command(output: Path, as_json: bool) -> None:
+def demo_command(output: Path, as_json: bool) -> None:
     """Flatten a hemisphere of the MNI152 template.
 
     The demo extracts the left hemisphere from the MNI152 white-matter template bundled with nilearn, without a
