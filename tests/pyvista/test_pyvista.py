@@ -249,10 +249,10 @@ def test_lines_beside_triangles_are_left_out():
 
 def test_what_means_nothing_for_a_mesh_is_refused():
     mesh = bumpy()
-    refused("scalars is 'height', but a mesh has no foreground to choose", mesh.voxflat, "height")
+    refused("scalars is 'height', but a mesh is flattened without scalars", mesh.voxflat, "height")
     refused("label does not apply when the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
-        refused("PolyData: only an ImageData is a volume", call)
+        refused("a PolyData is not a volume", call)
 
 
 def open_cylinder():
@@ -334,7 +334,7 @@ def test_verbs_of_one_surface_are_refused_for_blocks():
     for _ in range(2):
         twice.append(pv.Plane(), "plane")
     refused("two blocks have the name 'plane'", twice.voxflat.check)
-    with pytest.raises(InputError, match="block 'table' is a Table, which has no surface"):
+    with pytest.raises(InputError, match="block 'table' is a Table, which does not have a surface"):
         pv.MultiBlock({"table": pv.Table({"a": np.arange(2)})}).voxflat()
 
 
@@ -352,10 +352,10 @@ def test_options_are_those_of_the_functions():
 def test_a_wrong_name_lists_the_arrays():
     image = image_of(sheet(), name="left")
     image["right"] = image["left"]
-    refused("no array 'middle'.*the image has the arrays left, right", image.voxflat, "middle")
-    refused("the image has no array", pv.ImageData(dimensions=(3, 3, 3)).voxflat)
+    refused("no array 'middle'.*The image has the arrays left, right", image.voxflat, "middle")
+    refused("The image has no arrays", pv.ImageData(dimensions=(3, 3, 3)).voxflat)
     image.set_active_scalars(None)
-    refused(r"scalars are not given.*the image has the arrays left, right", image.voxflat)
+    refused(r"scalars is not given.*The image has the arrays left, right", image.voxflat)
 
 
 def test_what_of_an_image_is_no_volume_to_be_flattened_is_refused(image):

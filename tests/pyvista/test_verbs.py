@@ -83,12 +83,12 @@ def test_places_that_are_none_are_refused(caplog):
     for bad, message in (
         ([0.0, np.nan, 1.0], "finite positions"),
         ([0.0, 1.0], r"shape \(2,\)"),
-        ("a", "Give point numbers, positions"),
+        ("a", "Pass point numbers, positions"),
         (99999, "point 99999 is not on the surface of the StructuredGrid"),
         (pv.Sphere().get_cell(3), "the cell is not on the surface"),
     ):
         refused(message, grid.voxflat.geodesic, bad)
-    with pytest.raises(InputError, match=r"seed_point is \[1, 2, 3\]. Give the number of one point, or a position"):
+    with pytest.raises(InputError, match=r"seed_point is \[1, 2, 3\]. Pass the number of one point, or a position"):
         grid.voxflat(seed_point=(1, 2, 3), radius=3.0)
     with caplog.at_level(logging.WARNING, logger="voxflat"):
         grid.voxflat.geodesic([0.0, 0.0, 80.0])
@@ -292,7 +292,7 @@ def test_pictures_of_all_kinds_of_arrays(flat, tmp_path):
     red = np.asarray(Image.open(tmp_path / "rgb.png").convert("RGB"))[:, 100:]
     assert (red == [250, 20, 30]).all(axis=2).mean() > 0.2
     refused(r"no array 'areel'.*areal", flat.voxflat.plot, "areel")
-    refused("Choose one with a number", flat.voxflat.plot, "surface_points")
+    refused("Choose an array with one number", flat.voxflat.plot, "surface_points")
     refused("clim is \\(1, 0\\)", flat.voxflat.plot, clim=(1, 0))
     refused("radius: the mesh is already a flat map", flat.voxflat.plot, radius=3.0)
 
@@ -311,8 +311,8 @@ def test_a_morph_leads_from_the_surface_to_the_map(flat_ball):
     assert set(morph[2].array_names) == set(flat_ball.array_names)
     assert flat_ball == before
     for bad in (1, 2.5, "many"):
-        refused("Give at least 2 frames", flat_ball.voxflat.morph, bad)
-    refused(r"the share is 1\.2", morph.at, 1.2)
+        refused("Pass a number of frames of at least 2", flat_ball.voxflat.morph, bad)
+    refused(r"share is 1\.2", morph.at, 1.2)
 
 
 def test_what_is_flat_already_stays_where_it_is():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import pyvista as pv
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions
-
-_Found = TypeVar("_Found")
 
 _OF_ONE = {
     "geodesic": "distances can be measured within one block only",
@@ -36,7 +34,8 @@ class BlocksAccessor:
     """Flatten each block of a MultiBlock.
 
     PyVista makes this accessor available as ``blocks.voxflat``. Operations on a single surface or point, such as
-    ``plot`` and ``geodesic``, are available on each block: ``blocks["left"].voxflat.plot()``.
+    ``plot`` and ``geodesic``, are available on each block: ``blocks["left"].voxflat.plot()``. The methods raise
+    `InputError` and `Cancelled` like those of `VoxflatAccessor`; the message names the block.
 
     Parameters
     ----------
@@ -66,7 +65,7 @@ class BlocksAccessor:
         """Flatten each block into the plane z = 0.
 
         The parameters are the same as for `VoxflatAccessor`. The result contains a map of each block, under its name;
-        empty blocks stay empty. Raises InputError and Cancelled like `VoxflatAccessor`; the message names the block.
+        empty blocks stay empty.
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 
@@ -93,8 +92,8 @@ class BlocksAccessor:
 
         Raises
         ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.flatten`, with the name of the block; or if two blocks have the same name.
+        InputError
+            If two blocks have the same name.
 
         See Also
         --------
@@ -124,11 +123,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The surfaces, with the names of their blocks.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.surface`, with the name of the block.
 
         See Also
         --------
@@ -161,8 +155,8 @@ class BlocksAccessor:
 
         Raises
         ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.check`, with the name of the block; or if two blocks have the same name.
+        InputError
+            If two blocks have the same name.
 
         See Also
         --------
@@ -192,11 +186,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The page of each block.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.patches`, with the name of the block.
 
         See Also
         --------
@@ -231,11 +220,6 @@ class BlocksAccessor:
         pyvista.MultiBlock
             The cut surfaces, with the names of their blocks.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.cut`, with the name of the block.
-
         See Also
         --------
         VoxflatAccessor.cut : The equivalent method for a single dataset.
@@ -269,8 +253,8 @@ class BlocksAccessor:
 
         Raises
         ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.measure`, with the name of the block; or if the numbers of maps and blocks differ.
+        InputError
+            If the numbers of maps and blocks differ.
 
         See Also
         --------
@@ -293,9 +277,7 @@ class BlocksAccessor:
             first = next(iter(self._blocks.keys()), "name")
             raise AttributeError(f"{_OF_ONE[name]}. Call it on one block: blocks[{first!r}].voxflat.{name}(...)")
 
-    def _made(
-        self, verb: Callable[[Any, Any], pv.DataSet | pv.MultiBlock], beside: pv.MultiBlock | None = None
-    ) -> pv.MultiBlock:
+    def _made(self, verb: Callable[[Any, Any], object], beside: pv.MultiBlock | None = None) -> pv.MultiBlock:
         """Apply an operation to each block, and to the block at the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
             given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
@@ -303,12 +285,8 @@ class BlocksAccessor:
                 f"the maps are {given}. Give a MultiBlock with one map for each of the {len(self._blocks)} blocks"
             )
         made = pv.MultiBlock()
-        for number, (name, block) in enumerate(zip(self._blocks.keys(), self._blocks, strict=True)):
-            one = None if beside is None else beside[number]
-            if block is None:
-                made.append(None, name)
-                continue
-            made.append(_applied(name, block, verb, one), name)
+        for name, block, one in zip(self._blocks.keys(), self._blocks, beside or self._blocks, strict=True):
+            made.append(None if block is None else _applied(name, block, verb, one), name)
         return made
 
     def _named(self, verb: Callable[[Any], Any]) -> dict[str, Any]:
@@ -326,10 +304,10 @@ class BlocksAccessor:
         return found
 
 
-def _applied(name: str, block: object, verb: Callable[..., _Found], *beside: object) -> _Found:
+def _applied(name: str, block: object, verb: Callable[..., Any], *beside: object) -> Any:
     """Apply an operation to a block; errors name the block."""
     if not isinstance(block, pv.DataSet | pv.MultiBlock):
-        raise InputError(f"block {name!r} is a {type(block).__name__}, which has no surface. Remove it")
+        raise InputError(f"block {name!r} is a {type(block).__name__}, which does not have a surface. Remove it")
     try:
         return verb(BlocksAccessor(block) if isinstance(block, pv.MultiBlock) else VoxflatAccessor(block), *beside)
     except InputError as error:

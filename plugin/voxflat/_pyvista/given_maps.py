@@ -1,4 +1,4 @@
-"""Flat maps that users pass to ``mesh.voxflat.measure``."""
+"""Convert the flat maps that users pass to ``mesh.voxflat.measure``."""
 
 from typing import Any
 
@@ -46,6 +46,6 @@ def _vertices(flat: pv.PolyData, whole: Surface, surface: ExtractedSurface | Non
     apart, found = KDTree(whole.points).query(np.asarray(flat.point_data["surface_points"], dtype=np.float64))
     if not (apart <= _SAME * whole.usual_edge).all():
         raise InputError(
-            f"the map's surface_points are up to {apart.max():.3g} away from the surface. Give a map of this surface"
+            f"the map's surface_points are up to {apart.max():.3g} away from the surface. Pass a map of this surface"
         )
     return whole.vertices[found]

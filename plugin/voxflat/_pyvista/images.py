@@ -17,10 +17,8 @@ def volume_of(mesh: pv.DataSet, scalars: str | None = None) -> Volume:
     shape, affine = _grid(image, in_cells)
     colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
     if values.ndim > 1 and not colours:
-        raise InputError(
-            f"array {scalars or image.active_scalars_name!r} has {values.shape[1]} components. "
-            "Give an array with one value per voxel"
-        )
+        name = scalars or image.active_scalars_name
+        raise InputError(f"array {name!r} has {values.shape[1]} components. Give an array with one value per voxel")
     return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
 
 
@@ -28,7 +26,7 @@ def _image(mesh: pv.DataSet) -> pv.ImageData:
     if isinstance(mesh, pv.ImageData):
         return mesh
     raise InputError(
-        f"{type(mesh).__name__}: only an ImageData is a volume. Resample the mesh onto an image with "
+        f"a {type(mesh).__name__} is not a volume. Resample the mesh onto an image with "
         "pyvista.ImageData(...).sample(mesh)"
     )
 
@@ -40,11 +38,11 @@ def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:
     if name is None:
         name = image.active_scalars_name or (names[0] if len(names) == 1 else None)
     if name is None or name not in names:
-        there = f"the image has the arrays {', '.join(names)}" if names else "the image has no array"
-        wrong = "scalars are not given" if name is None else f"there is no array {name!r}"
-        raise InputError(f"{wrong}. Give the name of an array as scalars: {there}")
+        there = f"The image has the arrays {', '.join(names)}" if names else "The image has no arrays"
+        wrong = "scalars is not given" if name is None else f"the image has no array {name!r}"
+        raise InputError(f"{wrong}. Pass the name of an array as scalars. {there}")
     if names.count(name) > 1:
-        raise InputError(f"points and cells both have an array {name!r}. Rename or remove one of them")
+        raise InputError(f"the points and the cells both have an array {name!r}. Rename or remove one of them")
     return np.asarray((points if name in points else cells)[name]), name not in points
 
 

@@ -41,7 +41,7 @@ class Inputs:
         -------
         Volume
             An object that voxflat functions accept, for example ``voxflat.check(image.voxflat.volume())`` or
-            ``flat_map.image(image.voxflat.volume("T1"))``. Colours (uint8 with 3 or 4 components) are accepted too.
+            ``flat_map.image(image.voxflat.volume("T1"))``. The values may be colours (uint8 with 3 or 4 components).
 
         Raises
         ------
@@ -99,8 +99,8 @@ class Inputs:
         i, j, k = np.rint(place).astype(int).tolist()
         if not all(0 <= index < size for index, size in zip((i, j, k), volume.data.shape, strict=False)):
             raise InputError(
-                f"the point {np.asarray(point).tolist()} mm lies outside the image, "
-                f"whose bounds are {tuple(self._mesh.bounds)}. Choose a point inside"
+                f"the point {np.asarray(point).tolist()} mm is outside the image, whose bounds are "
+                f"{tuple(self._mesh.bounds)}. Choose a point inside the image"
             )
         return i, j, k
 
@@ -112,15 +112,22 @@ class Inputs:
         if self._is_image:
             raise InputError("an ImageData is not a surface. Extract its surface first: image.voxflat.surface()")
         if scalars is not None:
-            raise InputError(f"scalars is {scalars!r}, but a mesh has no foreground to choose. Omit scalars")
+            raise InputError(f"scalars is {scalars!r}, but a mesh is flattened without scalars. Omit scalars")
         return ExtractedSurface.of(self._mesh)
+
+    def _source(self, scalars: str | None) -> tuple[ExtractedSurface | None, Any]:
+        """Return the extracted surface of a mesh, and the mesh or the volume to make a `Surface` from."""
+        if self._is_image:
+            return None, self.volume(scalars)
+        extracted = self._extracted(scalars)
+        return extracted, extracted.mesh
 
     def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
         """Return the selected part of the surface, and remove the options that select it from `given`."""
-        extracted = None if self._is_image else self._extracted(scalars)
+        extracted, source = self._source(scalars)
         making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold", "unit") if name in given}
         making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
-        part = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **making)
+        part = surface(source, progress=progress, **making)
         for name in ("keep", "drop"):
             region = self._region(given.pop(name, None))
             if region is not None:
@@ -170,7 +177,7 @@ class Inputs:
         return region[extracted.point_ids] if is_mask else extracted.points(region, name)
 
     def _region(self, region: object) -> object:
-        """Convert a region to a form that `voxflat.flatten` accepts."""
+        """Convert a region to a form that `Surface.keep` accepts."""
         if isinstance(region, pv.DataSet):
             return volume_of(region)
         if not isinstance(region, str):
@@ -183,5 +190,5 @@ class Inputs:
             return mask
         if not os.path.exists(region):
             there = ", ".join(names) or "none"
-            raise InputError(f"{region!r} is neither an array of the points nor a file. The arrays are: {there}")
+            raise InputError(f"{region!r} is neither an array of the points nor a file. Available arrays: {there}")
         return region
