@@ -142,7 +142,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"overlay": None, "period": 360}, "the overlay has no values. Pass data"),
         ({"overlay": AWAY}, "the overlay has no values on the map"),
         ({"overlay": np.ones(3)}, "3 values"),
-        ({"limits": (3, 2)}, "Pass a lower limit"),
+        ({"limits": (3, 2)}, "Pass the lower limit first"),
         ({"limits": (3,)}, "two numbers"),
         ({"limits": ("a", "2%")}, "limit is 'a'. Pass"),
         ({"colour_map": "nothing"}, "no colour map"),
@@ -154,12 +154,12 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"threshold": -1}, "threshold is -1. Pass"),
         ({"threshold": (1, 2, 3)}, "a pair"),
         ({"opacity": np.zeros(640)}, "0 everywhere"),
-        ({"period": 360, "colour_map": "viridis"}, "'viridis' is not cyclic, but phases are"),
+        ({"period": 360, "colour_map": "viridis"}, "'viridis' is not cyclic"),
         ({"period": 360, "colour_map": "none"}, "no colour map"),
         ({"period": 360, "limits": (0, 90)}, "limits do not apply to phases"),
         ({"period": -1}, "period is -1"),
         ({"period": 360, "zero": "left"}, "zero is 'left'"),
-        ({"strength": np.ones(COUNT)}, "strength needs a threshold"),
+        ({"strength": np.ones(COUNT)}, "strength is given without threshold"),
         ({"strength": np.full(COUNT, np.nan), "threshold": (0, None)}, "the strength has no values on the map"),
         ({"strength": np.ones((COUNT, 2)), "threshold": (0, None)}, "Choose one"),
     ],
@@ -172,7 +172,7 @@ def test_colours_and_labels_are_shown_as_they_are(flat_map):
     colours = np.tile(np.array([[10, 200, 30]], dtype=np.uint8), (COUNT, 1))
     (shown,) = layer(figures.flat_map(flat_map, colours), "data")
     assert (shown[..., 3] > 0).sum() > 1000
-    refused("has colours, not values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
+    refused("contains colours, not values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
     figure = figures.flat_map(flat_map, np.repeat([3, 9], COUNT // 2))
     assert len(figure.axes) == 2  # no colour bar
     (shown,) = layer(figure, "data")
@@ -209,7 +209,7 @@ def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
     assert letters["L"] < 20 < 170 - 20 < letters["R"]
     means = [axes.images[1].get_array()[..., :3].mean() for axes in (first, second)]
     assert means[0] < means[1]  # dark and light of viridis
-    refused("one map, or the maps of both hemispheres, but got 3 maps", figures.flat_map, [flat_map] * 3)
+    refused("got 3 maps. Pass one map, or the maps of both hemispheres", figures.flat_map, [flat_map] * 3)
 
 
 def test_a_figure_fills_the_axes_that_it_is_given(flat_map):
@@ -463,7 +463,7 @@ def test_depth_is_of_volumes_alone(flat_map):
     """Values at vertices have no depth; if the parcels are a volume, the depth applies to the parcels."""
     values = np.arange(COUNT, dtype=float)
     for depth in ({"depth": 2.0}, {"fraction": 0.5}):
-        refused("apply to volumes", composed.flat_map, flat_map, values, **depth)
+        refused("apply only to volumes", composed.flat_map, flat_map, values, **depth)
     beside = np.full((4, 4, 4), 7, np.uint8)  # from 10 mm outside the sheet on
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)

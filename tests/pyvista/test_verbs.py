@@ -337,11 +337,7 @@ def test_a_film_goes_there_and_back(flat, tmp_path):
     assert apart[0][3] > apart[0][1] > 0
     assert apart[1][5] < 0.1 * apart[0][3]
     assert apart[2][4] < 0.1 * apart[0][3]
-    refused(
-        r"unfold.avi: cannot write a movie in this format. Use a name that ends in .mp4 or .gif",
-        morph.save,
-        tmp_path / "unfold.avi",
-    )
+    refused("cannot write unfold.avi: .* Use a name that ends in .mp4 or .gif", morph.save, tmp_path / "unfold.avi")
     refused("fps is 0", morph.save, tmp_path / "other.gif", fps=0)
     refused("even numbers", morph.save, tmp_path / "unfold.mp4", window_size=(101, 96))
     if importlib.util.find_spec("imageio_ffmpeg"):

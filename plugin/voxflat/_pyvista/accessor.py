@@ -95,8 +95,6 @@ class VoxflatAccessor(Verbs):
 
         Examples
         --------
-        >>> import numpy as np
-        >>> import pyvista as pv
         >>> board = np.kron([[0, 255], [255, 0]], np.ones((8, 8))).astype("uint8")
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> surface, texture = flat.voxflat.texture(board, 0.05, repeat=True)
@@ -170,7 +168,6 @@ class VoxflatAccessor(Verbs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> plotter = flat.voxflat.plot("areal", off_screen=True)
         """
@@ -208,7 +205,6 @@ class VoxflatAccessor(Verbs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(10)
         >>> halfway = morph.at(0.5)
         >>> morph.save("unfold.gif")  # doctest: +SKIP
@@ -246,7 +242,6 @@ class VoxflatAccessor(Verbs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> page = flat.voxflat.show("Enneper's surface")
         >>> page.save("enneper.html")  # doctest: +SKIP

@@ -399,7 +399,6 @@ class Verbs(Inputs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> opened = pv.Icosphere(nsub=2).voxflat.cut()
         >>> flat = opened.voxflat()  # the map with these cuts
         >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
@@ -459,7 +458,6 @@ class Verbs(Inputs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> mesh = pv.ParametricEnneper(u_res=12, v_res=12)
         >>> shadow = mesh.project_points_to_plane(normal=(0, 0, 1))  # any flat map
         >>> measured = mesh.voxflat.measure(shadow)
