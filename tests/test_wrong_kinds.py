@@ -167,7 +167,7 @@ ON_MAPS = {
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
-    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass width and height in pixels"),
+    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass the width and height in pixels"),
 }
 
 

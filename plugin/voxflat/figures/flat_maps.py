@@ -263,9 +263,7 @@ def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDA
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":
-        log.info(
-            "The map has no %s because its surface has no triangles. It is drawn in a uniform grey", underlay
-        )
+        log.info("The map has no %s because its surface has no triangles. It is drawn in a uniform grey", underlay)
     if values is not None:
         outwards = raster.interpolate(values if underlay == "curvature" else -values)
         level = np.clip(outwards / _EDGES[underlay], -1, 1)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -15,7 +14,7 @@ from voxflat.arguments import Progress, checked_choice, checked_switch, is_numbe
 from voxflat.errors import InputError
 from voxflat.figures.flat_maps import UNDERLAYS, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.page import Page, Panel
+from voxflat.figures.page import Page, Panel, pixels_of
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
@@ -84,20 +83,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of each frame in pixels.
-
-        Both are even, as H.264 requires.
-
-        See Also
-        --------
-        movie : Its parameter `size` sets the width.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320).size
-        (358, 320)
-        """
+        """Height and width of each frame in pixels; both are even, as H.264 requires."""
         return (self._below.height, self._below.width)
 
     def _caption(self, n: int) -> str:
@@ -260,9 +246,7 @@ def _look(stacks: Sequence[FlatStack]) -> FlatImage:
 
 def _pixels(page: Page) -> NDArray[np.uint8]:
     """Draw a page as an image (H, W, 4) with an even height and width, as H.264 requires."""
-    canvas: Any = FigureCanvasAgg(page.figure)
-    canvas.draw()
-    drawn = np.asarray(canvas.buffer_rgba()).copy()
+    drawn = pixels_of(page.figure)
     odd = [(0, side % 2) for side in drawn.shape[:2]]
     return np.pad(drawn, (*odd, (0, 0)), mode="edge")
 

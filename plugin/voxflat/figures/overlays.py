@@ -91,19 +91,7 @@ class Overlay:
 
     @property
     def thresholds(self) -> tuple[float | None, float | None]:
-        """The values above which, and below which, data are shown.
-
-        None means that there is no threshold.
-
-        See Also
-        --------
-        Overlay : Its parameter `threshold` sets both.
-
-        Examples
-        --------
-        >>> voxflat.figures.Overlay([1.0, 4.0], threshold=2.3).thresholds
-        (2.3, -2.3)
-        """
+        """The values above which, and below which, data are shown; None means that there is no threshold."""
         if self.threshold is None:
             return None, None
         if is_number(self.threshold):
@@ -125,19 +113,7 @@ class Overlay:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The values and options, for records.
-
-        Long arrays are recorded as their SHA-256 checksum.
-
-        See Also
-        --------
-        save : Stores records in files.
-
-        Examples
-        --------
-        >>> voxflat.figures.Overlay([1.0, 4.0], threshold=2.3).provenance["threshold"]
-        2.3
-        """
+        """The values and options, for records. Long arrays are recorded as their SHA-256 checksum."""
         return {one.name: described(getattr(self, one.name)) for one in fields(self)}
 
 

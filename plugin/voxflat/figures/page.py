@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
@@ -172,9 +173,7 @@ class Page:
             self.text(x, y, name.text, "names", size=name.size, **turned)
         small = sum(name.size < 6 for name in placed)
         if small:
-            log.info(
-                "%d of %d names are smaller than 6 points. Increase the width to enlarge them", small, len(placed)
-            )
+            log.info("%d of %d names are smaller than 6 points. Increase the width to enlarge them", small, len(placed))
         if left_out:
             count = f"{len(left_out)} of {len(left_out) + len(placed)}"
             told = "%s names do not fit into their parcels and are omitted: %s. Increase the width to show more names"
@@ -264,6 +263,14 @@ class Page:
             return x + 1.0
         self.text(x, middle, which, "marks", size=9, weight="bold")
         return x + 4.5
+
+
+def pixels_of(figure: Figure) -> NDArray[np.uint8]:
+    """Draw a figure as an image, shape (H, W, 4)."""
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba()).copy()
+    return pixels
 
 
 def _shortened(label: str, room: float) -> str:
