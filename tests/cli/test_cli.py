@@ -122,19 +122,14 @@ def test_spacing_places_an_array_and_its_mask(shared, tmp_path):
     assert voxflat.load(tmp_path / "map.npz").spacing == pytest.approx(2)
 
 
-def test_json_is_one_object(shared, tmp_path):
+def test_json_is_one_object_in_which_undefined_figures_are_null(shared, tmp_path):
     out = tmp_path / "map.npz"
     result = succeed("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
     assert "of memory will be used" in result.stderr
-    content = json.loads(result.stdout)
-    saved = voxflat.load(out)
-    assert content["output"] == str(out)
-    assert content["points"] == len(saved)
+    content, saved = json.loads(result.stdout), voxflat.load(out)
+    assert (content["output"], content["points"]) == (str(out), len(saved))
     assert content["distortion"]["raw"]["relative_error"] == saved.distortion.raw.relative_error
     assert content["warnings"] == saved.metadata["warnings"]
-
-
-def test_undefined_figures_are_null_in_json(shared, tmp_path):
     arguments = ["--spacing", "20,20,20", "--json", "-o", tmp_path / "map.npz"]
     result = run("flatten", shared / "surface.npy", *arguments)  # no pair is nearer than 10 mm
     content = json.loads(result.stdout, parse_constant=pytest.fail)
@@ -142,13 +137,9 @@ def test_undefined_figures_are_null_in_json(shared, tmp_path):
     assert content["distortion"]["raw"]["relative_error"] > 0
 
 
-def test_check_says_yes(shared):
+def test_check_says_yes_or_no(shared, tmp_path):
     result = succeed("check", shared / "surface.nii.gz")
-    assert result.stdout == voxflat.check(shared / "surface.nii.gz").table() + "\n"
-    assert result.stderr == ""
-
-
-def test_check_says_no(tmp_path):
+    assert (result.stdout, result.stderr) == (voxflat.check(shared / "surface.nii.gz").table() + "\n", "")
     box = np.pad(np.ones((6, 6, 6), np.uint8), 2)
     box[0, 0, 0] = 2
     np.save(tmp_path / "box.npy", box)
@@ -162,6 +153,14 @@ def test_check_says_no(tmp_path):
     content = json.loads(result.stdout)
     assert (content["closed"], content["euler_characteristic"]) == (True, 2)
     assert "it was cut open along 1 path (" in content["advice"][0]
+    volume = np.zeros((5, 5, 5))
+    volume[2, 2, 2] = np.nan
+    np.save(tmp_path / "nan.npy", volume)
+    result = run("check", tmp_path / "nan.npy", "--json")
+    assert result.exit_code == 1
+    content = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert content["contents"]["range"] == [None, None]
+    assert "NaN" in content["advice"][0]
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
@@ -278,13 +277,11 @@ def test_constant_and_partly_infinite_images_can_be_drawn(tmp_path):
         assert_array_equal(alpha, np.where(np.isfinite(data), 255, 0))
 
 
-def test_demo_runs_in_its_directory(tmp_path, monkeypatch):
+def test_demo_runs_in_its_directory_or_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "run", lambda output, progress=None, tell=print: tell(f"{output} {progress}"))
     result = run("demo", "-o", tmp_path / "results")
     assert (result.exit_code, result.stdout) == (0, f"{tmp_path / 'results'} None\n")
 
-
-def test_demo_without_its_packages_says_what_to_install(monkeypatch):
     def missing(output, **options):
         raise ModuleNotFoundError("No module named 'pyvista'", name="pyvista")
 
@@ -344,51 +341,44 @@ def test_commands_and_functions_have_the_same_defaults(command, function):
             assert (told or None) == (usual[option.name] or None)  # nothing, 0 and False say the same
 
 
+FLATTEN, IMAGE = "flatten a.nii -o m.npz", "image m.npz -o a.png"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["unknown"],
-        ["flatten", "a.nii"],
-        ["flatten", "a.nii", "-o", "m.npz", "--sampling", "best"],
-        ["flatten", "a.nii", "-o", "m.npz", "--seed-point", "1,2"],
-        ["flatten", "a.nii", "-o", "m.npz", "--seed-point", "1,2,x"],
-        ["flatten", "a.nii", "-o", "m.npz", "--spacing", "1;1;1"],
-        ["flatten", "a.nii", "-o", "m.npz", "--memory-limit", "much"],
-        ["flatten", "a.nii", "-o", "m.npz", "--memory-limit", "-1G"],
-        ["flatten", "a.nii", "-o", "m.npz", "--label", "1.5"],
-        ["image", "m.npz", "-o", "a.png"],
-        ["image", "m.npz", "-o", "a.png", "--heat-map", "--volume", "t1.nii"],
-        ["image", "m.npz", "-o", "a.png", "--heat-map", "--interpolation", "linear"],
+        *("unknown", "flatten a.nii", f"{FLATTEN} --sampling best", f"{FLATTEN} --label 1.5"),
+        *(f"{FLATTEN} --seed-point 1,2", f"{FLATTEN} --seed-point 1,2,x", f"{FLATTEN} --spacing 1;1;1"),
+        *(f"{FLATTEN} --memory-limit much", f"{FLATTEN} --memory-limit -1G"),
+        *(IMAGE, f"{IMAGE} --heat-map --volume t1.nii", f"{IMAGE} --heat-map --interpolation linear"),
     ],
 )
 def test_wrong_usage_is_status_2(arguments):
-    result = run(*arguments)
+    result = run(*arguments.split())
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "Usage: voxflat" in result.stderr
 
 
-def test_what_nobody_foresaw_is_one_line(shared, tmp_path, monkeypatch):
-    def flatten(*arguments, **options):
-        raise ZeroDivisionError("first line\nsecond line")
-
-    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
-    arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
-    result = run(*arguments)
-    assert result.exit_code == 1
-    assert result.stderr.startswith("voxflat: error: ZeroDivisionError: first line second line (")
-    assert result.stderr.count("\n") == 1
-    assert "Traceback" in run(*arguments, "--debug").stderr
-
-
-@pytest.mark.parametrize("raised", [KeyboardInterrupt(), voxflat.Cancelled("cancelled")])
-def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
+@pytest.mark.parametrize(
+    ("raised", "status", "told"),
+    [
+        (ZeroDivisionError("a\nb"), 1, r"voxflat: error: ZeroDivisionError: a b \(.*\n"),
+        (KeyboardInterrupt(), 130, "voxflat: cancelled\n"),
+        (voxflat.Cancelled("cancelled"), 130, "voxflat: cancelled\n"),
+    ],
+)
+def test_errors_and_cancellation_are_one_line(shared, tmp_path, monkeypatch, raised, status, told):
     def flatten(*arguments, **options):
         raise raised
 
     monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
-    result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
-    assert (result.exit_code, result.stderr) == (130, "voxflat: cancelled\n")
+    arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
+    result = run(*arguments)
+    assert result.exit_code == status
+    assert re.fullmatch(told, result.stderr)
+    if status == 1:
+        assert "Traceback" in run(*arguments, "--debug").stderr
 
 
 def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
@@ -505,17 +495,6 @@ def test_info_works_in_a_checkout_that_is_not_installed(monkeypatch):
 
     monkeypatch.setattr(importlib.metadata, "requires", requires)
     assert json.loads(succeed("info", "--json").stdout)["packages"].keys() == {"vtk", "pyqt6"}
-
-
-def test_check_of_nan_is_still_json(tmp_path):
-    volume = np.zeros((5, 5, 5))
-    volume[2, 2, 2] = np.nan
-    np.save(tmp_path / "nan.npy", volume)
-    result = run("check", tmp_path / "nan.npy", "--json")
-    assert result.exit_code == 1
-    content = json.loads(result.stdout, parse_constant=pytest.fail)
-    assert content["contents"]["range"] == [None, None]
-    assert "NaN" in content["advice"][0]
 
 
 def test_messages_name_options_in_place_of_keyword_arguments():

@@ -17,18 +17,6 @@ if TYPE_CHECKING:
 
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions
 
-_OF_ONE = {
-    "geodesic": "distances can be measured within one block only",
-    "path": "a path lies within one block",
-    "texture": "an image is mapped onto one block",
-    "plot": "a plot shows one surface and its map",
-    "morph": "a morph unfolds one surface",
-    "show": "a page shows one surface and its map",
-    "export_html": "a page shows one surface and its map",
-    "volume": "a volume is an array of one image",
-    "voxel_at": "a voxel belongs to one image",
-}
-
 
 class BlocksAccessor:
     """Flatten each block of a MultiBlock.
@@ -272,10 +260,12 @@ class BlocksAccessor:
 
         def __getattr__(self, name: str) -> object:
             """Raise an error that explains why an operation needs a single block."""
-            if name not in _OF_ONE:
+            if name.startswith(("_", "to_")) or not hasattr(VoxflatAccessor, name):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute {name!r}")
             first = next(iter(self._blocks.keys()), "name")
-            raise AttributeError(f"{_OF_ONE[name]}. Call it on one block: blocks[{first!r}].voxflat.{name}(...)")
+            raise AttributeError(
+                f"{name} applies to a single dataset. Call it on one block: blocks[{first!r}].voxflat.{name}(...)"
+            )
 
     def _made(self, verb: Callable[[Any, Any], object], beside: pv.MultiBlock | None = None) -> pv.MultiBlock:
         """Apply an operation to each block, and to the block at the same position in another MultiBlock."""

@@ -29,7 +29,8 @@ class ExtractedSurface:
     @classmethod
     def of(cls, dataset: pv.DataSet) -> "ExtractedSurface":
         """Extract the outer surface of a dataset, and triangulate its polygons and strips."""
-        if isinstance(dataset, pv.PolyData) and _is_triangles(dataset):
+        polygons = dataset.GetNumberOfPolys() if isinstance(dataset, pv.PolyData) else 0
+        if isinstance(dataset, pv.PolyData) and polygons == dataset.n_cells > 0 and dataset.is_all_triangles:
             return cls(dataset, dataset, np.arange(dataset.n_points), np.arange(dataset.n_cells))
         numbered = dataset.copy(deep=False)
         numbered.clear_data()
@@ -149,10 +150,6 @@ class ExtractedSurface:
         triangle[known] = np.arange(len(own))
         found = triangle[wanted]
         return None if (found < 0).any() else self.cell_ids[found]
-
-
-def _is_triangles(mesh: pv.PolyData) -> bool:
-    return bool(mesh.n_cells and mesh.GetNumberOfPolys() == mesh.n_cells and mesh.is_all_triangles)
 
 
 def _free(name: str, flat: pv.PolyData) -> str:

@@ -10,9 +10,11 @@ from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 
 
-def volume_of(mesh: pv.DataSet, scalars: str | None = None) -> Volume:
+def volume_of(image: pv.DataSet, scalars: str | None = None) -> Volume:
     """Return an array of an image as a volume with its affine, without a copy."""
-    image = _image(mesh)
+    if not isinstance(image, pv.ImageData):
+        resample = "Resample the mesh onto an image with pyvista.ImageData(...).sample(mesh)"
+        raise InputError(f"a {type(image).__name__} is not a volume. {resample}")
     values, in_cells = _array(image, scalars)
     shape, affine = _grid(image, in_cells)
     colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
@@ -20,15 +22,6 @@ def volume_of(mesh: pv.DataSet, scalars: str | None = None) -> Volume:
         name = scalars or image.active_scalars_name
         raise InputError(f"array {name!r} has {values.shape[1]} components. Give an array with one value per voxel")
     return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
-
-
-def _image(mesh: pv.DataSet) -> pv.ImageData:
-    if isinstance(mesh, pv.ImageData):
-        return mesh
-    raise InputError(
-        f"a {type(mesh).__name__} is not a volume. Resample the mesh onto an image with "
-        "pyvista.ImageData(...).sample(mesh)"
-    )
 
 
 def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:

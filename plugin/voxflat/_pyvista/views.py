@@ -51,7 +51,8 @@ class Shown:
         if is_colour or name in _PATCHES:
             colours = values if is_colour else label_colours(values[:, None] + 1.0)[:, 0, :3]
             return cls(flat, colours, values, name, of_points, Look(name, "viridis"), None)
-        look = LOOKS.get(name) or Look(name, _usual_cmap(values))
+        is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
+        look = LOOKS.get(name) or Look(name, "tab20" if is_labels else "viridis")
         shown = look.factor * values.astype(np.float64)
         usual = look.limits if name in LOOKS else _range
         limits = usual(shown) if clim is None else _checked(clim)
@@ -154,12 +155,6 @@ class _Link:
             mark.points = (weights @ np.asarray(mesh.points)[corners])[None]
             actor.SetVisibility(True)
         self._text.SetText(_UPPER_LEFT, self._what.description(int(corners[weights.argmax()]), cell))
-
-
-def _usual_cmap(values: NDArray[Any]) -> str:
-    """Return the default colour map for values."""
-    is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
-    return "tab20" if is_labels else "viridis"
 
 
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -232,12 +232,11 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
     images = [side.opacity for side in sides if side.opacity is not None]
     if not images:
         return None
-    limits = opacity.limits if isinstance(opacity, Overlay) else None
-    if limits is None:
+    if isinstance(opacity, Overlay) and opacity.limits is not None:
+        full = max(abs(checked_number(float(end), "limit of the opacity")) for end in opacity.limits)
+    else:
         values = np.abs(np.concatenate([image.data[np.isfinite(image.data)].ravel() for image in images]))
         full = float(np.percentile(values, WINDOW[1])) if len(values) else 0.0
-    else:
-        full = max(abs(checked_number(float(end), "limit of the opacity")) for end in limits)
     if full <= 0:
         raise InputError("the opacity map is 0 everywhere on the flat map. Check that their affines agree")
     return full

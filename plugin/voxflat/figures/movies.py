@@ -88,10 +88,12 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     def _caption(self, n: int) -> str:
         """Return the text above a frame: its time, its name, or its number (from 0)."""
-        times = self.stack.times
-        if times is None:
+        times, timing = self.stack.times, self.stack.timing
+        if times is None or timing is None:
             return self.stack.names[n] or f"frame {n}"
-        return f"{times[n]:.{_decimals(self.stack)}f} s"
+        both = np.array([timing.step, timing.start])
+        decimals = next((n for n in range(3) if (np.abs(np.round(both, n) - both) < 1e-6).all()), 3)
+        return f"{times[n]:.{decimals}f} s"
 
     @overload
     def __getitem__(self, n: int) -> NDArray[np.uint8]: ...
@@ -264,13 +266,6 @@ def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) 
         covered = np.flatnonzero((numbers >= 0) & (numbers < count))
         found.append((int(covered[0]), numbers[covered]))
     return found
-
-
-def _decimals(stack: FlatStack) -> int:
-    """Return the number of decimals that the times of a series need, at most 3."""
-    assert stack.timing is not None
-    times = (stack.timing.step, stack.timing.start)
-    return next(n for n in range(4) if n == 3 or all(abs(round(value, n) - value) < 1e-6 for value in times))
 
 
 @lru_cache

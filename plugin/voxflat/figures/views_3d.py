@@ -76,7 +76,9 @@ def patch_3d(
     (150, 200, 3)
     """
     checked_kind(flat_map, "flat map", "is_voxels", "a FlatMap")
-    width, height = _both(size)
+    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
+        raise InputError(f"size is {shown(size)}. Pass the width and height in pixels")
+    width, height = (checked_pixels(side, "size") for side in size)
     pyvista = load_pyvista()
     if flat_map.is_voxels:
         patch, *around = [_patch_alone(flat_map)] if whole is None else _patch_in_place(flat_map, whole)
@@ -141,14 +143,6 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     return _drawn(
         pyvista, [(mesh, material)], (size, size), lambda plotter: plotter.view_vector(direction, _up(direction))
     )
-
-
-def _both(size: object) -> tuple[int, int]:
-    """Return the width and height in pixels."""
-    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise InputError(f"size is {shown(size)}. Pass the width and height in pixels")
-    width, height = (checked_pixels(side, "size") for side in size)
-    return width, height
 
 
 def drawn_from_both_sides(
