@@ -27,7 +27,7 @@ from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
 
-pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+pytestmark = pytest.mark.slow  # the fixtures take seconds
 
 AFFINE = np.array([[0, -0.8, 0, 10], [0.8, 0, 0, -20], [0, 0, 0.8, 5], [0, 0, 0, 1.0]])
 PROGRAM = Path(sys.executable).with_name("voxflat")
@@ -41,7 +41,7 @@ def half_cylinder(radius=8, length=24):
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
-    """Inputs and a map that no test changes."""
+    """Create inputs and a map, which the tests do not change."""
     folder = tmp_path_factory.mktemp("shared")
     surface = half_cylinder()
     i, _, k = np.indices(surface.shape)
@@ -73,7 +73,7 @@ def test_flatten_saves_the_map_of_the_function_and_tells_what_it_did(shared, fla
     assert re.search(rf"flattened +{len(flat_map)} of {len(flat_map)} points, all\n", result.stdout)
     assert flat_map.distortion.table() in result.stdout
     assert f"saved as {out}" in result.stdout
-    assert "%|" not in result.stderr  # no progress bar: this is no terminal
+    assert "%|" not in result.stderr  # a pipe has no progress bar
 
 
 def test_flatten_says_which_part(shared, tmp_path):
@@ -131,7 +131,7 @@ def test_json_is_one_object_in_which_undefined_figures_are_null(shared, tmp_path
     assert content["distortion"]["raw"]["relative_error"] == saved.distortion.raw.relative_error
     assert content["warnings"] == saved.metadata["warnings"]
     arguments = ["--spacing", "20,20,20", "--json", "-o", tmp_path / "map.npz"]
-    result = run("flatten", shared / "surface.npy", *arguments)  # no pair is nearer than 10 mm
+    result = run("flatten", shared / "surface.npy", *arguments)  # all pairs are at least 10 mm apart
     content = json.loads(result.stdout, parse_constant=pytest.fail)
     assert content["distortion"]["raw"]["relative_error_10mm"] is None
     assert content["distortion"]["raw"]["relative_error"] > 0
@@ -144,12 +144,12 @@ def test_check_says_yes_or_no(shared, tmp_path):
     box[0, 0, 0] = 2
     np.save(tmp_path / "box.npy", box)
     assert "pass a label or a threshold" in run("check", tmp_path / "box.npy").stdout
-    result = run("check", tmp_path / "box.npy", "--json")  # which label?
+    result = run("check", tmp_path / "box.npy", "--json")  # the label is ambiguous
     assert result.exit_code == 1
     content = json.loads(result.stdout)
     assert content["can_flatten"] is False
     assert content["contents"]["labels"] == {"1": 216, "2": 1}
-    result = succeed("check", tmp_path / "box.npy", "--label", 1, "--json")  # closed: it is cut open, and that is said
+    result = succeed("check", tmp_path / "box.npy", "--label", 1, "--json")  # a closed surface
     content = json.loads(result.stdout)
     assert (content["closed"], content["euler_characteristic"]) == (True, 2)
     assert "it was cut open along 1 path (" in content["advice"][0]
@@ -183,7 +183,7 @@ def test_files_hold_the_values(shared, flat_map, tmp_path, interpolation):
             assert picture.tag_v2[296] == 3  # per cm
             values = np.asarray(picture)
         assert values.dtype == np.float32
-        assert_array_equal(values, expected.data.astype(np.float32))  # NaN outside, too
+        assert_array_equal(values, expected.data.astype(np.float32))  # also NaN outside the map
 
 
 def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_path):
@@ -225,7 +225,7 @@ def test_whole_intensities_are_no_labels(shared):
     flat_map = voxflat.flatten(shared / "surface.nii.gz", method=voxflat.methods.Grossmann2002(sources=60))
     assert are_labels(flat_map.image(shared / "areas.nii.gz").data)
     assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz").data)
-    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels a voxel
+    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels per voxel
     assert not are_labels(flat_map.image(shared / "t1.nii.gz").data)
     assert not are_labels(flat_map.image(shared / "colours.nii.gz").data)
 
@@ -247,7 +247,7 @@ def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
 def test_heat_map(shared, flat_map, tmp_path):
     for ending in (".png", ".tif"):
         succeed("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}")
-    picture = Image.open(tmp_path / "heat.png")  # a figure, not pixel by pixel
+    picture = Image.open(tmp_path / "heat.png")  # a figure, not an image of the pixels
     assert min(picture.size) > 800
     assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), flat_map.heat_map().data.astype(np.float32))
 
@@ -299,7 +299,7 @@ def test_help(command):
 
 
 def default_in_help(command, option, method):
-    """Return the default in --help for a method: the one after its name, or else the first."""
+    """Return the default in --help for a method, or the general default if the method does not have its own."""
     text = run(command, "--help").stdout
     found = re.search(rf"^  {option} .*?(?=^  -|\Z)", text, re.MULTILINE | re.DOTALL)[0]
     told = re.search(r"\[default: ([^]]*)\]", " ".join(found.split()))[1].split("; ")
@@ -322,7 +322,7 @@ def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, op
     used = json.loads(result.stdout)
     if method == "voxflat":
         assert default_in_help("flatten", "--method", None) == method
-    used["starts"] = len(used.get("starts", ()))  # the stress of each
+    used["starts"] = len(used.get("starts", ()))  # one stress value per start
     for option in options:
         assert default_in_help("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
 
@@ -338,7 +338,7 @@ def test_commands_and_functions_have_the_same_defaults(command, function):
     for option in cli.main.get_command(None, command).params:
         if option.name in usual and not option.required:
             told = option.to_info_dict()["default"]
-            assert (told or None) == (usual[option.name] or None)  # nothing, 0 and False say the same
+            assert (told or None) == (usual[option.name] or None)  # None, 0 and False are equivalent
 
 
 FLATTEN, IMAGE = "flatten a.nii -o m.npz", "image m.npz -o a.png"
@@ -403,7 +403,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     sheet[:, :, 1] = 1
     np.save(tmp_path / "sheet.npy", sheet)
     terminal, stderr = pty.openpty()
-    fcntl.ioctl(stderr, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # bars need columns
+    fcntl.ioctl(stderr, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # progress bars need a width
     command = [PROGRAM, "flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sampling", "random"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr) as process:
         os.close(stderr)
@@ -420,15 +420,15 @@ def test_ctrl_c_during_the_long_work(tmp_path):
             os.close(terminal)
         assert process.stdout.read() == b""
     assert status == 130
-    assert seconds < 5  # half a second where the machine has nothing else to do
+    assert seconds < 5  # half a second on an idle machine
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.npy"]
-    last = shown.decode().rsplit("\r", 2)[-2]  # bars are drawn over by spaces
+    last = shown.decode().rsplit("\r", 2)[-2]  # bars are overwritten by spaces
     assert last == "voxflat: cancelled"
     assert "Traceback" not in shown.decode()
 
 
 def read_terminal(terminal, until=None, seconds=120):
-    """Read what is shown until a text appears, or to the end."""
+    """Read the output of a terminal until a text appears, or to the end."""
     shown = b""
     end = time.monotonic() + seconds
     while until is None or until not in shown:
@@ -436,7 +436,7 @@ def read_terminal(terminal, until=None, seconds=120):
         assert ready, f"nothing for {seconds} s after {shown!r}"
         try:
             piece = os.read(terminal, 4096)
-        except OSError:  # what Linux says when the other end is closed
+        except OSError:  # Linux reports that the other end is closed
             return shown
         if not piece:
             return shown

@@ -72,7 +72,7 @@ def test_scatter_has_all_pairs_between_equal_axes_and_the_paper_s_figures(flat_m
     centres = hexagons.get_offsets()
     step = axes.get_xlim()[1] / 90
     near = np.abs(pairs[:50, None, :] - centres[None]).max(axis=2).min(axis=1)
-    assert near.max() <= step  # x is geodesic, y is flat, and not the other way round
+    assert near.max() <= step  # x is geodesic, and y is flat
     assert "geodesic" in axes.get_xlabel()
     assert "flat" in axes.get_ylabel()
     (diagonal,) = axes.lines
@@ -151,7 +151,7 @@ def scene():
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
-    # the front, seen along +x with z up, has +y, where the errors are put, on its left
+    # the errors are at +y, which is on the left when the front is seen along +x with z up
     far = flat_map.points[:, 1] > flat_map.points[:, 1].mean()
     uneven = with_errors(flat_map, np.where(far, 0.1, 0.0))
     picture = figures.patch_3d(uneven, solid() if in_place else None, size=(300, 200))
@@ -171,7 +171,7 @@ def test_patch_3d_shows_the_surroundings_in_grey(flat_map, scene):
 
 
 def bright_and_dark(pixels):
-    """Return where an image has the colours of large errors, and of small ones."""
+    """Return the pixels with the colours of large errors, and of small errors."""
     red, green, blue = np.moveaxis(pixels, 2, 0)
     return (red > 150) & (blue < red - 40), red + green + blue < 150
 
@@ -182,7 +182,7 @@ def greys(pixels):
 
 @pytest.fixture(scope="module")
 def mesh_map():
-    """A dome and a map of its top whose errors are 0 except on one side."""
+    """Return a dome and a map of its top; the errors are 0 except on one side."""
     points, faces = grid(30, 30)
     points[:, 2] = 8 * np.sin(points[:, :2] * np.pi / 29).prod(axis=1)
     dome = points, faces
@@ -192,14 +192,14 @@ def mesh_map():
 
 def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(mesh_map, scene):
     dome, flat_map = mesh_map
-    alone = scene(figures.patch_3d(flat_map, size=(300, 200)))  # from above: +x, where the errors are, is right
+    alone = scene(figures.patch_3d(flat_map, size=(300, 200)))  # from above, the errors at +x are on the right
     bright, dark = bright_and_dark(alone)
     assert min(bright.sum(), dark.sum()) > 2000
     assert np.nonzero(dark)[1].mean() < np.nonzero(bright)[1].mean() - 20
     in_place = scene(figures.patch_3d(flat_map, dome, size=(300, 200)))
     assert greys(in_place) > greys(alone) + 1000
     drawn = bright | dark
-    assert (np.abs(in_place - alone).max(axis=2)[drawn] < 60).mean() > 0.95  # the patch is where and as it was
+    assert (np.abs(in_place - alone).max(axis=2)[drawn] < 60).mean() > 0.95  # the patch is unchanged
 
 
 def test_patch_3d_refuses_another_mesh(mesh_map, scene):

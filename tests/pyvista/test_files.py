@@ -1,4 +1,4 @@
-"""Files of surfaces and maps by PyVista's own ``read`` and ``save``, beside independent readers."""
+"""Files of surfaces and maps read and saved by PyVista, compared with independent readers."""
 
 import re
 from importlib.metadata import EntryPoint
@@ -16,12 +16,12 @@ from voxflat.io import Patch, patch_border, write_patch
 from voxflat.methods import Voxflat
 
 PROJECT = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
-pytestmark = pytest.mark.skipif(not hasattr(pv, "register_reader"), reason="PyVista has readers of others since 0.48")
+pytestmark = pytest.mark.skipif(not hasattr(pv, "register_reader"), reason="requires PyVista 0.48")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def registered():
-    """What the entry points of the project name, whatever is installed."""
+    """Register the entry points in pyproject.toml, which may differ from those of an installed version."""
     for group, register in (("read", pv.register_reader), ("write", pv.register_writer)):
         for name, value in re.findall(rf'^(\w+) = "(voxflat\._pyvista\.files:{group})"$', PROJECT, re.MULTILINE):
             register(f".{name}", EntryPoint(name, value, f"pyvista.{group}ers").load(), override=True)

@@ -1,4 +1,4 @@
-"""The filters of VTK, in a pipeline without PyVista's classes: on PyPI's VTK, and on Debian's where it is set up."""
+"""VTK filters in a pipeline without PyVista classes, with VTK from PyPI and, if it is installed, from Debian."""
 
 import json
 import os
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 def facts(request):
     python = sys.executable if request.param == "PyPI" else DEBIAN
     if not Path(python).exists():
-        pytest.skip("Debian's VTK is not set up: make test does it, as root")
+        pytest.skip("Debian's VTK is not installed; `make test` installs it as root")
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "plugin")}
     done = subprocess.run([python, PROGRAM], capture_output=True, text=True, timeout=300, env=environment)
     assert done.returncode == 0, done.stderr
