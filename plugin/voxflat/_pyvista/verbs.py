@@ -51,11 +51,11 @@ class Verbs(Inputs):
         """
         if checked_choice(components, "components", ("largest", "all")) == "all":
             return self._components(scalars, progress_bar, options)
-        if self._is_image:
-            return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))
-        extracted = self._extracted(scalars)
         flat_map = self.flatten(scalars, progress_bar=progress_bar, **options)
         flat = to_polydata(flat_map)
+        if self._is_image:
+            return flat
+        extracted = self._extracted(scalars)
         flat.point_data["vertex_ids"] = extracted.point_ids[flat_map.ids]
         told = {**flat_map.description(), "vertices": self._mesh.n_points}  # the numbering used by vertex_ids
         flat.field_data["voxflat"] = [json.dumps(told)]

@@ -176,15 +176,8 @@ class Bars:
         from tqdm import tqdm
 
         # one bar is reused for all stages, so that there is always a bar to close when Ctrl-C is pressed
-        self._bar = tqdm(
-            desc="reading",
-            total=1,
-            bar_format="{l_bar}{bar}| {elapsed}<{remaining}",
-            leave=False,
-            dynamic_ncols=True,
-            file=_STDERR,
-            disable=hidden,
-        )
+        look: dict[str, Any] = {"bar_format": "{l_bar}{bar}| {elapsed}<{remaining}", "dynamic_ncols": True}
+        self._bar = tqdm(desc="reading", total=1, leave=False, file=_STDERR, disable=hidden, **look)
         self._stage = ""
         self.progress: Progress | None = None if hidden else self._show
         self.close = self._bar.close

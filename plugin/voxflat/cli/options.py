@@ -170,19 +170,13 @@ def writes(name: str, help_: str, *names: str, metavar: str = "FILE") -> Callabl
     return value(name, metavar, help_, *names, type=OUT)
 
 
+def command(name: str, *examples: str, **more: Any) -> Callable[[Callable[..., Any]], cloup.Command]:
+    """Return a decorator that makes a command whose help ends with examples."""
+    return cloup.command(name, epilog="\b\nExamples:\n" + "".join(f"  {one}\n" for one in examples), **more)
+
+
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
 map_ = cloup.argument("map_", metavar="MAP", type=FILE)
-
-
-def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
-    """Return a decorator that adds several options or sections."""
-
-    def decorate(command: _Command) -> _Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return decorate
 
 
 def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[str, bool]:
@@ -194,14 +188,12 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
     """Return the section of options for the output file and its companion files."""
     return section(
         "Output",
-        cloup.option("-o", "--output", type=OUT, required=required, metavar="OUT", help=help_),
+        value("-o", "OUT", help_, "--output", type=OUT, required=required),
         *further,
-        cloup.option(
+        flag(
             "--sidecar",
-            is_flag=True,
+            "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it.",
             is_eager=True,  # so that it is known when --overwrite is handled
-            help="Also write the provenance of OUT (inputs, options, version) to OUT.json, for formats that cannot "
-            "store it.",
         ),
         flag(
             "--overwrite",
@@ -349,7 +341,7 @@ def _of_methods(option: str) -> str:
     return "; ".join([str(first), *(f"{name}: {value}" for name, value in usual.items() if value != first)])
 
 
-method_options = group(
+_METHOD_SECTIONS = (
     section(
         "Method",
         choice(
@@ -384,6 +376,14 @@ method_options = group(
     ),
     section("Method saucan2006", option_of(Saucan2006, "bound", type=float, metavar="C")),
 )
+
+
+def method_options(command: _Command) -> _Command:
+    """Add the options for the flattening method."""
+    for one in reversed(_METHOD_SECTIONS):
+        command = one(command)
+    return command
+
 
 _OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "scale", "max_area", "start")
 _OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")

@@ -24,14 +24,7 @@ _FEATURES = ("SSE42", "AVX2", "FMA3", "AVX512F", "NEON", "SVE")  # instruction s
 _FURTHER = ("vtk", "pyqt6")  # dependencies of the optional packages
 
 
-@cloup.command(
-    "cite",
-    epilog="""\b
-Examples:
-  voxflat cite lh.npz rh.npz
-  voxflat cite lh.npz rh.npz --bibtex > references.bib
-""",
-)
+@options.command("cite", "voxflat cite lh.npz rh.npz", "voxflat cite lh.npz rh.npz --bibtex > references.bib")
 @cloup.argument("maps", metavar="[MAP]...", type=FILE, nargs=-1)
 @options.section("Output", options.flag("--bibtex", "Print only the BibTeX entries."), options.as_json)
 @options.run()

@@ -15,13 +15,8 @@ from voxflat.io.files import installing
 @cloup.command("demo")
 @options.section(
     "Output",
-    cloup.option(
-        "-o",
-        "--output",
-        type=OUT,
-        default=Path("voxflat-demo"),
-        metavar="DIR",
-        help="Directory for the results, which is created if it does not exist.",
+    options.value(
+        "-o", "DIR", "Directory for the results, created if needed.", "--output", type=OUT, default=Path("voxflat-demo")
     ),
     options.as_json,
 )

@@ -19,13 +19,10 @@ from voxflat.io.provenance import saving
 from voxflat.pipeline.surface import Surface
 
 
-@cloup.command(
+@options.command(
     "path",
-    epilog="""\b
-Examples:
-  voxflat path lh.white 1204 8811 9032 --geodesic edges -o cut.txt
-  voxflat path wm.nii.gz 136,112,127 136,90,130 --threshold 0.5
-""",
+    "voxflat path lh.white 1204 8811 9032 --geodesic edges -o cut.txt",
+    "voxflat path wm.nii.gz 136,112,127 136,90,130 --threshold 0.5",
 )
 @options.input_
 @cloup.argument("stops", metavar="I,J,K|V...", nargs=-1, required=True, callback=options.places)
@@ -75,14 +72,11 @@ def path_command(
     )
 
 
-@cloup.command(
+@options.command(
     "rows",
-    epilog="""\b
-Examples:
-  voxflat rows wm.nii.gz --threshold 0.5 --sources 1000 --store wm.rows
-  voxflat rows lh.white --pial lh.pial --sources 500 --store lh.rows --json
-  voxflat rows lh.white --pial lh.pial --sources 5000 --store lh.rows --dask tcp://node1:8786
-""",
+    "voxflat rows wm.nii.gz --threshold 0.5 --sources 1000 --store wm.rows",
+    "voxflat rows lh.white --pial lh.pial --sources 500 --store lh.rows --json",
+    "voxflat rows lh.white --pial lh.pial --sources 5000 --store lh.rows --dask tcp://node1:8786",
 )
 @options.input_
 @options.surface_options

@@ -20,14 +20,11 @@ from voxflat.maps.worst_places import WORST_ENDINGS
 from voxflat.maps.worst_search import worst_places
 
 
-@cloup.command(
+@options.command(
     "measure",
-    epilog="""\b
-Examples:
-  voxflat measure lh.white lh.cortex.patch.flat
-  voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json
-  voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png
-""",
+    "voxflat measure lh.white lh.cortex.patch.flat",
+    "voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json",
+    "voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png",
 )
 @cloup.argument("surface_", metavar="SURFACE", type=FILE)
 @cloup.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
@@ -85,15 +82,12 @@ def _short_names(paths: Sequence[Path]) -> list[str]:
     raise click.UsageError("The same FLAT is given twice. Remove one of them.")
 
 
-@cloup.command(
+@options.command(
     "worst",
-    epilog="""\b
-Examples:
-  voxflat worst map.npz
-  voxflat worst map.npz --beyond 2 --parcels lh.aparc.annot -o worst.tsv --figure worst.png
-  voxflat worst map.npz --place 1 --save-cuts cuts.json
-  voxflat flatten lh.white --pial lh.pial --cuts cuts.json -o relieved.npz
-""",
+    "voxflat worst map.npz",
+    "voxflat worst map.npz --beyond 2 --parcels lh.aparc.annot -o worst.tsv --figure worst.png",
+    "voxflat worst map.npz --place 1 --save-cuts cuts.json",
+    "voxflat flatten lh.white --pial lh.pial --cuts cuts.json -o relieved.npz",
 )
 @options.map_
 @options.section(

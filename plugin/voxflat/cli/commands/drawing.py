@@ -21,20 +21,17 @@ _EACH = "For two maps, give one file that covers both, or give --overlay once pe
 _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 
 
-@cloup.command(
+@options.command(
     "figure",
-    epilog="""\b
-Examples:
-  voxflat figure map.npz -o folds.png
-  voxflat figure map.npz --overlay lh.thickness --range 1,4 --unit mm -o thickness.pdf
-  voxflat figure map.npz --overlay zstat.nii.gz --depth 2 --threshold 2.3 -o zstat.svg
-  voxflat figure lh.npz rh.npz --overlay zstat.nii.gz --depth 2 --threshold 2.3 --label "z, right hand" -o both.png
-  voxflat figure lh.npz rh.npz --overlay lh.func.gii --overlay rh.func.gii -o both.png
-  voxflat figure map.npz --overlay effect.nii.gz --alpha zstat.nii.gz -o effect.png
-  voxflat figure map.npz --overlay angle.mgz --period 360 --strength r2.mgz --above 0.1 -o polar_angle.png
-  voxflat figure map.npz --parcels lh.aparc.annot --width 170 -o areas.svg
-  voxflat figure map.npz --parcels aseg.nii.gz --table FreeSurferColorLUT.txt -o aseg.png
-""",
+    "voxflat figure map.npz -o folds.png",
+    "voxflat figure map.npz --overlay lh.thickness --range 1,4 --unit mm -o thickness.pdf",
+    "voxflat figure map.npz --overlay zstat.nii.gz --depth 2 --threshold 2.3 -o zstat.svg",
+    'voxflat figure lh.npz rh.npz --overlay zstat.nii.gz --depth 2 --threshold 2.3 --label "z, right hand" -o both.png',
+    "voxflat figure lh.npz rh.npz --overlay lh.func.gii --overlay rh.func.gii -o both.png",
+    "voxflat figure map.npz --overlay effect.nii.gz --alpha zstat.nii.gz -o effect.png",
+    "voxflat figure map.npz --overlay angle.mgz --period 360 --strength r2.mgz --above 0.1 -o polar_angle.png",
+    "voxflat figure map.npz --parcels lh.aparc.annot --width 170 -o areas.svg",
+    "voxflat figure map.npz --parcels aseg.nii.gz --table FreeSurferColorLUT.txt -o aseg.png",
 )
 @_maps
 @data_section(
@@ -144,15 +141,12 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     )
 
 
-@cloup.command(
+@options.command(
     "movie",
-    epilog="""\b
-Examples:
-  voxflat movie map.npz --overlay bold.nii.gz --fraction 0.5 --change --range -3,3 -o bold.mp4
-  voxflat movie map.npz --overlay residuals.dtseries.nii --threshold 1 --range -4,4 --unit % -o bold.mp4
-  voxflat movie lh.npz rh.npz --overlay bold.dtseries.nii --range -3,3 -o both.mp4
-  voxflat movie map.npz --overlay lh.bold.func.gii --time-step 2 --rate 5 --size 640 -o bold.gif
-""",
+    "voxflat movie map.npz --overlay bold.nii.gz --fraction 0.5 --change --range -3,3 -o bold.mp4",
+    "voxflat movie map.npz --overlay residuals.dtseries.nii --threshold 1 --range -4,4 --unit % -o bold.mp4",
+    "voxflat movie lh.npz rh.npz --overlay bold.dtseries.nii --range -3,3 -o both.mp4",
+    "voxflat movie map.npz --overlay lh.bold.func.gii --time-step 2 --rate 5 --size 640 -o bold.gif",
 )
 @_maps
 @data_section(

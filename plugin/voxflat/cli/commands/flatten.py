@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import cloup
 import numpy as np
 
 from voxflat.cli import options
@@ -19,16 +18,14 @@ from voxflat.pipeline.surface import Surface
 _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
 
-@cloup.command(
+@options.command(
     "cut",
-    epilog="""\b
-Examples:
-  voxflat cut lh.white --pial lh.pial --drop medial-wall --cuts automatic -o lh.cuts.json
-  voxflat cut lh.white --drop lh.Medial_wall.label --relax-length 250 -o lh.cuts.json
-  voxflat flatten lh.white --pial lh.pial --cuts lh.cuts.json -o lh.flat.surf.gii
-  voxflat cut lh.white --pial lh.pial --drop medial-wall -o lh.cortex.patch.3d
-  voxflat cut lh.white --seed-point 5000 --radius 40 --sphere lh.sphere.reg -o v1.json --save-template v1.template.json
-""",
+    "voxflat cut lh.white --pial lh.pial --drop medial-wall --cuts automatic -o lh.cuts.json",
+    "voxflat cut lh.white --drop lh.Medial_wall.label --relax-length 250 -o lh.cuts.json",
+    "voxflat flatten lh.white --pial lh.pial --cuts lh.cuts.json -o lh.flat.surf.gii",
+    "voxflat cut lh.white --pial lh.pial --drop medial-wall -o lh.cortex.patch.3d",
+    "voxflat cut lh.white --seed-point 5000 --radius 40 --sphere lh.sphere.reg -o v1.json "
+    "--save-template v1.template.json",
 )
 @options.input_
 @options.surface_options
@@ -73,19 +70,16 @@ def cut_command(
     report({**content, "provenance": made.provenance}, "\n".join(lines), as_json=as_json)
 
 
-@cloup.command(
+@options.command(
     "flatten",
-    epilog="""\b
-Examples:
-  voxflat flatten wm.nii.gz --hemisphere left -o lh.npz
-  voxflat flatten labels.nii.gz --label 3 -o map.npz
-  voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz
-  voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz
-  voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii
-  voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz
-  voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat
-  voxflat flatten lh.midthickness.surf.gii --start lh.cortex.patch.flat -o lh.better.npz
-""",
+    "voxflat flatten wm.nii.gz --hemisphere left -o lh.npz",
+    "voxflat flatten labels.nii.gz --label 3 -o map.npz",
+    "voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz",
+    "voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz",
+    "voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii",
+    "voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz",
+    "voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat",
+    "voxflat flatten lh.midthickness.surf.gii --start lh.cortex.patch.flat -o lh.better.npz",
 )
 @options.input_
 @options.surface_options

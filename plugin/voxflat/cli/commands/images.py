@@ -24,21 +24,19 @@ from voxflat.maps.sampling import INTERPOLATIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
 
-@cloup.command(
+@options.command(
     "image",
-    epilog="""\b
-Examples:
-  voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
-  voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
-  voxflat image map.npz --volume face.obj -o face_flat.png
-  voxflat image map.npz --heat-map -o distortion.png
-  voxflat image atlas.npz --volume lh.sulc -o page.png
-  voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
-  voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz
-  voxflat image map.npz --volume lh.bold.func.gii --time-step 2 -o bold_flat.zarr
-  voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif
-  voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 --average -o bold.nii.gz
-""",
+    "voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png",
+    "voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz",
+    "voxflat image map.npz --volume face.obj -o face_flat.png",
+    "voxflat image map.npz --heat-map -o distortion.png",
+    "voxflat image atlas.npz --volume lh.sulc -o page.png",
+    'voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png',
+    "voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz",
+    "voxflat image map.npz --volume lh.bold.func.gii --time-step 2 -o bold_flat.zarr",
+    "voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif",
+    "voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 "
+    "--average -o bold.nii.gz",
 )
 @options.map_
 @options.section(
@@ -151,13 +149,10 @@ def image_command(
     )
 
 
-@cloup.command(
+@options.command(
     "texture",
-    epilog="""\b
-Examples:
-  voxflat texture map.npz bricks.jpg -o bricks.obj
-  voxflat texture map.npz chessboard.png --texel-size 0.1 --repeat -o chessboard.glb
-""",
+    "voxflat texture map.npz bricks.jpg -o bricks.obj",
+    "voxflat texture map.npz chessboard.png --texel-size 0.1 --repeat -o chessboard.glb",
 )
 @options.map_
 @cloup.argument("picture", metavar="PICTURE", type=FILE)

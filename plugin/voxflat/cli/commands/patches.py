@@ -21,16 +21,13 @@ from voxflat.maps.textures.textured import TEXTURED_ENDINGS, TexturedSurface, fi
 from voxflat.pipeline.surface import Surface
 
 
-@cloup.command(
+@options.command(
     "patches",
-    epilog="""\b
-Examples:
-  voxflat patches lh.white -o atlas.npz
-  voxflat patches skull.obj --bound 1.1763 -o atlas.npz --page page.png --picture skull.png
-  voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz
-  voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png
-  voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb
-""",
+    "voxflat patches lh.white -o atlas.npz",
+    "voxflat patches skull.obj --bound 1.1763 -o atlas.npz --page page.png --picture skull.png",
+    "voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz",
+    "voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png",
+    "voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb",
 )
 @cloup.argument("surface_", metavar="SURFACE", type=FILE)
 @options.surface_options

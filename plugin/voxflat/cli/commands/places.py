@@ -21,13 +21,10 @@ from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.regions import REGION_ENDINGS, Regions
 
 
-@cloup.command(
+@options.command(
     "points",
-    epilog="""\b
-Examples:
-  voxflat points map.npz electrodes.tsv --space scanner -o electrodes_uv.tsv
-  voxflat points map.npz peaks.csv --space scanner --limit 3 -o peaks_uv.csv
-""",
+    "voxflat points map.npz electrodes.tsv --space scanner -o electrodes_uv.tsv",
+    "voxflat points map.npz peaks.csv --space scanner --limit 3 -o peaks_uv.csv",
 )
 @options.map_
 @cloup.argument("points", metavar="XYZ", type=FILE)
@@ -63,16 +60,13 @@ def points_command(
     )
 
 
-@cloup.command(
+@options.command(
     "regions",
-    epilog="""\b
-Examples:
-  voxflat regions map.npz --svg drawn.svg -o lh.rois.annot
-  voxflat regions map.npz --polygons v1.json -o lh.V1.label
-  voxflat regions map.npz --image rois.tif -o rois.label.gii
-  voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz
-  voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz
-""",
+    "voxflat regions map.npz --svg drawn.svg -o lh.rois.annot",
+    "voxflat regions map.npz --polygons v1.json -o lh.V1.label",
+    "voxflat regions map.npz --image rois.tif -o rois.label.gii",
+    "voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz",
+    "voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz",
 )
 @options.map_
 @options.section(

@@ -75,17 +75,14 @@ class _MultipleValuesCommand(cloup.Command):
         return super().parse_args(ctx, words)
 
 
-@cloup.command(
+@options.command(
     "bids",
+    "voxflat bids study study/derivatives/voxflat participant",
+    "voxflat bids $SUBJECTS_DIR maps participant --participant-label 01 02 --overlay thickness curv",
+    "voxflat bids study maps participant --dry-run",
+    "voxflat bids study maps participant --dask tcp://node1:8786",
+    "voxflat bids study maps group",
     cls=_MultipleValuesCommand,
-    epilog="""\b
-Examples:
-  voxflat bids study study/derivatives/voxflat participant
-  voxflat bids $SUBJECTS_DIR maps participant --participant-label 01 02 --overlay thickness curv
-  voxflat bids study maps participant --dry-run
-  voxflat bids study maps participant --dask tcp://node1:8786
-  voxflat bids study maps group
-""",
 )
 @cloup.argument("source", metavar="BIDS_DIR", type=click.Path(path_type=Path))
 @cloup.argument("out", metavar="OUT", type=click.Path(path_type=Path))
@@ -163,15 +160,12 @@ def bids_command(
     return min(len(failed), _MAX_STATUS)
 
 
-@cloup.command(
+@options.command(
     "freesurfer",
+    "voxflat freesurfer $SUBJECTS_DIR/sub-01",
+    "voxflat freesurfer sub-01 --hemi lh --overlay thickness curv",
+    "voxflat freesurfer sub-01 --overlay {hemi}.zstat.mgz --cuts automatic --json",
     cls=_MultipleValuesCommand,
-    epilog="""\b
-Examples:
-  voxflat freesurfer $SUBJECTS_DIR/sub-01
-  voxflat freesurfer sub-01 --hemi lh --overlay thickness curv
-  voxflat freesurfer sub-01 --overlay {hemi}.zstat.mgz --cuts automatic --json
-""",
 )
 @cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
 @options.section(

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import cloup
 
 from voxflat.arguments import log
 from voxflat.cli import options
@@ -23,14 +22,11 @@ from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.standard.pattern import SIDES
 
 
-@cloup.command(
+@options.command(
     "check",
-    epilog="""\b
-Examples:
-  voxflat check labels.nii.gz
-  voxflat check wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45
-  voxflat check lh.white --pial lh.pial --drop lh.Medial_wall.label
-""",
+    "voxflat check labels.nii.gz",
+    "voxflat check wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45",
+    "voxflat check lh.white --pial lh.pial --drop lh.Medial_wall.label",
 )
 @options.input_
 @options.surface_options
@@ -58,13 +54,10 @@ def check_command(input_: Path, as_json: bool, **given: Any) -> None:
         raise click.exceptions.Exit(1)
 
 
-@cloup.command(
+@options.command(
     "register",
-    epilog="""\b
-Examples:
-  voxflat register lh.white -o lh.sphere.reg.surf.gii
-  voxflat register wm.nii.gz --label 2 --repair voxels --side left -o lh.sphere.reg
-""",
+    "voxflat register lh.white -o lh.sphere.reg.surf.gii",
+    "voxflat register wm.nii.gz --label 2 --repair voxels --side left -o lh.sphere.reg",
 )
 @options.input_
 @options.surface_options
@@ -93,13 +86,10 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], as_jso
     )
 
 
-@cloup.command(
+@options.command(
     "surface",
-    epilog="""\b
-Examples:
-  voxflat surface wm.nii.gz --threshold 0.5 --repair voxels -o wm.surf.gii
-  voxflat surface labels.nii.gz --label 3 --repair voxels --repaired repaired.nii.gz -o label3.vtp
-""",
+    "voxflat surface wm.nii.gz --threshold 0.5 --repair voxels -o wm.surf.gii",
+    "voxflat surface labels.nii.gz --label 3 --repair voxels --repaired repaired.nii.gz -o label3.vtp",
 )
 @options.input_
 @options.surface_options
