@@ -252,7 +252,7 @@ def test_what_means_nothing_for_a_mesh_is_refused():
     refused("scalars is 'height', but a mesh is flattened without scalars", mesh.voxflat, "height")
     refused("label does not apply when the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
-        refused("a PolyData is not a volume", call)
+        refused("the PolyData is not a volume", call)
 
 
 def open_cylinder():

@@ -309,7 +309,7 @@ def test_a_morph_leads_from_the_surface_to_the_map(flat_ball):
     assert set(morph[2].array_names) == set(flat_ball.array_names)
     assert flat_ball == before
     for bad in (1, 2.5, "many"):
-        refused("Pass a number of frames of at least 2", flat_ball.voxflat.morph, bad)
+        refused("Pass a whole number of at least 2", flat_ball.voxflat.morph, bad)
     refused(r"share is 1\.2", morph.at, 1.2)
 
 

@@ -289,7 +289,7 @@ class BlocksAccessor:
             inner = {f"{name}/{key}": value for key, value in result.items()} if isinstance(result, dict) else None
             for key, value in (inner or {name: result}).items():
                 if key in found:
-                    raise InputError(f"two blocks have the name {key!r}. Rename one: blocks.set_block_name(1, ...)")
+                    raise InputError(f"two blocks have the name {key!r}. Rename one with blocks.set_block_name(1, ...)")
                 found[key] = value
         return found
 

@@ -197,7 +197,7 @@ def _volume_of(image: pv.DataSet, scalars: str | None = None) -> Volume:
     """Return an array of an image as a volume with its affine, without a copy."""
     if not isinstance(image, pv.ImageData):
         resample = "Resample the mesh onto an image with pyvista.ImageData(...).sample(mesh)"
-        raise InputError(f"a {type(image).__name__} is not a volume. {resample}")
+        raise InputError(f"the {type(image).__name__} is not a volume. {resample}")
     values, in_cells = _array(image, scalars)
     shape, affine = _grid(image, in_cells)
     colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8

@@ -42,7 +42,7 @@ class Morph(Sequence[pv.PolyData]):
 
     def __init__(self, flat: pv.PolyData, n: int = 25) -> None:
         if not is_whole(n) or n < 2:
-            raise InputError(f"n is {n!r}. Pass a number of frames of at least 2")
+            raise InputError(f"n is {n!r}. Pass a whole number of at least 2")
         self._flat, self._n = flat, int(n)
         self._surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
         self._turn, self._laid = aligned(np.asarray(flat.points, dtype=np.float64), self._surface)
@@ -210,7 +210,7 @@ class Morph(Sequence[pv.PolyData]):
         from voxflat.figures.files import check_movie, save_movie  # imports Matplotlib
 
         if not is_number(fps) or not 0 < fps <= 100:
-            raise InputError(f"fps is {fps!r}. Pass a positive number of frames per second, up to 100")
+            raise InputError(f"fps is {fps!r}. Pass a number greater than 0 and at most 100")
         if any(side % 2 for side in window_size):
             raise InputError(f"window_size is {window_size}. Pass even numbers of pixels for a movie")
         check_movie(path)

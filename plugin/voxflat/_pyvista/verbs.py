@@ -87,7 +87,7 @@ class Verbs(Inputs):
             except InputError as error:
                 log.warning("%s is omitted: %s", name, error)
         if not found.n_blocks:
-            raise InputError("none of the components can be flattened. The warnings explain why")
+            raise InputError("none of the components can be flattened. See the warnings for the reasons")
         return found
 
     def flatten(

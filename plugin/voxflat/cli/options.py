@@ -60,7 +60,7 @@ def _rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     try:
         return int(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number of rings. Give an integer, or all.") from None
+        raise click.BadParameter(f"{value!r} is not a number of rings. Give an integer or 'all'.") from None
 
 
 def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:

@@ -127,7 +127,7 @@ def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
     sides = given.pop("above"), given.pop("below")
     if sides != (None, None):
         if given["threshold"] is not None:
-            raise click.UsageError("--threshold cannot be combined with --above or --below. Give one or the other.")
+            raise click.UsageError("--threshold cannot be combined with --above or --below. Omit --threshold.")
         given["threshold"], names["threshold"] = sides, "above" if sides[0] is not None else "below"
     unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
     own = {name: value for name, value in own.items() if value is not None}
