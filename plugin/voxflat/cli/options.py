@@ -11,7 +11,7 @@ import click
 import cloup
 import numpy as np
 
-from voxflat.cli.output import READ, WRITTEN
+from voxflat.cli.output import JSON, READ, WRITTEN
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
@@ -205,7 +205,14 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
     )
 
 
-as_json = flag("--json", "Print one JSON object to stdout instead of text.", "as_json")
+def _json(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    """Store whether ``--json`` is given."""
+    ctx.meta[JSON] = value
+
+
+as_json = flag(
+    "--json", "Print one JSON object to stdout instead of text.", "as_json", callback=_json, expose_value=False
+)
 debug = flag("--debug", "Print the traceback if an error occurs.", expose_value=False)
 quiet = flag("--quiet", "Do not print progress, warnings or a summary.")
 seed = option_of(Surface.flatten, "seed", type=int)

@@ -20,8 +20,8 @@ FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 
 _IGNORES_CASE = sys.platform in ("win32", "darwin")  # whether A.npz and a.npz are usually one file
 
-READ, WRITTEN = "voxflat.read", "voxflat.written"
-"""Keys under which the context of a command stores the files that the command reads and writes."""
+READ, WRITTEN, JSON = "voxflat.read", "voxflat.written", "voxflat.json"
+"""Keys under which the context of a command stores the files that it reads and writes, and whether it prints JSON."""
 
 
 def check_output(
@@ -77,9 +77,14 @@ def print_json(content: dict[str, Any]) -> None:
     click.echo(json.dumps(content, allow_nan=False))
 
 
-def report(content: dict[str, Any], text: str, *, as_json: bool, quiet: bool = False) -> None:
-    """Print the result of a command: as one JSON object, or as text unless `quiet`."""
-    if as_json:
+def is_json() -> bool:
+    """Return whether ``--json`` is given."""
+    return bool(click.get_current_context().meta.get(JSON))
+
+
+def report(content: dict[str, Any], text: str, *, quiet: bool = False) -> None:
+    """Print the result of a command: as one JSON object with ``--json``, or as text unless `quiet`."""
+    if is_json():
         print_json(content)
     elif not quiet:
         click.echo(text)

@@ -28,7 +28,7 @@ _FURTHER = ("vtk", "pyqt6")  # dependencies of the optional packages
 @cloup.argument("maps", metavar="[MAP]...", type=FILE, nargs=-1)
 @options.section("Output", options.flag("--bibtex", "Print only the BibTeX entries."), options.as_json)
 @options.run()
-def cite_command(maps: tuple[Path, ...], bibtex: bool, as_json: bool) -> None:
+def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
     """Print a paragraph for the methods section of a paper, with references.
 
     Each MAP is a file written by voxflat flatten. The paragraph states the version of voxflat, the method, its options,
@@ -36,13 +36,13 @@ def cite_command(maps: tuple[Path, ...], bibtex: bool, as_json: bool) -> None:
     """
     with bars():
         citation = cite(*map(load, maps))
-    report(asdict(citation), citation.bibtex if bibtex else str(citation), as_json=as_json)
+    report(asdict(citation), citation.bibtex if bibtex else str(citation))
 
 
 @cloup.command("info")
 @options.section("Output", options.as_json)
 @options.run()
-def info_command(as_json: bool) -> None:
+def info_command() -> None:
     """Print version and system information for a bug report.
 
     The list contains the versions of voxflat, Python, and the required and optional packages, the operating system, the
@@ -66,7 +66,7 @@ def info_command(as_json: bool) -> None:
     lines["cpu"] += f" ({', '.join(told['cpu_features']) or 'vector instructions unknown'})"
     lines["memory"] = f"{amount(told['memory_bytes'])}, {amount(told['free_memory_bytes'])} free"
     lines |= {name: version or "not installed" for name, version in told["packages"].items()}
-    report(told, "\n".join(f"{name:16}{value}" for name, value in lines.items()), as_json=as_json)
+    report(told, "\n".join(f"{name:16}{value}" for name, value in lines.items()))
 
 
 def _cpu() -> str:

@@ -41,9 +41,7 @@ from voxflat.pipeline.surface import Surface
 )
 @options.output("Write the vertices along the path to this file, one per line, for --cuts.", required=False)
 @options.run(options.memory_limit)
-def path_command(
-    input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
-) -> None:
+def path_command(input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], **given: Any) -> None:
     """Find the shortest path through points of a surface.
 
     The command prints the length of the path. The points are voxel indices I,J,K or vertex numbers V, counted from 0.
@@ -68,7 +66,6 @@ def path_command(
     report(
         {**content, "space": found.space._described(), "provenance": found.provenance},
         f"{length} through {len(found.ids)} points{saved}",
-        as_json=as_json,
     )
 
 
@@ -93,7 +90,7 @@ def path_command(
     "Output", option_of(Surface.geodesic, "store", type=OUT, metavar="DIR", required=True), options.as_json
 )
 @options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
-def rows_command(input_: Path, sources: int, as_json: bool, quiet: bool, **given: Any) -> None:
+def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
     """Measure geodesic distances and store them on disk.
 
     The command writes the geodesic distances from N sources to all points of a surface to DIR as rows.npy (float32,
@@ -111,6 +108,5 @@ def rows_command(input_: Path, sources: int, as_json: bool, quiet: bool, **given
         {"store": str(measured.store), **size, "provenance": measured.provenance},
         f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB\n"
         f"saved in {measured.store}",
-        as_json=as_json,
         quiet=quiet,
     )

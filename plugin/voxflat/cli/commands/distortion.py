@@ -49,9 +49,7 @@ from voxflat.maps.worst_search import worst_places
     options.as_json,
 )
 @options.run(options.seed, options.threads, options.memory_limit)
-def measure_command(
-    surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_json: bool, **given: Any
-) -> None:
+def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, **given: Any) -> None:
     """Measure the distortion of flat maps made by any tool.
 
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
@@ -71,7 +69,7 @@ def measure_command(
         figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
     one = compared[names[0]] if len(names) == 1 else None
     measures = {"maps": compared.figures()} if one is None else one.figures()
-    report({**measures, "provenance": compared.provenance}, (one or compared).table(), as_json=as_json)
+    report({**measures, "provenance": compared.provenance}, (one or compared).table())
 
 
 def _short_names(paths: Sequence[Path]) -> list[str]:
@@ -126,7 +124,6 @@ def worst_command(
     figure: Path | None,
     picture: Path | None,
     writing: dict[str, Any],
-    as_json: bool,
     **given: Any,
 ) -> None:
     """List the regions of highest area distortion.
@@ -162,5 +159,4 @@ def worst_command(
     report(
         {**worst.figures(), "files": saved, "provenance": worst.provenance},
         "\n".join([worst.table(), *(f"saved as {file}" for file in saved)]),
-        as_json=as_json,
     )

@@ -91,7 +91,7 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
 )
 @options.output("Output file: .png, .pdf, or .svg (with layers).")
 @options.run()
-def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], as_json: bool, **look: Any) -> None:
+def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], **look: Any) -> None:
     """Draw a figure of one or two flat maps.
 
     MAP is a file written by voxflat flatten. The maps of both hemispheres are drawn side by side with one colour scale.
@@ -134,11 +134,7 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
         figures.save(drawn, output, record)
     width, height = (round(side * drawn.dpi) for side in drawn.get_size_inches())
     size = f", {width} x {height} pixels" if output.suffix.lower() == ".png" else ""
-    report(
-        {"output": str(output), "width": width, "height": height, "provenance": record},
-        f"saved as {output}{size}",
-        as_json=as_json,
-    )
+    report({"output": str(output), "width": width, "height": height, "provenance": record}, f"saved as {output}{size}")
 
 
 @options.command(
@@ -169,13 +165,7 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
 )
 @options.run(options.quiet)
 def movie_command(
-    maps: tuple[Path, ...],
-    overlay: tuple[Path, ...],
-    output: Path,
-    writing: dict[str, Any],
-    as_json: bool,
-    quiet: bool,
-    **look: Any,
+    maps: tuple[Path, ...], overlay: tuple[Path, ...], output: Path, writing: dict[str, Any], quiet: bool, **look: Any
 ) -> None:
     """Make a movie of a series on one or two flat maps.
 
@@ -205,6 +195,5 @@ def movie_command(
     report(
         {"output": str(output), **size, "provenance": record},
         f"{len(movie)} frames of {width} x {height} pixels, {seconds:g} s\nsaved as {output}",
-        as_json=as_json,
         quiet=quiet,
     )

@@ -42,9 +42,7 @@ _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
     ),
 )
 @options.run(options.threads, options.memory_limit)
-def cut_command(
-    input_: Path, output: Path, template: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
-) -> None:
+def cut_command(input_: Path, output: Path, template: Path | None, writing: dict[str, Any], **given: Any) -> None:
     """Cut a surface open for flattening.
 
     The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open to a disk, and
@@ -67,7 +65,7 @@ def cut_command(
         lines.append(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
     lines.append(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles")
     lines.append(f"saved as {output}" + ("" if template is None else f", template as {template}"))
-    report({**content, "provenance": made.provenance}, "\n".join(lines), as_json=as_json)
+    report({**content, "provenance": made.provenance}, "\n".join(lines))
 
 
 @options.command(
@@ -94,9 +92,7 @@ def cut_command(
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def flatten_command(
-    input_: Path, output: Path, writing: dict[str, Any], as_json: bool, quiet: bool, **given: Any
-) -> None:
+def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: bool, **given: Any) -> None:
     """Flatten a surface into a flat map.
 
     INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz)
@@ -115,7 +111,7 @@ def flatten_command(
         flat_map = part.flatten(method, rows=rows if store is None else store, progress=shown.progress, **given)
     flat_map.save(output, **writing)
     content = {"output": str(output), **flat_map.description()}
-    report(content, _summary(flat_map, output), as_json=as_json, quiet=quiet)
+    report(content, _summary(flat_map, output), quiet=quiet)
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:

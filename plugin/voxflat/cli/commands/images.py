@@ -85,7 +85,6 @@ def image_command(
     output: Path,
     pixel_size: float | None,
     writing: dict[str, Any],
-    as_json: bool,
     quiet: bool,
     **given: Any,
 ) -> None:
@@ -144,7 +143,6 @@ def image_command(
     report(
         {"output": str(output), **size, "time_step": step, "provenance": picture.provenance},
         f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}",
-        as_json=as_json,
         quiet=quiet,
     )
 
@@ -167,13 +165,7 @@ def image_command(
 )
 @options.run()
 def texture_command(
-    map_: Path,
-    picture: Path,
-    output: Path,
-    texel_size: float | None,
-    repeat: bool,
-    writing: dict[str, Any],
-    as_json: bool,
+    map_: Path, picture: Path, output: Path, texel_size: float | None, repeat: bool, writing: dict[str, Any]
 ) -> None:
     """Map a picture onto a surface as a texture.
 
@@ -192,5 +184,4 @@ def texture_command(
     report(
         {"output": str(output), "points": points, "triangles": triangles, "provenance": textured.provenance},
         f"{points} points, {triangles} triangles\nsaved as {output}",
-        as_json=as_json,
     )

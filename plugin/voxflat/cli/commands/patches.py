@@ -66,7 +66,6 @@ def patches_command(
     glue: float | None,
     packing: str,
     writing: dict[str, Any],
-    as_json: bool,
     quiet: bool,
     **given: Any,
 ) -> None:
@@ -104,7 +103,7 @@ def patches_command(
         if picture is not None:
             figures.save_picture(figures.atlas_3d(atlas), picture, atlas.provenance)
     content = {"output": str(output), **atlas.figures(), "metadata": atlas.metadata}
-    report(content, f"{atlas.table()}\n\nsaved as {output}", as_json=as_json, quiet=quiet)
+    report(content, f"{atlas.table()}\n\nsaved as {output}", quiet=quiet)
 
 
 def _check_texture(

@@ -35,9 +35,7 @@ from voxflat.maps.regions import REGION_ENDINGS, Regions
 )
 @options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, and u, v and distance in mm.")
 @options.run()
-def points_command(
-    map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any], as_json: bool
-) -> None:
+def points_command(map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any]) -> None:
     """Find the positions of points in space on a flat map.
 
     MAP is a file written by voxflat flatten. XYZ is a table (.csv, .tsv or .txt) of coordinates in RAS+ mm, with
@@ -56,7 +54,6 @@ def points_command(
     report(
         {"output": str(output), "points": len(distance), "on_map": shown, "provenance": record},
         f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}",
-        as_json=as_json,
     )
 
 
@@ -106,7 +103,6 @@ def regions_command(
     volume: Path | None,
     depth: Any,
     writing: dict[str, Any],
-    as_json: bool,
 ) -> None:
     """Convert regions drawn on a flat map to vertex or voxel labels.
 
@@ -133,9 +129,7 @@ def regions_command(
     voxels = {name: f", {count} voxels" for name, count in counts.get("voxels", {}).items()}
     lines = [f"{name}: {n} points of the map{voxels.get(name, '')}" for name, n in counts["regions"].items()]
     report(
-        {"output": str(output), **counts, "provenance": regions.provenance},
-        "\n".join([*lines, f"saved as {output}"]),
-        as_json=as_json,
+        {"output": str(output), **counts, "provenance": regions.provenance}, "\n".join([*lines, f"saved as {output}"])
     )
 
 

@@ -10,7 +10,7 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import Bars, bars
-from voxflat.cli.output import report
+from voxflat.cli.output import is_json, report
 from voxflat.lab.group import group
 from voxflat.lab.inputs import GEOMETRIES, Parameters
 from voxflat.lab.study import Outcome, freesurfer, plan, study
@@ -112,7 +112,6 @@ def bids_command(
     hemis: tuple[str, ...],
     dry_run: bool,
     dask: str | None,
-    as_json: bool,
     quiet: bool,
     **given: Any,
 ) -> int:
@@ -142,10 +141,10 @@ def bids_command(
         found = group(source, out, labels)
         state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
         counts = f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} outliers"
-        report({"output": str(out), **found}, f"{counts}\n{state}", as_json=as_json, quiet=quiet)
+        report({"output": str(out), **found}, f"{counts}\n{state}", quiet=quiet)
         return 0
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
-        how: dict[str, Any] = {"labels": labels, "tell": _outcome_printer(shown, verbose=not (as_json or quiet))}
+        how: dict[str, Any] = {"labels": labels, "tell": _outcome_printer(shown, verbose=not (is_json() or quiet))}
         outcomes = study(source, out, chosen, parameters, **how, dask=dask, progress=shown.progress, **given)
     everybody = {one.name for one in outcomes}
     failed = {one.name for one in outcomes if one.state == "failed"}
@@ -154,7 +153,6 @@ def bids_command(
         {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]},
         f"{len(everybody)} participants: {made} made, {len(everybody) - made - len(failed)} up to date, "
         f"{len(failed)} failed",
-        as_json=as_json,
         quiet=quiet,
     )
     return min(len(failed), _MAX_STATUS)
@@ -175,7 +173,7 @@ def bids_command(
 @_MAPS
 @options.section("Output", options.as_json)
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def freesurfer_command(subject: Path, hemis: tuple[str, ...], as_json: bool, quiet: bool, **given: Any) -> int:
+def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **given: Any) -> int:
     """Flatten a FreeSurfer subject and write a report.
 
     voxflat reads surf/?h.white, pial, sphere.reg, thickness and label/?h.cortex.label (or aparc.annot), and reports
@@ -186,7 +184,7 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], as_json: bool, qui
     """
     parameters = _parameters(given)
     with bars(quiet) as shown:
-        tell = _outcome_printer(shown, verbose=not (as_json or quiet))
+        tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
         hemis = tuple(dict.fromkeys(hemis))
         outcomes = freesurfer(subject, hemis, parameters, tell=tell, progress=shown.progress, **given)
     page = str(subject / "voxflat.html")
@@ -194,7 +192,6 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], as_json: bool, qui
     report(
         {"subject": str(subject), "report": page, "hemispheres": [_listed(one) for one in outcomes]},
         f"report: {page}",
-        as_json=as_json,
         quiet=quiet or len(failed) == len(outcomes),
     )
     return 1 if failed else 0

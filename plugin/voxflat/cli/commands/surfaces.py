@@ -33,7 +33,7 @@ from voxflat.surfaces.standard.pattern import SIDES
 @options.region
 @options.choice_of_cuts
 @options.run(options.threads, options.memory_limit, options.as_json)
-def check_command(input_: Path, as_json: bool, **given: Any) -> None:
+def check_command(input_: Path, **given: Any) -> None:
     """Check whether a surface can be flattened.
 
     The check lists the components, boundary loops, handles and defects of INPUT (a volume or a mesh), reports the
@@ -49,7 +49,7 @@ def check_command(input_: Path, as_json: bool, **given: Any) -> None:
         else:
             given = {name: value for name, value in given.items() if name not in making}
         findings = check(source, part=part, progress=shown.progress, **given)
-    report(json_ready(asdict(findings)), findings.table(), as_json=as_json)
+    report(json_ready(asdict(findings)), findings.table())
     if not findings.can_flatten:
         raise click.exceptions.Exit(1)
 
@@ -67,7 +67,7 @@ def check_command(input_: Path, as_json: bool, **given: Any) -> None:
     "name such as lh.sphere.reg."
 )
 @options.run(options.threads, options.memory_limit)
-def register_command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, **given: Any) -> None:
+def register_command(input_: Path, output: Path, writing: dict[str, Any], **given: Any) -> None:
     """Register a hemisphere to the fsaverage sphere.
 
     The registration aligns the folding pattern of the surface with that of fsaverage. The output can be used instead of
@@ -82,7 +82,6 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], as_jso
     report(
         {**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance},
         f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}",
-        as_json=as_json,
     )
 
 
@@ -100,9 +99,7 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], as_jso
     ),
 )
 @options.run(options.threads, options.memory_limit)
-def surface_command(
-    input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], as_json: bool, **given: Any
-) -> None:
+def surface_command(input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], **given: Any) -> None:
     """Extract the surface of a volume, or check and convert a mesh.
 
     Each vertex of a volume's surface is a surface voxel at a subvoxel position; voxflat does not compute an isosurface.
@@ -132,5 +129,4 @@ def surface_command(
     report(
         json_ready({"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}),
         f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}",
-        as_json=as_json,
     )
