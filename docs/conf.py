@@ -117,8 +117,8 @@ def _write_commands():
     """Write a page for each command of the program, from the program itself."""
     folder = GENERATED / "cli"
     folder.mkdir(parents=True, exist_ok=True)
-    for name in program.commands:
-        page = f".. click:: voxflat.cli.commands.{name}:command\n   :prog: voxflat {name}\n"
+    for name, module in program.modules.items():
+        page = f".. click:: voxflat.cli.commands.{module}:{name}_command\n   :prog: voxflat {name}\n"
         path = folder / f"{name}.rst"
         if not path.exists() or path.read_text(encoding="utf-8") != page:
             path.write_text(page, encoding="utf-8")

@@ -109,7 +109,10 @@ CALLS = {
     "face data": (lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}), "face data 'a' has 0 values, .* has 50"),
     "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*; give rows"),
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
-    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"shape \(3,\) and type float64. Pass uint8"),
+    "not a picture": (
+        lambda s: figures.save_picture(ARRAY, "x.png"),
+        r"shape \(3,\) and data type float64. Pass uint8",
+    ),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts has type ndarray. Pass a list of paths"),
@@ -167,7 +170,7 @@ ON_MAPS = {
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
-    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass width and height in pixels"),
+    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass the width and height in pixels"),
 }
 
 

@@ -12,15 +12,15 @@ from typing import Any
 import click
 
 import voxflat
-from voxflat.cli.commands.bids import command
+from voxflat.cli.commands.study import bids_command
 
 OWN = ("help",)
 
 
 def descriptor() -> dict[str, Any]:
     """Return the descriptor."""
-    inputs = [entry(parameter) for parameter in command.params if parameter.name not in OWN]
-    summary, _, text = (command.help or "").partition("\n\n")
+    inputs = [entry(parameter) for parameter in bids_command.params if parameter.name not in OWN]
+    summary, _, text = (bids_command.help or "").partition("\n\n")
     return {
         "name": "voxflat bids",
         "author": "The voxflat developers",

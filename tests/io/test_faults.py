@@ -104,7 +104,7 @@ def test_names_as_long_as_the_system_takes(folder, letter):
     [
         ("bad.ending", "out.nii", ("--repair", "voxels"), "bad.ending: unknown"),
         ("s.vtp", "out.bad", ("--repair", "voxels"), "out.bad: unknown"),
-        ("s.vtp", "out.nii", ("--repair", "none"), "--repair none changes no voxels to write"),
+        ("s.vtp", "out.nii", ("--repair", "none"), "--repair none does not change any voxels"),
     ],
 )
 def test_of_two_results_neither_is_written_where_one_cannot_be(folder, output, repaired, more, message):

@@ -15,7 +15,7 @@ import pytest
 import studies
 from lab_runs import FEW
 
-from voxflat.cli.commands.bids import command
+from voxflat.cli.commands.study import bids_command
 
 ROOT = Path(__file__).parents[2]
 CLUSTER = ROOT / "docs" / "cluster"
@@ -35,7 +35,7 @@ def test_the_descriptor_is_that_of_the_command():
     spec.loader.exec_module(made)
     found = json.loads(DESCRIPTOR.read_text())
     assert found == made.descriptor(), "python docs/cluster/descriptor.py > docs/cluster/voxflat.boutiques.json"
-    assert {one["id"] for one in found["inputs"]} == {parameter.name for parameter in command.params} >= set(GIVEN)
+    assert {one["id"] for one in found["inputs"]} == {parameter.name for parameter in bids_command.params} >= set(GIVEN)
 
 
 def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_path, capsys):
@@ -51,8 +51,8 @@ def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_pat
 def is_understood(line, given):
     """Check that the command parses a line to the given parameters."""
     program, name, *arguments = shlex.split(line)
-    assert (program, name) == ("voxflat", command.name)
-    taken = command.make_context("bids", arguments).params
+    assert (program, name) == ("voxflat", bids_command.name)
+    taken = bids_command.make_context("bids", arguments).params
     for name, value in {**given, "memory_limit": 4 << 30, "source": ROOT, "out": Path(given["out"])}.items():
         assert taken[name] == (tuple(value) if isinstance(value, list) else value)
 
@@ -111,7 +111,7 @@ def test_both_recipes_are_of_the_same_images_and_files():
     assert all((ROOT / name).exists() for name in files)
     entry = json.loads(re.search(r"^ENTRYPOINT (.*)$", docker, re.MULTILINE)[1])
     assert " ".join(entry) + ' "$@"' in apptainer
-    assert entry == ["voxflat", command.name]
+    assert entry == ["voxflat", bids_command.name]
     assert re.search(r"^USER [1-9]", docker, re.MULTILINE)
 
 
