@@ -58,7 +58,7 @@ BAD_LAYERS = [
     (lambda: Image(np.where(cap() > 0, 3, np.nan), contrast_limits=(0, 3)), "NaN"),
     (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
     (lambda: Surface((POINTS, np.array([[0, 1, 26, 25]]))), "4 corners instead of 3"),
-    (lambda: Surface((POINTS, FACES, np.ones((2, 625)))), "2 axes of values"),
+    (lambda: Surface((POINTS, FACES, np.ones((2, 625)))), "have 2 axes"),
     (lambda: Surface((POINTS, np.vstack([FACES, [*FACES[7, :2], 600]]))), "edge"),
     (lambda: Surface((np.where(POINTS > 47, np.nan, POINTS), FACES)), "finite"),
 ]
@@ -102,9 +102,9 @@ def test_a_closed_surface_is_refused_by_grossmann2002(open_widget, qtbot, messag
 def test_missing_choices_are_named(open_widget, messages):
     viewer, widget = open_widget()
     widget.start.click()
-    assert "No surface to flatten" in messages[-1].message
+    assert "no surface to flatten" in messages[-1].message
     viewer.add_labels(cap())
-    for part, missing in (("disk", "No seed point"), ("polygon", "No polygon"), ("mask", "No mask")):
+    for part, missing in (("disk", "no seed point"), ("polygon", "no polygon"), ("mask", "no mask")):
         choose(widget.form.patch, part)
         widget.start.click()
         assert missing in messages[-1].message

@@ -19,7 +19,7 @@ from voxflat.maps.raster import FlatImage
 
 _WHITE = ("white", "smoothwm")  # parts of the names of surfaces with grey matter outside
 _HEAD = 60.0  # mm; the shortest side of a volume that contains a hemisphere
-_FINE = 2.0  # mm; the largest voxels that resolve the cortex
+_FINE = 2.0  # mm; the size of the largest voxels that resolve the cortex
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,6 @@ class Sampled:
 
     @property
     def name(self) -> str:
-        """The name of the layer."""
         return self.volume.origin["layer"]
 
     @property
@@ -76,7 +75,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Read a layer's values and display at a depth or fraction and a step of the leading axes, or raise InputError."""
+    """Read the values and the display of a layer, or raise InputError; `step` is an index along the leading axes."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)

@@ -1,4 +1,4 @@
-"""Pictures of a map, with pixels, values and a colour scale."""
+"""Pictures of a map, consisting of pixels, values and a colour scale."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Picture:
     origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
     pixel_size: float  # mm
     data: NDArray[np.floating] | None = None
-    scale: ColourScale | None = None  # None where no colour bar applies
+    scale: ColourScale | None = None  # None if there is no colour bar
 
     @classmethod
     def of(cls, image: FlatImage, scale: ColourScale) -> "Picture":
