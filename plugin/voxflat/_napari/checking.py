@@ -73,8 +73,6 @@ class Findings(TaskDock):
 
 
 class CheckForm(LayerForm):
-    """Lets the user choose the surface to check."""
-
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         self._add_rows(("World axes", self.world))

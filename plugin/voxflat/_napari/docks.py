@@ -96,7 +96,7 @@ class TaskDock(Dock):
         """Show the name of the running task, or no name if it is None."""
 
     def _show_message(self, message: str) -> None:
-        """Show an error message."""
+        """Show a message in the dock."""
 
     def _on_errored(self, error: Exception) -> None:
         if not isinstance(error, Cancelled):

@@ -30,7 +30,6 @@ class Keys:
                 self._bound.append(key)
 
     def release(self) -> None:
-        """Remove the key bindings from the viewer."""
         for key in self._bound:
             self._viewer.bind_key(key, None)
         self._bound = []

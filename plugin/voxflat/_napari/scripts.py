@@ -80,8 +80,6 @@ class _Script:
         blocks = [standard, others, own, self._lines]
         return "\n\n".join([about, *("\n".join(block) for block in blocks if block)]) + "\n"
 
-    # ---------------------------------------------------------------------------------------------- jobs
-
     def _of_job(self, job: Job) -> None:
         pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
         given = {"label": job.label, "threshold": job.threshold, "pial": pial}
@@ -157,8 +155,6 @@ class _Script:
             return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"
         return repr(value)
 
-    # ---------------------------------------------------------------------------------------------- data
-
     def _surface(self, source: LayerVolume | LayerMesh, variable: str | None = None) -> str:
         """Add code that reads a layer from its file if the file contains the same data, otherwise from a saved file."""
         known = self._named.get(id(source.place))
@@ -199,7 +195,6 @@ class _Script:
         self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path}{self._known(mesh)})')
 
     def _known(self, mesh: Mesh) -> str:
-        """Return the structure and space of a mesh as arguments."""
         known = "" if mesh.structure is None else f", structure={mesh.structure!r}"
         if mesh.space.name != "scanner":
             return known
@@ -222,7 +217,6 @@ class _Script:
         return f'{self._load(name, values=values)}["values"]'
 
     def _map(self, flat_map: FlatMap) -> str:
-        """Save a map, and add code that loads it."""
         self.unsaved.append("the map to start from")
         file = Path(f"{_file_name(self._title)}_start.voxflat")
         if self._folder is not None:

@@ -57,8 +57,7 @@ class ViewerState:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """The runs, in the order in which they were added."""
-        return tuple(self._runs)
+        return tuple(self._runs)  # in the order in which they were added
 
     @property
     def current(self) -> Run | None:
@@ -73,11 +72,11 @@ class ViewerState:
         """Make a run the current one, and add its layers; other runs are removed unless `keep` (or `keeps_earlier`)."""
         viewer = self._viewer()
         assert viewer is not None
-        replaced: list[ListedLayers] = []
+        free: list[Layer] = []
         if not (self.keeps_earlier if keep is None else keep):
-            replaced = [*self._runs.values()]
+            free = [layer for listed in self._runs.values() for layer in listed.hand_over()]
             self._runs.clear()
-        self._runs[run] = ListedLayers(viewer, [layer for listed in replaced for layer in listed.hand_over()])
+        self._runs[run] = ListedLayers(viewer, free)
         self._current = run
         self.changed.emit()
         self._runs[run].show(run.layers)
@@ -118,11 +117,9 @@ class ViewerState:
     def map_of(self, layer: Layer | None) -> FlatMap | None:
         """Return the displayed map if it can belong to a layer: both are voxels, or they have equally many vertices."""
         flat_map = None if self._current is None else self._current.flat_map
-        if layer is None or not isinstance(flat_map, FlatMap):
+        if layer is None or not isinstance(flat_map, FlatMap) or flat_map.is_voxels == isinstance(layer, Surface):
             return None
-        if not isinstance(layer, Surface):
-            return flat_map if flat_map.is_voxels else None
-        fits = not flat_map.is_voxels and flat_map.metadata.get("vertices") == len(layer.vertices)
+        fits = flat_map.is_voxels or flat_map.metadata.get("vertices") == len(layer.vertices)
         return flat_map if fits else None
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:

@@ -75,8 +75,6 @@ class FlattenWidget(TaskDock):
         arrange(actions, (self.start, 2), (self.stop, 1))
         arrange(QVBoxLayout(self), (self.scrolled, 1), actions, self.bar, self.status)
 
-    # --------------------------------------------------------------------------------------- flattening
-
     def flatten(self) -> None:
         """Start the flattening; `cancel` stops it."""
         if self._worker is not None:

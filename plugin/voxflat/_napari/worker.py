@@ -33,7 +33,6 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
         _wait_at_exit()
 
     def work(self) -> Any:
-        """Call the function in the thread."""
         return self._function()
 
     def run(self) -> None:
@@ -181,7 +180,6 @@ class _Activity(QObject):
 
 
 def _set_spinner_speed(percent: int) -> None:
-    """Set the speed of the spinners in the status bars."""
     for window in QApplication.topLevelWidgets():
         if isinstance(window, QMainWindow):
             bar = window.statusBar()

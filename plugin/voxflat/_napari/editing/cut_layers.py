@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.editing.drawing import Drawing
-from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
 from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
 from voxflat._napari.timers import PAUSE
@@ -83,9 +82,7 @@ class CutLayers(QObject):
     def _look(self) -> None:
         if self.is_there:
             self._viewer.layers.selection = {self.surface}
-        whole = self._drawing.surface
-        is_right = whole.space.to_scanner(whole.points)[:, 0].mean() > 0
-        look_from_side(self._viewer, right=is_right, world=self._world)
+        look_from_side(self._viewer, right=self._drawing.points[:, 0].mean() > 0, world=self._world)
         self.update()
 
     @property
@@ -128,9 +125,3 @@ class CutLayers(QObject):
                 layer.visible = True
         self._hidden = []
         self.deleteLater()
-
-
-def places_in_world(drawing: Drawing, world: str) -> NDArray[np.float64]:
-    """Return the coordinates of the vertices of a drawing, in mm along the world axes."""
-    whole = drawing.surface
-    return from_ras(whole.space.to_scanner(whole.points), world)

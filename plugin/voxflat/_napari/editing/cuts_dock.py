@@ -24,14 +24,14 @@ from qtpy.QtWidgets import (
 )
 
 from voxflat._napari.docks import TaskDock
-from voxflat._napari.editing.cut_layers import CutLayers, places_in_world
+from voxflat._napari.editing.cut_layers import CutLayers
 from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.forms.fields import arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
-from voxflat._napari.layers.world import data_to_world, in_units_of, moved, unit_ratio
+from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
@@ -59,7 +59,7 @@ class DrawCuts(TaskDock):
         self.form = CutsForm(napari_viewer)
         self.begin = self._button("Begin", "Show the surface in 3D, to draw cuts on it", self._on_begin)
         tip = "Click on the surface. The clicked points are connected by shortest paths, along which the surface is cut"
-        self.draw = self._button("Draw", tip, None)
+        self.draw = self._button("Draw", tip)
         self.draw.setCheckable(True)
         self.draw.toggled.connect(self._on_draw)
         tip = f"Begin a new cut with the next click ({key_text(_END_CUT)})"
@@ -102,7 +102,7 @@ class DrawCuts(TaskDock):
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
-    def _button(self, text: str, tip: str, pressed: Callable[[], None] | None) -> QPushButton:
+    def _button(self, text: str, tip: str, pressed: Callable[[], None] | None = None) -> QPushButton:
         button = QPushButton(text)
         button.setToolTip(tip)
         if pressed is not None:
@@ -131,13 +131,13 @@ class DrawCuts(TaskDock):
     def _on_made(self, made: tuple[Any, Any]) -> None:
         surface, curvature = made
         if self._layer is None or self._layer not in self._viewer.layers:
-            self.status.setText("The layer was removed. Choose another one, then press Begin.")
+            self.status.setText("The layer was removed. Choose another layer, then press Begin.")
             return
         drawing = Drawing(surface)
         world = self.form.world.currentData()
         shown_on = self.form.shown_on.layer
         if shown_on is None:
-            places = places_in_world(drawing, world)
+            places = from_ras(drawing.points, world)
             unit = None if str(self._layer.units[0]) == "pixel" else "mm"
         else:  # such as the inflated surface, which has the same vertices
             places = moved(np.asarray(shown_on.vertices)[surface.vertices], data_to_world(shown_on))

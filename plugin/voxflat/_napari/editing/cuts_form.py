@@ -10,8 +10,6 @@ from voxflat.errors import InputError
 
 
 class CutsForm(LayerForm):
-    """Lets the user choose the layer to cut."""
-
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         self.shown_on = LayerChoice(viewer, self._shown_rank, none="the surface itself")

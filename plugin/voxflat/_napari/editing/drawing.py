@@ -112,15 +112,13 @@ class Drawing:
         return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])
 
     def length(self, cut: Drawn) -> float:
-        """Return the length of a cut, in mm."""
         places = self.surface.points[self.vertices(cut)]
-        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())  # mm
 
     def title(self, cut: Drawn) -> str:
         """Return the name of a cut and its location, as `voxflat cut` prints them."""
         if cut not in self._titles:
-            where = whereabouts(self._points[self.vertices(cut)], self._points)
-            self._titles[cut] = f"{cut.name}, {where}"
+            self._titles[cut] = f"{cut.name}, {whereabouts(self.points[self.vertices(cut)], self.points)}"
         return self._titles[cut]
 
     def paths(self) -> list[NDArray[np.int64]]:
@@ -128,9 +126,8 @@ class Drawing:
         return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete]
 
     @cached_property
-    def _points(self) -> NDArray[np.float64]:
-        """The points of the surface in RAS+ mm."""
-        return self.surface.space.to_scanner(self.surface.points)
+    def points(self) -> NDArray[np.float64]:
+        return self.surface.space.to_scanner(self.surface.points)  # RAS+ mm
 
     def _way(self, a: int, b: int) -> NDArray[np.uint32]:
         if (a, b) not in self._ways:

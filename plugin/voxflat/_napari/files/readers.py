@@ -28,34 +28,28 @@ Reader: TypeAlias = Any  # Callable[[str], list[LayerData]] or None
 
 def map_reader(path: Paths = None) -> Reader:
     """Return a reader for a flat map or an atlas; without a path (from napari's command palette), ask for a file."""
-    if path is None:
-        _ask("Read a flat map", _MAPS)
-    if not isinstance(path, str):
+    file = _file(path, "Read a flat map", _MAPS)
+    if file is None:
         return None
     from voxflat._napari.files import saved
     from voxflat.atlases.certified import saved_kind
 
-    kind = saved_kind(path)
-    if kind is None:
-        return _reporting_errors(saved.map_layers_of) if path.lower().endswith(".voxflat") else None
-    return _reporting_errors({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
+    kind = saved_kind(path) or ("map" if path.lower().endswith(".voxflat") else None)
+    readers = {"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}
+    return None if kind is None else _reporting_errors(readers[kind])
 
 
 def surface_reader(path: Paths = None) -> Reader:
     """Return a reader for a surface, for values or labels on a surface, or for a patch, like `map_reader`."""
-    if path is None:
-        _ask("Read a surface or values on a surface", _SURFACES)
-    if not isinstance(path, str):
-        return None
-    read = _reader_of(Path(path))
+    file = _file(path, "Read a surface or values on a surface", _SURFACES)
+    read = None if file is None else _reader_of(file)
     return None if read is None else _reporting_errors(read)
 
 
 def volume_reader(path: Paths = None) -> Reader:
     """Return a reader for a voxel volume, like `map_reader`."""
-    if path is None:
-        _ask("Read a volume", _VOLUMES)
-    if not isinstance(path, str) or _holds_points(Path(path)):
+    file = _file(path, "Read a volume", _VOLUMES)
+    if file is None or _holds_points(file):
         return None
     from voxflat._napari.files.volumes import volume_layers
 
@@ -103,8 +97,7 @@ def _reader_of(path: Path) -> _Read | None:
 
 def _are_points(start: bytes) -> bool:
     """Return whether an MGH file contains values at points instead of voxels."""
-    shape = np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4")
-    return sorted(shape)[:2] == [1, 1]
+    return sorted(np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4"))[:2] == [1, 1]
 
 
 def _is_old(path: Path, start: bytes) -> bool:
@@ -184,12 +177,15 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # after the layer is added
 
 
-def _ask(title: str, kinds: str) -> None:
-    """Ask for a file, and open it in the viewer."""
+def _file(path: Paths, title: str, kinds: str) -> Path | None:
+    """Return the path if it is a single file; if no path is given, ask for a file, and open it in the viewer."""
+    if path is not None:
+        return Path(path) if isinstance(path, str) else None
     from napari import current_viewer
     from qtpy.QtWidgets import QFileDialog
 
     viewer = current_viewer()
-    path, _ = QFileDialog.getOpenFileName(None, title, "", kinds)
-    if viewer is not None and path:
-        viewer.open(path, plugin="voxflat")
+    chosen, _ = QFileDialog.getOpenFileName(None, title, "", kinds)
+    if viewer is not None and chosen:
+        viewer.open(chosen, plugin="voxflat")
+    return None

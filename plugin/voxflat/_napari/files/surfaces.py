@@ -101,18 +101,16 @@ def _agree(side: str | None, other: str | None) -> bool:
 
 
 def _open() -> list[Geometry]:
-    """Return the surfaces that are open in the viewer."""
+    """Return the surfaces that are open in the viewer, in world coordinates."""
     from napari import current_viewer
     from napari.layers import Surface
 
-    viewer = current_viewer()
-    layers = [] if viewer is None else [layer for layer in viewer.layers if isinstance(layer, Surface)]
-    return [_of_layer(layer) for layer in layers if layer.ndim == 3 and "voxflat" not in layer.metadata]
-
-
-def _of_layer(layer: Any) -> Geometry:
-    """Return the surface of a layer, in world coordinates."""
-    about = layer.metadata
-    path = about.get("surface_file") or layer.source.path
-    vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
-    return Geometry(vertices, np.asarray(layer.faces), about.get("structure"), Path(path) if path else None)
+    viewer, found = current_viewer(), []
+    for layer in [] if viewer is None else viewer.layers:
+        about = layer.metadata
+        if isinstance(layer, Surface) and layer.ndim == 3 and "voxflat" not in about:
+            path = about.get("surface_file") or layer.source.path
+            vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
+            file = Path(path) if path else None
+            found.append(Geometry(vertices, np.asarray(layer.faces), about.get("structure"), file))
+    return found

@@ -2,14 +2,23 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from napari import Viewer
 from napari.layers import Layer
+from napari.utils.events import Event
 from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
-from voxflat._napari.layers.list_events import list_events
+
+def list_events(layers: Any) -> tuple[Any, ...]:
+    """Return the events that are emitted when layers are added, removed or renamed."""
+    events = layers.events
+    if "renamed" not in events.emitters:  # napari 0.6, which forwards the events of layers
+        events.add(renamed=Event)
+        events.connect(lambda event: events.renamed() if event.type == "name" else None)
+    return events.inserted, events.removed, events.renamed
 
 
 class LayerChoice(QComboBox):
@@ -76,11 +85,10 @@ class LayerChoice(QComboBox):
         self._tell()
 
     def keep(self) -> None:
-        """Keep the current layer, as if the user had chosen it."""
+        """Keep the current layer as if the user had chosen it."""
         self._by_user = self.layer is not None
 
     def release(self) -> None:
-        """Stop following the viewer."""
         for event in self._events:
             event.disconnect(self.refresh)
         if self._follows_selection:

@@ -52,8 +52,6 @@ class LayerForm(QWidget):
         if self._rows.labelForField(self.sample_depth) is not None:  # the form shows a map
             self.sampled.chosen.connect(self._on_sampled)
 
-    # ---------------------------------------------------------------------------------------- choosing
-
     def _on_surface(self) -> None:
         layer = self.surface.layer
         self.label.follow(layer if isinstance(layer, Labels) else None)
@@ -82,8 +80,6 @@ class LayerForm(QWidget):
             return None
         return (3 if layer == mesh else 1) if vary(np.asarray(layer.vertex_values)) else 0
 
-    # ------------------------------------------------------------------------------------------ asking
-
     def _chosen(self) -> Layer:
         if self.surface.layer is None:
             raise InputError("There is no surface to flatten. Open a Labels, Image or Surface layer")
@@ -98,12 +94,10 @@ class LayerForm(QWidget):
         return LayerVolume.of(layer, world), self._foreground(layer)
 
     def _foreground(self, layer: Layer) -> dict[str, Any]:
-        """Return the arguments that select the foreground of a volume."""
         labels = isinstance(layer, Labels)
         return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
-        """Return the values that the map of a layer should show."""
         sampled = self.sampled.layer
         if sampled is None:
             return None

@@ -18,8 +18,8 @@ from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Job
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
-from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
+from voxflat._napari.layers.seed import corners
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
@@ -102,8 +102,6 @@ class SurfaceForm(LayerForm):
         self.options = OptionsForm()
         self.options.rows.addRow("Pixel size", self.pixel_size)
         self.plan = Plan()
-
-    # ---------------------------------------------------------------------------------------- choosing
 
     def _on_surface(self) -> None:
         super()._on_surface()
@@ -195,8 +193,6 @@ class SurfaceForm(LayerForm):
             return None
         is_alike = not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist()
         return 1 if is_alike else None
-
-    # ------------------------------------------------------------------------------------------ asking
 
     def job(self) -> Job:
         """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""

@@ -38,9 +38,8 @@ class Sampled:
 
     @property
     def meaning(self) -> str:
-        """A description of the values."""
-        place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
-        return f"the values of '{self.name}', sampled {place}"
+        place = f"{abs(self.depth):g} mm {'out' if self.depth > 0 else 'in'}side" if self.depth else "at"
+        return f"the values of '{self.name}', sampled {place} the surface"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
@@ -61,7 +60,6 @@ class Overlay:
 
     @property
     def meaning(self) -> str:
-        """A description of the values."""
         return f"the values of '{self.name}'"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:

@@ -1,15 +1,16 @@
-"""Convert points in the viewer to seed points: voxels of a volume or vertices of a mesh."""
+"""Convert points and shapes in the viewer to seed points (voxels or vertices) and to corners of a polygon."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from napari.layers import Layer, Points, Surface
+from napari.layers import Layer, Points, Shapes, Surface
 from napari.utils.geometry import find_nearest_triangle_intersection
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.layers.world import data_to_world, in_units_of, moved
+from voxflat._napari.layers.world import LayerPlace, data_to_world, in_units_of, moved
+from voxflat.errors import InputError
 
 Voxel: TypeAlias = tuple[int, int, int]
 Seed: TypeAlias = Voxel | int  # a voxel of a volume, or the index of a mesh vertex
@@ -17,6 +18,18 @@ Seed: TypeAlias = Voxel | int  # a voxel of a volume, or the index of a mesh ver
 # the display of a seed point; this blending makes the point visible through the surface in 3D
 MARKER = {"name": "seed point", "size": 6, "symbol": "cross", "face_color": "#ffd23f", "border_width": 0}
 MARKER |= {"blending": "translucent_no_depth"}
+
+
+def corners(drawn: Points | Shapes, world: str) -> NDArray[np.float64]:
+    """Return polygon corners in RAS+ mm from all points, or from the selected or last shape, or raise InputError."""
+    found = drawn.data
+    if isinstance(drawn, Shapes) and len(found):
+        chosen = sorted(drawn.selected_data)
+        found = found[chosen[0] if len(chosen) == 1 else -1]
+    if len(found) < 3:
+        count = f"{len(found)} corner{'s' * (len(found) != 1)}"
+        raise InputError(f"The polygon in layer '{drawn.name}' has {count}. Draw at least 3 corners")
+    return moved(found, LayerPlace.of(drawn, world).affine)
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:

@@ -45,8 +45,7 @@ class LayerPlace:
 
     @property
     def is_in_pixels(self) -> bool:
-        """Whether the unit is pixels, which are treated as mm."""
-        return self.origin["unit"].startswith("pixel")
+        return self.origin["unit"].startswith("pixel")  # pixels are treated as mm
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
@@ -61,7 +60,6 @@ def data_to_world(layer: Layer) -> NDArray[np.float64]:
 
 
 def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply an affine to points (N, 3)."""
     return np.asarray(np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3])
 
 

@@ -48,8 +48,7 @@ class AnnotationItem(QGraphicsItem):
 
     @property
     def lines(self) -> list[QPainterPath]:
-        """The lines, one path per colour."""
-        return [path for _, path in self._lines]
+        return [path for _, path in self._lines]  # one per colour
 
     def boundingRect(self) -> QRectF:  # noqa: N802 - Qt's name
         return self._around

@@ -147,13 +147,10 @@ class VolumeAnnotations(QObject):
         self._viewer = viewer
         self._events: list[Any] = []
         self._soon = single_shot(self, 0, self.changed)
+        self._of_list = (viewer.layers.events.inserted, viewer.layers.events.removed)
         for event in self._of_list:
             event.connect(self._on_layers)
         self._on_layers()
-
-    @property
-    def _of_list(self) -> tuple[Any, ...]:
-        return self._viewer.layers.events.inserted, self._viewer.layers.events.removed
 
     @property
     def layers(self) -> list[Layer]:
@@ -163,7 +160,6 @@ class VolumeAnnotations(QObject):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a change is about to be emitted."""
         return bool(self._soon.isActive())
 
     def taken(self, world: str) -> list[Annotation]:
@@ -172,7 +168,6 @@ class VolumeAnnotations(QObject):
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
 
     def release(self) -> None:
-        """Stop following the viewer."""
         self._soon.stop()
         self._follow([])
         for event in self._of_list:

@@ -127,14 +127,12 @@ class MapCanvas(QGraphicsView):
             self.zoomed.emit()
 
     def centre(self, place: tuple[float, float]) -> None:
-        """Centre the map on (u, v) in mm."""
         self._is_fitted = False
         self.centerOn(place[0], -place[1])
 
     @property
     def scale_factor(self) -> float:
-        """Pixels per mm."""
-        return float(self.transform().m11())
+        return float(self.transform().m11())  # pixels per mm
 
     def position(self, u: float, v: float) -> Any:
         """Return the position of (u, v), in mm, in the viewport, in pixels."""
@@ -150,8 +148,6 @@ class MapCanvas(QGraphicsView):
 
     def _map_rect(self) -> QRectF:
         return self._rim.path().boundingRect()
-
-    # ------------------------------------------------------------------------------------ mouse, size
 
     def mouseMoveEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         super().mouseMoveEvent(event)

@@ -11,7 +11,7 @@ from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of
 from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
-from voxflat._napari.layers.list_events import list_events
+from voxflat._napari.forms.layer_choice import list_events
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
@@ -110,7 +110,6 @@ class ContentChoice(QComboBox):
         self.chosen.emit()
 
     def release(self) -> None:
-        """Stop following the viewer."""
         for event in self._events:
             event.disconnect(self._on_layers)
 

@@ -61,8 +61,7 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
     if hasattr(window, "resizeDocks"):
         window.resizeDocks([dock], [round(_SHARE * window.width())], Qt.Orientation.Horizontal)
     dock.raise_()
-    found: FlatMapDock = widget
-    return found
+    return widget  # type: ignore[no-any-return]  # napari's type is Any
 
 
 class FlatMapDock(Dock):
@@ -181,7 +180,6 @@ class FlatMapDock(Dock):
         self.painted.toggled.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
-        """Return the actions assigned to the keys."""
         return {
             _NEXT: partial(self.contents.step, 1),
             _PREVIOUS: partial(self.contents.step, -1),
@@ -194,7 +192,6 @@ class FlatMapDock(Dock):
     # -------------------------------------------------------------------------------------------- runs
 
     def _on_runs(self) -> None:
-        """List the runs, and show the current one."""
         runs, current = self._state.runs, self._state.current
         with signals_blocked(self.runs):
             self.runs.clear()
@@ -403,16 +400,15 @@ class FlatMapDock(Dock):
         wanted = self.click.currentText()
         if wanted == GO:
             self.link.centre(spot.point)
-        elif wanted == MARK:
-            self._points.append((u, v))
-            self._projector.ask(partial(drawings.points, self.prepared, [*self._points]))
-            self._show_drawn([])
-        else:
-            self._corners.append((u, v))
-            self._show_drawn([np.array(self._corners)] if wanted == REGION else [])
-            if wanted == MEASURE and len(self._corners) == 2:
-                self._projector.ask(partial(drawings.way, self.prepared, *self._corners))
-                self._corners = []
+            return
+        own = self._points if wanted == MARK else self._corners
+        own.append((u, v))
+        self._show_drawn([np.array(own)] if wanted == REGION else [])
+        if wanted == MARK:
+            self._projector.ask(partial(drawings.points, self.prepared, [*own]))
+        elif wanted == MEASURE and len(own) == 2:
+            self._projector.ask(partial(drawings.way, self.prepared, *own))
+            self._corners = []
 
     def _on_double_click(self) -> None:
         """Close the region that is being drawn, or show the whole map."""
@@ -464,14 +460,11 @@ class FlatMapDock(Dock):
         parts = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
-        is_distances = isinstance(content, Measure) and content.name == DISTANCES
-        if value is not None and content is not None and not is_distances:
-            unit = content.unit if isinstance(content, Measure) else ""
-            is_log = unit == "log2"
-            shown = f"{100 * (2**value - 1):+.1f} %" if is_log else f"{value:.4g}{unit and ' '}{unit}"
+        unit = content.unit if isinstance(content, Measure) else ""
+        if value is not None and content is not None and not (unit and content.name == DISTANCES):
+            shown = f"{100 * (2**value - 1):+.1f} %" if unit == "log2" else f"{value:.4g}{unit and ' '}{unit}"
             parts.append(f"{content.name} {shown}")
-        parts.append(spot.distortion)
-        self.text.setText(" · ".join(parts).replace("-", "−"))
+        self.text.setText(" · ".join([*parts, spot.distortion]).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
         self.legend.show_length(self.canvas.scale_factor)

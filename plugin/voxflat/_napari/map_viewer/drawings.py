@@ -57,7 +57,7 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
         return Drawn((surface, {**keywords, **look}, "surface"), message)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
-        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if prepared.pial_is_known else _CORTEX)
+        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=_CORTEX if flat_map.pial_points is None else None)
         labels = np.where(labels == 0, cortex.data, labels)
     to_mm = flat_map.affine
     corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])

@@ -49,7 +49,6 @@ class Legend(QWidget):
         self.update()
 
     def show_colours(self, scale: ColourScale | None) -> None:
-        """Show a colour bar, or hide it."""
         self.scale = scale
         self.update()
 

@@ -109,7 +109,6 @@ class PatchOutline(ToggledLayer[Vectors]):
 
     @property
     def is_busy(self) -> bool:
-        """Whether the outline is about to change."""
         return self._finder.is_busy or self.is_coming
 
     def show(self, prepared: PreparedMap) -> None:

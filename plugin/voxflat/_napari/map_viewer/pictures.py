@@ -28,8 +28,6 @@ class ColourScale:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture of the map."""
-
     pixels: NDArray[np.uint8]  # (H, W, 4); row 0 is at the top
     origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
     pixel_size: float  # mm
@@ -38,7 +36,6 @@ class Picture:
 
     @classmethod
     def of(cls, image: FlatImage, scale: ColourScale) -> "Picture":
-        """Paint an image of values."""
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:

@@ -89,11 +89,6 @@ class PreparedMap:
         """The border of the map, in mm, as lines of shape (k, 2)."""
         return [self.planar._triangles.uv[line] for line in self.rim]
 
-    @property
-    def pial_is_known(self) -> bool:
-        """Whether depths may be fractions of the cortical thickness."""
-        return self.planar._triangles.on_surface.pial_points is not None
-
     def spot(self, u: float, v: float) -> Spot | None:
         """Look up (u, v), in mm, on the surface; return None outside the map."""
         found = self.planar.look_up((u, v))
@@ -155,8 +150,7 @@ class PreparedMap:
 
     @cached_property
     def _axes(self) -> NDArray[np.float64]:
-        """The coordinates of the points, with shape (3, N)."""
-        return np.ascontiguousarray(self.points.T)
+        return np.ascontiguousarray(self.points.T)  # (3, N)
 
     @cached_property
     def _corners(self) -> NDArray[np.int64]:

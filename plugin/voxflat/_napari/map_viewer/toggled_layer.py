@@ -31,7 +31,6 @@ class ToggledLayer(QObject, Generic[LayerType]):
 
     @property
     def is_coming(self) -> bool:
-        """Whether the layer is about to be added to the list."""
         return bool(self._coming.isActive())
 
     def hide(self) -> None:

@@ -41,7 +41,6 @@ class ViewerLink(QObject):
         viewer.mouse_drag_callbacks.append(self._on_press)
 
     def release(self) -> None:
-        """Stop following the viewer."""
         self._drawn.stop()
         for event in self._events:
             event.disconnect(self._on_view)
@@ -53,8 +52,6 @@ class ViewerLink(QObject):
             self.ring.hide()
             self.ring.deleteLater()
             self.ring = None
-
-    # ----------------------------------------------------------------------------------------- places
 
     @property
     def _is_linked(self) -> bool:
@@ -68,7 +65,6 @@ class ViewerLink(QObject):
         return world
 
     def _to_ras(self, world: Any) -> NDArray[np.float64]:
-        """Convert a point or direction from the world to RAS+ mm."""
         assert self.prepared is not None
         mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
         return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
@@ -82,8 +78,6 @@ class ViewerLink(QObject):
         if self._viewer.dims.ndisplay == 3:
             point = self.prepared.met(self._to_ras(event.position), self._to_ras(event.view_direction))
         return None if point is None else self.prepared.place(point)
-
-    # ------------------------------------------------------------------------------------- the viewer
 
     def _on_move(self, viewer: Viewer, event: Any) -> None:
         if self._is_linked:
@@ -108,8 +102,7 @@ class ViewerLink(QObject):
         viewer, world = self._viewer, self.to_world(point)
         axes = range(viewer.dims.ndim - 3, viewer.dims.ndim)
         viewer.dims.set_point(list(axes), world[-3:].tolist())
-        shown = world[list(viewer.dims.displayed)]
-        camera(viewer).center = (0.0, *shown)[-3:] if len(shown) == 2 else tuple(shown)
+        camera(viewer).center = (0.0, *world[list(viewer.dims.displayed)])[-3:]
 
     def _on_view(self) -> None:
         if self._marked is not None:

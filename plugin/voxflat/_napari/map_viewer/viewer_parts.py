@@ -127,7 +127,6 @@ def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
 
 
 def theme_colours(viewer: Viewer) -> tuple[QColor, QColor]:
-    """Return the colours of the canvas and of text in the viewer's theme."""
     theme = get_theme(viewer.theme)
     canvas, text = (QColor(colour.as_hex()) for colour in (theme.canvas, theme.text))
     return canvas, text

@@ -1,8 +1,7 @@
 """The layers of flat maps and pages."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,9 @@ from voxflat._napari.layers.sampled import Shown
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
+
+if TYPE_CHECKING:
+    from voxflat._napari.scripts import Recipe
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
@@ -76,23 +78,13 @@ def limits(values: NDArray[Any]) -> tuple[float, float]:
     return (low, high) if low < high else (low - 0.5, low + 0.5)
 
 
-class Script(Protocol):
-    """An object that writes a script, such as `Recipe`."""
-
-    def needs_folder(self) -> bool:
-        """Return whether data must be saved with the script."""
-
-    def script(self, folder: Path | None = None) -> str:
-        """Return the script."""
-
-
 @dataclass(frozen=True, eq=False)
 class Run:
     """A map or an atlas with its layers, the name of the flattened layer, and, if voxflat computed it, a script."""
 
     layers: FlatLayers
     name: str
-    script: Script | None = None
+    script: "Recipe | None" = None
 
     @property
     def flat_map(self) -> FlatMap | Atlas:

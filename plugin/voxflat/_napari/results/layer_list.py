@@ -34,7 +34,6 @@ class ListedLayers:
 
     @property
     def layers(self) -> list[Layer]:
-        """The layers that are in the viewer."""
         viewer = self._viewer()
         return [] if viewer is None else [layer for layer in self._layers if layer in viewer.layers]
 
@@ -71,8 +70,7 @@ class ListedLayers:
     def _stop(self) -> None:
         """Discard the remaining steps."""
         self._steps.clear()
-        viewer = self._viewer()
-        if viewer is not None:
+        if (viewer := self._viewer()) is not None:
             for layer in self._layers:
                 if layer not in viewer.layers:
                     drop_controls(viewer, layer)

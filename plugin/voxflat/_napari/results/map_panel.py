@@ -108,7 +108,7 @@ class CopyAsPython(QPushButton):
         self.setVisible(run.script is not None)
 
     def copy(self) -> None:
-        """Copy the script; ask for a folder if any data are not in a file."""
+        """Copy the script, and ask for a folder if any data are not in a file."""
         recipe = None if self._run is None else self._run.script
         if recipe is None:
             return
