@@ -126,7 +126,7 @@ def _places(found: Check) -> tuple[list[Any], list[str]]:
 
 
 class MeasureMap(Findings):
-    """Shows all measures of the map of the selected layer or current run; can also measure patches of other tools."""
+    """Shows all measures of the map of the selected layer or current run; also measures patches from other tools."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__("Measure")

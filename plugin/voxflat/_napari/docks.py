@@ -56,7 +56,7 @@ class Tab(QObject):
 
 
 class Dock(QWidget):
-    """Base class of the widgets, which napari creates, passing the viewer as the parameter `napari_viewer`."""
+    """Base class of the widgets; napari creates them, and passes the viewer as the parameter `napari_viewer`."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -24,7 +24,7 @@ from voxflat.pipeline.surface import surface
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The parameters of a flattening, with the defaults of `Surface`; any thread can run it, as it stores no layers."""
+    """The parameters of a flattening, with the defaults of `Surface`; it stores no layers, so any thread can run it."""
 
     surface: LayerVolume | LayerMesh
     method: str = "voxflat"

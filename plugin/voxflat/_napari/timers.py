@@ -5,7 +5,7 @@ from typing import Any
 
 from qtpy.QtCore import QObject, QTimer
 
-PAUSE = 10  # ms between two steps; without a pause, Qt would run the next step before it draws the result of the last
+PAUSE = 10  # ms between two steps; otherwise, Qt would run the next step before it draws the result of the last one
 
 
 def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:

@@ -68,12 +68,12 @@ class ViewerState:
         """Whether the layer list contains all layers of the runs, and no layers of removed runs."""
         return all(listed.is_settled for listed in self._runs.values())
 
-    def add(self, run: Run, *, keep: bool | None = None) -> None:
-        """Make a run the current one, and add its layers; other runs are removed unless `keep` (or `keeps_earlier`)."""
+    def add(self, run: Run) -> None:
+        """Make a run the current one, and add its layers; other runs are removed unless `keeps_earlier` is set."""
         viewer = self._viewer()
         assert viewer is not None
         free: list[Layer] = []
-        if not (self.keeps_earlier if keep is None else keep):
+        if not self.keeps_earlier:
             free = [layer for listed in self._runs.values() for layer in listed.hand_over()]
             self._runs.clear()
         self._runs[run] = ListedLayers(viewer, free)
@@ -115,7 +115,7 @@ class ViewerState:
             self.changed.emit()
 
     def map_of(self, layer: Layer | None) -> FlatMap | None:
-        """Return the displayed map if it can belong to a layer: both are voxels, or they have equally many vertices."""
+        """Return the displayed map if it fits a layer: both are voxels, or both have the same number of vertices."""
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap) or flat_map.is_voxels == isinstance(layer, Surface):
             return None

@@ -112,7 +112,7 @@ class JobWorker(BackgroundTask):
     def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
         super().__init__(lambda: work(self._progress))
         self.title = title
-        self.stage = ("starting", 0, 1)  # the name, the completed and the total steps, which any thread may read
+        self.stage = ("starting", 0, 1)  # name, completed steps and total steps; any thread may read it
 
     def start(self) -> None:
         """In the GUI thread, show the progress bar, and start the thread after the window has processed events."""

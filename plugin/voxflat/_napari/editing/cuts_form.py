@@ -21,7 +21,7 @@ class CutsForm(LayerForm):
         """Return the layer to cut; raises InputError if there is none."""
         layer = self._chosen()
         if isinstance(layer, Labels) and self.label.label is None:
-            raise InputError(f"Layer '{layer.name}' has no labels. Paint one, or choose another layer")
+            raise InputError(f"Layer '{layer.name}' has no labels. Paint a label, or choose another layer")
         return layer
 
     def _on_surface(self) -> None:

@@ -89,14 +89,11 @@ class Drawing:
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
         self._do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
 
-    def set_cuts(
-        self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64] | None = None
-    ) -> None:
+    def set_cuts(self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64]) -> None:
         """Replace all cuts; raises InputError if a vertex id is not on the surface."""
-        found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
-        cuts = tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))
-        beside = () if left_out is None else tuple(self.surface.find(left_out, "the excluded part").tolist())
-        self._do(_State(cuts, left_out=beside))
+        named = zip(paths, names, strict=True)
+        cuts = tuple(Drawn(tuple(self.surface.find(path, name).tolist()), name) for path, name in named)
+        self._do(_State(cuts, left_out=tuple(self.surface.find(left_out, "the excluded part").tolist())))
 
     def undo(self) -> None:
         if self.can_undo:

@@ -65,7 +65,7 @@ def _holds_points(path: Path) -> bool:
 
 
 def _start_of(path: Path) -> bytes | None:
-    """Return the first bytes of a file, or None if it cannot be read, which is reported later."""
+    """Return the first bytes of a file, or None if it cannot be read; this failure is reported later."""
     try:
         check_regular(path)  # because opening a pipe would block
         with path.open("rb") as file:

@@ -30,7 +30,7 @@ def gifti_layers(path: Path) -> list[LayerData]:
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels on a surface that is open or stored near the file, or raise InputError."""
+    """Read values or labels on a surface that is open or stored near the file; raises InputError if none fits."""
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
 
@@ -46,7 +46,7 @@ def value_layers(path: Path) -> list[LayerData]:
 
 
 def patch_layers(path: Path) -> list[LayerData]:
-    """Read a FreeSurfer patch, or raise InputError; flat patches are shown in the plane like flat maps (v upwards)."""
+    """Read a FreeSurfer patch; flat patches are shown in the plane, with v upwards. Raises InputError on failure."""
     patch = read_patch(path)
     geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
     features = {"vertex": patch.vertex_ids, "border": patch.border}

@@ -18,10 +18,11 @@ _SPACE = ("mm",) * 3
 
 
 def volume_layers(path: Path) -> list[LayerData]:
-    """Read a volume or a series of volumes as labels or an image, in scanner RAS and mm, or raise InputError.
+    """Read a volume or a series of volumes as labels or an image, in scanner RAS and mm.
 
     The first axis of a series is time, and its frames are read when they are displayed. The axes of the file are
-    permuted to the order x, y, z, because napari does not show slices of volumes in other orders.
+    permuted to the order x, y, z, because napari does not show slices in other orders. Raises InputError if the file
+    is damaged or is not a volume.
     """
     with naming(path, REMEDY):
         found = series_of(path)

@@ -15,8 +15,8 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "cuts": (
         "Cuts",
         {None: "default", "standard": "standard", "automatic": "automatic"},
-        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. Standard "
-        "cuts are the default if the sphere of the surface is known; otherwise, automatic cuts are",
+        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. By "
+        "default, standard cuts are used if the sphere of the surface is known, and automatic cuts otherwise",
     ),
     "relax": (
         "Relaxation cuts",

@@ -52,7 +52,7 @@ class LayerMesh:
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Convert the vertices to RAS+ mm, or raise InputError; a mirroring transform reverses the triangles."""
+        """Convert the vertices to RAS+ mm; a mirroring transform reverses the triangles. May raise InputError."""
         affine = self.place.affine
         faces = self.faces[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0 else self.faces
         space = UNKNOWN if self.place.is_in_pixels else Space("scanner")

@@ -73,7 +73,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Read the values and the display of a layer, or raise InputError; `step` is an index along the leading axes."""
+    """Read the values and the display of a layer; `step` is an index along its leading axes. May raise InputError."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)

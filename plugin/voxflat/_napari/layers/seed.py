@@ -21,7 +21,7 @@ MARKER |= {"blending": "translucent_no_depth"}
 
 
 def corners(drawn: Points | Shapes, world: str) -> NDArray[np.float64]:
-    """Return polygon corners in RAS+ mm from all points, or from the selected or last shape, or raise InputError."""
+    """Return polygon corners (all points, or the selected or last shape) in RAS+ mm; raises InputError if too few."""
     found = drawn.data
     if isinstance(drawn, Shapes) and len(found):
         chosen = sorted(drawn.selected_data)
@@ -110,7 +110,7 @@ def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float6
 
 
 def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.float64]) -> int | None:
-    """Return the vertex nearest to the first intersection of a mesh with a ray, whose ends are data coordinates."""
+    """Return the vertex nearest to the point where a ray, given by its ends in data coordinates, first meets a mesh."""
     vertices, faces = np.asarray(layer.vertices, dtype=np.float64), np.asarray(layer.faces)
     along = (end - start) / np.linalg.norm(end - start)
     face, place = find_nearest_triangle_intersection(start, along, vertices[faces])

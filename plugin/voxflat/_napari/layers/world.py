@@ -18,7 +18,7 @@ WORLDS = {
     "SAR": "SAR: z, y, x of RAS",
     "LPS": "LPS: x, y, z (DICOM)",
 }
-"""The possible axes of the world, which a layer does not record: the directions of increase, and readers with them."""
+"""The possible axes of the world, which a layer does not record: their directions, and the readers that use them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class LayerPlace:
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> "LayerPlace":
-        """Read the position of a layer, or raise InputError unless it has three length axes after `leading` axes."""
+        """Read the position of a layer; raises InputError unless it has three length axes after the leading axes."""
         if layer.ndim - leading != 3:
             raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Choose a 3D layer")
         factors, unit = _millimetres(layer)

@@ -87,7 +87,7 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
     beyond = int((~known).sum())
     counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
     counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
-    excluded = f"Not shown because more than {FAR:g} mm from the surface: {', '.join(counts)}" if counts else ""
+    excluded = f"Not shown (more than {FAR:g} mm from the surface): {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
     return OnMap(dots[known], colours[known], lines, all_colours, excluded)
 

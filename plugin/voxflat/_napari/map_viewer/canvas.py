@@ -14,7 +14,6 @@ from qtpy.QtWidgets import (
     QGraphicsScene,
     QGraphicsView,
     QSizePolicy,
-    QWidget,
 )
 
 from voxflat._napari.map_viewer.annotation_item import AnnotationItem, cosmetic_pen, polygon
@@ -38,8 +37,8 @@ class MapCanvas(QGraphicsView):
     left = Signal()  # emitted when the mouse leaves the canvas
     zoomed = Signal()  # emitted when the scale changes
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._scene = QGraphicsScene(self)
         self.setScene(self._scene)
         self.folds = self._pixmap(0)

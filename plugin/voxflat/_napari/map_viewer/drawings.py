@@ -68,7 +68,7 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
 
 
 def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
-    """Find the shortest surface path between two map points, which may cross cuts, or raise InputError."""
+    """Find the shortest path along the surface, across cuts, between two map points; raises InputError on failure."""
     flat_map = _map(prepared)
     ends = [prepared.spot(*end) for end in (a, b)]
     if None in ends:

@@ -63,7 +63,7 @@ def show_sagittal(viewer: Viewer) -> None:
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
-    """Zoom in or out until points (N, 3), seen in 3D after `look_from_side`, fill a canvas of a size in pixels."""
+    """Zoom until points (N, 3), seen in 3D after `look_from_side`, fill a canvas of the given size in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)

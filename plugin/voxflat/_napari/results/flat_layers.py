@@ -42,7 +42,7 @@ def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | Non
 
 
 def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
-    """Return the units of layers of a map: mm, or none if the flattened layer is in pixels, which napari cannot mix."""
+    """Return mm for each axis, or None if the flattened layer is in pixels, because napari cannot mix mm and pixels."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
     return None if in_pixels else ("mm",) * axes
 

@@ -24,7 +24,7 @@ def map_layers(
     values: Overlay | None = None,
     pixel_size: float | None = None,
 ) -> FlatLayers:
-    """Draw a flat map and the values that it shows (by default, the mesh values), or raise InputError."""
+    """Draw a flat map and the values that it shows (by default, the mesh values); raises InputError on a mismatch."""
     image = flat_map.heat_map(pixel_size)
     heat = described(flat_map, f"{name} distortion", HEAT_MEANING, image)
     heat |= {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point))}
