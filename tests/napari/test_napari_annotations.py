@@ -1,11 +1,11 @@
 """Annotations of the volume on the map, and the outline of the map in the volume."""
 
-import composed
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from napari.layers import Image, Points, Shapes, Surface
+from napari_maps import prepared_map_of
 from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import Qt
@@ -13,15 +13,9 @@ from qtpy.QtCore import Qt
 import voxflat
 from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
-from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
-from voxflat._napari.results.flat_layers import FlatLayers, Run
 
 RADIUS = 20.0
-
-
-def prepared_map_of(points, faces, **how):
-    return PreparedMap.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
 
 
 @pytest.fixture(scope="module")

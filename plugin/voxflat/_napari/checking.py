@@ -9,8 +9,7 @@ from napari import Viewer
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
-from voxflat._napari.docks import TaskDock
-from voxflat._napari.forms.fields import arrange
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.report import sentence, table

@@ -5,7 +5,7 @@ from typing import Any
 
 from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject
-from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
+from qtpy.QtWidgets import QApplication, QDockWidget, QLayout, QMainWindow, QWidget
 
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import JobWorker
@@ -53,6 +53,13 @@ class Tab(QObject):
             if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
                 layout.activate()  # a small window grew while one dock was below the other
                 window.resize(before)
+
+
+def arrange(layout: Any, *parts: Any) -> None:
+    """Add widgets and layouts to a box layout; a part may be a tuple with its stretch factor."""
+    for part in parts:
+        item, stretch = part if isinstance(part, tuple) else (part, 0)
+        (layout.addLayout if isinstance(item, QLayout) else layout.addWidget)(item, stretch)
 
 
 class Dock(QWidget):

@@ -20,8 +20,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from voxflat._napari.docks import TaskDock
-from voxflat._napari.forms.fields import arrange
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.forms.patches_form import PatchesForm
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map

@@ -23,12 +23,11 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
 )
 
-from voxflat._napari.docks import TaskDock
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.editing.cut_layers import CutLayers
 from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
-from voxflat._napari.forms.fields import arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_ratio

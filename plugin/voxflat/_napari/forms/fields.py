@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from qtpy.QtWidgets import QComboBox, QFormLayout, QLayout, QSizePolicy, QWidget
+from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
 
 _BESIDE = 32  # pixels that a list needs in addition to its texts
 
@@ -41,13 +41,6 @@ def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> 
         if box.currentIndex() == index:
             box.setCurrentIndex(0)
         box.removeItem(index)
-
-
-def arrange(layout: Any, *parts: Any) -> None:
-    """Add widgets and layouts to a box layout; a part may be a tuple with its stretch factor."""
-    for part in parts:
-        item, stretch = part if isinstance(part, tuple) else (part, 0)
-        (layout.addLayout if isinstance(item, QLayout) else layout.addWidget)(item, stretch)
 
 
 def show_row(rows: QFormLayout, field: QWidget, visible: bool) -> None:

@@ -2,23 +2,14 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from napari import Viewer
 from napari.layers import Layer
-from napari.utils.events import Event
 from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
-
-def list_events(layers: Any) -> tuple[Any, ...]:
-    """Return the events that are emitted when layers are added, removed or renamed."""
-    events = layers.events
-    if "renamed" not in events.emitters:  # napari 0.6, which forwards the events of layers
-        events.add(renamed=Event)
-        events.connect(lambda event: events.renamed() if event.type == "name" else None)
-    return events.inserted, events.removed, events.renamed
+from voxflat._napari.map_viewer.viewer_parts import list_events
 
 
 class LayerChoice(QComboBox):

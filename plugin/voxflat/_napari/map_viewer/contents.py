@@ -11,11 +11,11 @@ from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of
 from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
-from voxflat._napari.forms.layer_choice import list_events
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.viewer_parts import list_events
 from voxflat._napari.results.flat_layers import Run, limits
 
 Content: TypeAlias = "Measure | Layer | None"  # the displayed values; None for the folds only

@@ -66,7 +66,7 @@ class RingWidget(QWidget):
         self.update()
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
-        """Do not repaint the canvas while the ring moves over it, but once the ring has stopped."""
+        """Repaint the canvas below the ring only once the ring has stopped moving."""
         if event.type() != QEvent.Type.Paint or not self._has_moved:
             return False
         self._has_moved = False

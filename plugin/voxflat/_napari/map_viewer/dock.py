@@ -13,8 +13,7 @@ from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButto
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
-from voxflat._napari.docks import Dock
-from voxflat._napari.forms.fields import arrange
+from voxflat._napari.docks import Dock, arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer import drawings

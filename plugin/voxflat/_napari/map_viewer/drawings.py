@@ -46,7 +46,7 @@ def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
 
 
 def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
-    """Convert polygons on a map to voxels or vertices; raises InputError if a region is empty, or for a page."""
+    """Convert polygons on a map to voxels or vertices; raises InputError for an empty region or a page of patches."""
     flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}"

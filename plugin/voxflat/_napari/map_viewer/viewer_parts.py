@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from napari import Viewer
+from napari.utils.events import Event
 from napari.utils.theme import get_theme
 from numpy.typing import NDArray
 from qtpy.QtGui import QColor
@@ -19,6 +20,15 @@ _FILLED = 0.9  # fraction of the canvas
 def camera(viewer: Viewer) -> Any:
     """Return the camera of the viewer, whose location changed in napari 0.9."""
     return getattr(viewer, "scene", viewer).camera
+
+
+def list_events(layers: Any) -> tuple[Any, ...]:
+    """Return the events of the layer list that are emitted when layers are added, removed or renamed."""
+    events = layers.events
+    if "renamed" not in events.emitters:  # napari 0.6, which forwards the events of layers
+        events.add(renamed=Event)
+        events.connect(lambda event: events.renamed() if event.type == "name" else None)
+    return events.inserted, events.removed, events.renamed
 
 
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:

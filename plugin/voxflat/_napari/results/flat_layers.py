@@ -1,7 +1,8 @@
 """The layers of flat maps and pages."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,6 @@ from voxflat._napari.layers.sampled import Shown
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
-
-if TYPE_CHECKING:
-    from voxflat._napari.scripts import Recipe
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
@@ -78,13 +76,20 @@ def limits(values: NDArray[Any]) -> tuple[float, float]:
     return (low, high) if low < high else (low - 0.5, low + 0.5)
 
 
+class Script(Protocol):
+    """Writes a script, like `Recipe`."""
+
+    def needs_folder(self) -> bool: ...
+    def script(self, folder: Path | None = None) -> str: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """A map or an atlas with its layers, the name of the flattened layer, and, if voxflat computed it, a script."""
 
     layers: FlatLayers
     name: str
-    script: "Recipe | None" = None
+    script: Script | None = None
 
     @property
     def flat_map(self) -> FlatMap | Atlas:
