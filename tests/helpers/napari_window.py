@@ -57,11 +57,13 @@ PATIENCE = 120_000
 """Timeout of the tests, ms, long enough for a busy machine."""
 
 
-def run(widget, qtbot, timeout=PATIENCE):
-    """Flatten, and wait until all layers are there."""
+def run(widget, qtbot, dock=None):
+    """Flatten, and wait until all layers are there, and the dock *Flat map*, if given, is up to date."""
     widget.start.click()
-    qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
-    qtbot.waitUntil(lambda: ViewerState.of(widget._viewer).is_settled, timeout=timeout)
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: ViewerState.of(widget._viewer).is_settled, timeout=PATIENCE)
+    if dock is not None:
+        wait_for_picture(dock, qtbot)
 
 
 def run_whole(widget, qtbot):

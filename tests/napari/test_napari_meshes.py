@@ -87,10 +87,9 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
 
 
 def test_closed_surface_is_cut_open_with_a_warning(open_widget, qtbot):
-    points, faces = sphere(100)
-    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    viewer, widget = open_widget(Surface(sphere(100), name="ball"))
     run_whole(widget, qtbot)
-    expected = voxflat.flatten((points, faces))
+    expected = voxflat.flatten(sphere(100))
     same_map(viewer.layers["ball distortion"], expected)
     (warning,) = (text for text in expected.metadata["warnings"] if "cut open" in text)
     assert warning[1:] in widget.results.warnings.text()
