@@ -1,4 +1,4 @@
-"""What the tests of `voxflat.lab` share: a folder's files, and Chromium."""
+"""Helpers of the tests of `voxflat.lab`: the files of a folder, and Chromium."""
 
 import base64
 import json
@@ -12,13 +12,13 @@ VERTICES, FEW = 642, 162
 
 
 def everything(folder):
-    """Return what each file holds, and when it was written."""
+    """Return the content and the modification time of each file."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     return {str(path.relative_to(folder)): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
 
 
 def scene_of(text):
-    """Decode what a page shows: all that is written of it, its arrays by their names, and its triangles."""
+    """Decode the scene of a page: its description, its arrays by name, and its triangles."""
     content = json.loads(text)
     data, arrays, at = zlib.decompress(base64.b64decode(content["data"])), {}, 0
     for array in content["arrays"]:
@@ -35,7 +35,7 @@ def scene_of(text):
 
 
 def drawn_with(script, text, folder):
-    """Open a page that runs a script some seconds later; return its elements. It says nothing in its console."""
+    """Return the elements of a page after it has run a script; its console must stay empty."""
     page = folder / "page.html"
     page.write_text(text.replace("</body>", f"<script>setTimeout(() => {{{script}}}, 4000);</script></body>"))
     said, drawn = console_of(page, "--window-size=1280,900")
@@ -44,7 +44,7 @@ def drawn_with(script, text, folder):
 
 
 def console_of(page, *options):
-    """Open a page in headless Chromium; return what it says in its console, and its elements once it is drawn."""
+    """Return the console messages of a page in headless Chromium, and its elements once it is drawn."""
     done = chromium(page, "--virtual-time-budget=8000", *options, "--dump-dom")
     if done is None:
         pytest.skip("there is no chromium")

@@ -12,7 +12,7 @@ import voxflat
 from voxflat import demo
 from voxflat.io.volumes import write_volume
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+README = (Path(__file__).parents[2] / "README.md").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_the_commands_run(lab):
 
 def test_every_relative_link_exists_and_the_readme_is_short():
     """The pictures that the build of the documentation makes, in docs/_generated, need not be there."""
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     pages = [*root.glob("*.md"), *root.glob("docs/*.md"), *root.glob("docs/[!_]*/**/*.md")]
     links = {(page, target) for page in pages for target in re.findall(r"\]\(([^)#:]+)[)#]", page.read_text())}
     assert len(links) > 50

@@ -10,7 +10,7 @@ from voxflat.io.files import EXTRAS
 
 yaml = pytest.importorskip("yaml")
 
-ROOT, AUTHOR = Path(__file__).parents[1], "The voxflat developers"
+ROOT, AUTHOR = Path(__file__).parents[2], "The voxflat developers"
 
 
 def found(pattern, name):

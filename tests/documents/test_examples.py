@@ -66,7 +66,7 @@ def test_the_docstring_passes_all_checks_of_numpydoc(name):
 
 
 def test_the_reference_lists_every_public_name():
-    page = (Path(__file__).parents[1] / "docs" / "reference" / "python" / "index.rst").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "python" / "index.rst").read_text()
     listed, module = set(), ""
     for line in page.splitlines():
         module = line.removeprefix(".. currentmodule:: ") if line.startswith(".. currentmodule") else module

@@ -14,7 +14,7 @@ from mesh_files import write_obj
 
 import voxflat
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FEW = 162  # vertices, where it is a matter of commands
 ENOUGH = 642  # where it is a matter of maps
 AS_GOOD = 1.1  # times the error of the best map that any option gives
