@@ -1,4 +1,4 @@
-"""Whatever is handed over, an error is one line that names the argument and the value; arguments.py says so for all."""
+"""Arguments of the wrong kind cause a one-line error that names the argument and its value."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 def test_paths_of_all_kinds_stay():
     assert checked_path("a/b") == checked_path(Path("a/b")) == Path("a/b")
-    assert checked_path("\udcff") == Path("\udcff")  # bytes that are no UTF-8
+    assert checked_path("\udcff") == Path("\udcff")  # bytes that are not UTF-8
     assert checked_path(".") == Path()
 
 
@@ -178,7 +178,7 @@ def refused(call, message):
 
 
 def test_more_sources_than_a_machine_counts(of_mesh):
-    """All points are sources, then."""
+    """All points are sources in this case."""
     all_points = voxflat.measure(of_mesh, POINTS[:, :2], sources=36)
     assert voxflat.measure(of_mesh, POINTS[:, :2], sources=10**25).figures() == all_points.figures()
 
@@ -195,7 +195,7 @@ def on_mesh(of_mesh):
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():
-    """In numbers of any kind, without a warning."""
+    """Numbers of any kind are accepted without a warning."""
     flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):

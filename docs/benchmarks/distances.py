@@ -49,9 +49,9 @@ def cortex_errors(points, faces, count):
     sources = np.random.default_rng(0).choice(len(points), count, replace=False)
     exact = solvers.exact(points, faces)
     true = np.array([exact(source) for source in sources])
-    mine = solvers.Mine(points, faces)
+    ours = solvers.ours(points, faces)
     for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
-        yield f"voxflat {geodesic}", errors(mine.rows(sources, geodesic).astype(float), true)
+        yield f"voxflat {geodesic}", errors(ours(sources, geodesic).astype(float), true)
     for name, peer in solvers.PEERS.items():
         solve = peer(points, faces)
         yield name, errors(np.array([solve(source) for source in sources]), true)

@@ -98,7 +98,7 @@ def true_rows(mesh, places, sources):
     cells = np.insert(faces, 0, 3, axis=1)
     face, nearest = pv.PolyData(points, cells).find_closest_cell(places, return_closest_point=True)
     points, faces, numbers = with_places(points, faces, face, nearest)
-    true = solvers.Mine(points, faces).rows(numbers[:sources], "exact")[:, numbers].astype(float)
+    true = solvers.ours(points, faces)(numbers[:sources], "exact")[:, numbers].astype(float)
     expected = solvers.exact(points, faces)(numbers[0])[numbers]
     np.testing.assert_allclose(true[0], expected, rtol=1e-6, atol=1e-9, err_msg="pygeodesic agrees")
     true[true < BANDS[0][0]] = np.nan  # excluded, like the source itself

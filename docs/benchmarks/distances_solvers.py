@@ -19,17 +19,11 @@ STRAIGHT_FRONTS = "marching-plane"
 """Fast marching with straight fronts (Kimmel and Sethian), for comparison; not public."""
 
 
-class Mine:
-    """voxflat on a mesh, with one thread."""
-
-    def __init__(self, points, faces):
-        self.core = voxflat.surface((points, faces)).core
-        if not np.array_equal(self.core.ids, np.arange(len(points))):
-            raise ValueError("the mesh has vertices that no face uses")
-
-    def rows(self, sources, geodesic):
-        """Return the distances from the sources by one of the solvers, mm, shape (m, N)."""
-        return self.core.rows(np.asarray(sources, dtype=np.uint32), geodesic=geodesic, threads=1)
+def ours(points, faces):
+    """Return a function from sources and a geodesic to voxflat's rows, shape (m, N), with one thread."""
+    core = voxflat.surface((points, faces)).core
+    assert np.array_equal(core.ids, np.arange(len(points))), "each vertex belongs to a face"
+    return lambda sources, geodesic: core.rows(np.asarray(sources, dtype=np.uint32), geodesic=geodesic, threads=1)
 
 
 def exact(points, faces):

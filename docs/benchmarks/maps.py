@@ -39,7 +39,6 @@ def main():
         "--spacings", nargs="+", type=float, default=[1.35, 0.7, 0.6, 0.25], help="voxel sizes of growth, mm"
     )
     parser.add_argument("--limit", type=float, default=7200, help="maximal seconds per map")
-    parser.add_argument("--keep", type=Path, help="directory in which maps are kept and reused")
     tables.run(SECTIONS, parser)
 
 

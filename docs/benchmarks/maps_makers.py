@@ -8,7 +8,6 @@ ARAP and SLIM (libigl) run 100 iterations from the harmonic map to a disk, or fr
 `autoflatten flatten` runs as a command with default options, so its time includes its start and compilation.
 """
 
-import hashlib
 import importlib
 import json
 import resource
@@ -48,44 +47,31 @@ class Made:
     descent: dict = field(default_factory=dict)  # voxflat's `metadata["descent"]`
 
 
-# ---------------------------------------------------------------------------------- in the caller's process
+# ----------------------------------------------------------------------------- in the process of the caller
 
 
-def make(maker, job, limit=3600.0, keep=None):
+def make(maker, job, limit):
     """Make a map by one of `MAKERS` in a separate process, within `limit` seconds.
 
     `job` contains ``points`` and ``faces``, or ``labels`` and ``affine``, and ``options`` of `voxflat.flatten`.
-    `keep` is a directory of maps; a map of the same job is taken from there, with its original times.
     """
     with tempfile.TemporaryDirectory() as directory:
-        made = Path(directory, "made.npz")
-        if keep is not None:
-            made = Path(keep, f"{maker.replace(' ', '_')}-{_key(job)}.npz")
-            made.parent.mkdir(parents=True, exist_ok=True)
-        if not made.exists():
-            path = Path(directory, "job.npz")
-            np.savez(path, **{**job, "options": json.dumps(job.get("options", {}))})
-            command = [sys.executable, __file__, maker, path, made]
-            try:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
-            except subprocess.TimeoutExpired:
-                raise NoMapError(f"no map after {limit:.0f} s") from None
-            if done.returncode:
-                raise NoMapError(done.stderr.strip().splitlines()[-1] if done.stderr else f"ended {done.returncode}")
+        path, made = (Path(directory, name) for name in ("job.npz", "made.npz"))
+        np.savez(path, **{**job, "options": json.dumps(job.get("options", {}))})
+        command = [sys.executable, __file__, maker, path, made]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
+        except subprocess.TimeoutExpired:
+            raise NoMapError(f"no map after {limit:.0f} s") from None
+        if done.returncode:
+            raise NoMapError(done.stderr.strip().splitlines()[-1] if done.stderr else f"ended {done.returncode}")
         with np.load(made) as found:
             arrays = {name: found[name] for name in ("places", "points", "faces")}
             costs = {name: float(found[name]) for name in ("wall", "cpu", "peak", "taken")}
             return Made(**arrays, **costs, **json.loads(str(found["told"])))
 
 
-def _key(job):
-    told = hashlib.sha256(json.dumps(job.get("options", {}), sort_keys=True).encode())
-    for name in sorted(set(job) - {"options"}):
-        told.update(name.encode() + np.ascontiguousarray(job[name]).tobytes())
-    return told.hexdigest()[:16]
-
-
-# ------------------------------------------------------------------------------------- in a process of its own
+# ------------------------------------------------------------------------------------- in a separate process
 
 
 def voxflat_map(job, options):

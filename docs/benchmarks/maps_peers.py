@@ -60,7 +60,7 @@ def made_by(names, job, options):
     for name in names:
         print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
         try:
-            made[name] = makers.make(name, job, options.limit, options.keep)
+            made[name] = makers.make(name, job, options.limit)
         except makers.NoMapError as error:
             print(f"{name}: {error}", flush=True)
     print(file=sys.stderr, flush=True)

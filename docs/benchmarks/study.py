@@ -3,8 +3,7 @@
     python docs/benchmarks/study.py demo-lab
 
 writes ``demo-lab/subjects/fs5`` (fsaverage5 in the layout of recon-all) and ``demo-lab/study`` (three warped variants
-of it: one has a different c_ras, and one lacks its right pial surface), runs each command twice, and opens the pages in
-Chromium if it is installed.
+of it: one has a different c_ras, and one lacks its right pial surface), and runs each command twice.
 """
 
 import argparse
@@ -12,18 +11,12 @@ import shutil
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import studies
 
 VARIANTS = {"sub-01": (0.0, 0.0, 0.0), "sub-02": studies.C_RAS, "sub-03": (0.0, 0.0, 0.0)}
 BROKEN = "sub-03"
-LOOKS = {
-    "desktop": ["--window-size=1280,1000"],
-    "phone": ["--window-size=500,1000"],
-    "dark": ["--window-size=1280,1000", "--force-dark-mode", "--blink-settings=preferredColorScheme=0"],
-}
 
 
 def build(folder):
@@ -52,33 +45,6 @@ def run(*arguments, status=0):
             sys.exit(f"the exit status is {done.returncode}, not {status}")
 
 
-def look(page, folder):
-    """Open a page in Chromium as on a desktop, on a phone and in dark mode; its console must stay empty."""
-    for name, options in LOOKS.items():
-        picture = folder / f"{page.stem}_{name}.png"
-        done = chromium(page, "--hide-scrollbars", "--timeout=10000", *options, f"--screenshot={picture}")
-        if done is None:
-            print(f"{page}: not opened, because Chromium is not installed")
-            return
-        said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-        print(f"{page.name}, {name}: {len(said)} messages in the console, {picture}")
-        if said:
-            sys.exit("\n".join(said))
-
-
-def chromium(page, *options):
-    """Open a page in Chromium, or return None if it is not installed."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser")
-    if program is None:
-        return None
-    command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    command += ["--enable-logging=stderr", *options, page.resolve().as_uri()]
-    for _ in range(3):  # without a graphics card, it sometimes hangs on a busy machine
-        with suppress(subprocess.TimeoutExpired):
-            return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    sys.exit(f"the command did not finish within a minute: {' '.join(command)}")
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
@@ -92,7 +58,6 @@ def main():
     run("bids", study, out, "group")
     for page in (subject / "voxflat.html", out / "sub-02.html", out / "group.html"):
         print(f"{page}: {page.stat().st_size / 1e6:.2f} MB")
-        look(page, folder)
     print(f"{time.perf_counter() - start:.0f} s in total")
 
 

@@ -30,7 +30,6 @@ def main(paths):
     certificates(surfaces)
     numbers(surfaces)
     edges_alone(surfaces)
-    speed(surfaces["synthetic colon"])
     saucan_glue.gluing(surfaces["synthetic colon"])
     saucan_glue.developable()
     pictures(surfaces)
@@ -162,13 +161,6 @@ def edge_patches(points, faces, angle):
                 tilt[other] = np.degrees(np.arccos(np.clip(normals[other] @ normals[seed], -1, 1)))
                 queue.append(other)
     return tilt, count
-
-
-def speed(surface):
-    """Print the CPU time for about as many triangles as the skull of the paper has."""
-    atlases, seconds = zip(*(timed(surface.patches, 10, threads=1) for _ in range(3)), strict=True)
-    told = f"{len(surface.faces)} triangles (paper: 60339), {len(atlases[0])} patches"
-    print(f"\n{told}: {min(seconds):.2f} s of CPU time")
 
 
 def pictures(surfaces):
