@@ -338,7 +338,7 @@ def error_on(rows, flat):
     return float(np.abs(scale * weight - 1).mean())
 
 
-def report(name, uncut, cuts, length, surface, **how):
+def report(name, uncut, cuts, length, surface, /, **how):
     """Flatten and print a row; `uncut` contains distances on the surface without cuts."""
     wall, cpu = time.monotonic(), time.process_time()
     flat = voxflat.flatten(surface, **how)
