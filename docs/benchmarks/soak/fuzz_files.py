@@ -147,8 +147,8 @@ def corpus(folder, endings=("",)):
     floats = np.random.default_rng(0).random((6, 5, 4)).astype(np.float32)
     for ending in (".nii", ".nii.gz", ".nrrd", ".mha", ".mgh", ".mgz", ".npz"):
         entry(f"v{ending}", "volume", lambda path: write_volume(path, sheet(), affine))
-    entry("f.nii", "volume", lambda path: write_volume(path, floats, affine))
-    entry("f.mha", "volume", lambda path: write_volume(path, floats, affine))
+    for name in ("f.nii", "f.mha"):
+        entry(name, "volume", lambda path: write_volume(path, floats, affine))
     entry("v.npy", "volume", lambda path: write_volume(path, sheet(), np.eye(4)))
     entry("v2.nii", "volume", lambda path: nib.save(nib.Nifti2Image(sheet(), affine), path))
     entry("text.nhdr", "volume", _write_nhdr)
@@ -177,9 +177,8 @@ def corpus(folder, endings=("",)):
     entry("rois.svg", "regions", lambda path: _write_svg(path, flat_map))
     pixels = flat_map.heat_map().data
     entry("rois.npy", "regions", lambda path: np.save(path, np.ones(np.shape(pixels), np.uint8)))
-    entry("rois.png", "regions", flat_map.heat_map().save)
-    entry("rois.tif", "regions", flat_map.heat_map().save)
-    entry("rois.nii", "regions", flat_map.heat_map().save)
+    for ending in (".png", ".tif", ".nii"):
+        entry(f"rois{ending}", "regions", flat_map.heat_map().save)
     picture = Image.fromarray(np.arange(300, dtype=np.uint8).reshape(10, 10, 3))
     for ending in (".png", ".jpg", ".tif", ".bmp"):
         entry(f"p{ending}", "picture", picture.save)
