@@ -1,4 +1,4 @@
-"""Whatever is handed over, an error is one line that names the argument and the value; arguments.py says so for all."""
+"""Arguments of the wrong kind cause a one-line error that names the argument and its value."""
 
 from pathlib import Path
 
@@ -21,12 +21,13 @@ FACES = np.concatenate([CORNER + np.array(corners) for corners in ([0, 6, 1], [1
 
 VALUES = np.arange(36.0)
 ARRAY = np.zeros(3)
+LONG = np.broadcast_to(np.uint8(0), (2**31, 1, 1))
 SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 
 def test_paths_of_all_kinds_stay():
     assert checked_path("a/b") == checked_path(Path("a/b")) == Path("a/b")
-    assert checked_path("\udcff") == Path("\udcff")  # bytes that are no UTF-8
+    assert checked_path("\udcff") == Path("\udcff")  # bytes that are not UTF-8
     assert checked_path(".") == Path()
 
 
@@ -98,10 +99,7 @@ CALLS = {
     "steps": (lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)), "spacings are .*; give rows"),
     "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing array.* must be 3 numbers"),
     "values of a volume": (lambda s: io.Volume([1, [2, 3]], np.eye(4)), r"values are \[1, \[2, 3\]\]; give rows"),
-    "a long volume": (
-        lambda s: io.Volume(np.broadcast_to(np.uint8(0), (2**31, 1, 1)), np.eye(4)),
-        "has an axis of more than 2147483647 voxels",
-    ),
+    "a long volume": (lambda s: io.Volume(LONG, np.eye(4)), "has an axis of more than 2147483647 voxels"),
     "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values have type object. Convert"),
     "geometry": (lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5), "has 1.5 voxels of .*. Pass 3"),
     "texture": (lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"), "coordinates are b'x'; give numbers"),
@@ -149,10 +147,7 @@ ON_MAPS = {
     "background": (lambda m, a: m.paint(VALUES, background=1j), "background is 1j. Pass a number"),
     "None as background": (lambda m, a: m.paint(VALUES, background=None), "background is None. Pass a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
-    "half a background": (
-        lambda m, a: m.paint(VALUES > 3, background=0.5),
-        "background is 0.5, which bool cannot hold",
-    ),
+    "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "is 0.5, which bool cannot hold"),
     "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which float64 cannot hold"),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which float32 cannot hold"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which uint8 cannot hold"),
@@ -181,7 +176,7 @@ def refused(call, message):
 
 
 def test_more_sources_than_a_machine_counts(of_mesh):
-    """All points are sources, then."""
+    """All points are sources in this case."""
     all_points = voxflat.measure(of_mesh, POINTS[:, :2], sources=36)
     assert voxflat.measure(of_mesh, POINTS[:, :2], sources=10**25).figures() == all_points.figures()
 
@@ -198,7 +193,7 @@ def on_mesh(of_mesh):
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():
-    """In numbers of any kind, without a warning."""
+    """Numbers of any kind are accepted without a warning."""
     flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):

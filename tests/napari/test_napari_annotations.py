@@ -5,8 +5,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from napari.layers import Image, Points, Shapes, Surface
-from napari_maps import prepared_map_of
-from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
+from napari_window import (
+    PATIENCE,
+    bumps,
+    open_file,
+    prepared_map_of,
+    run,
+    sphere,
+    wait_for_picture,
+    wait_for_threads,
+    wait_until_drawn,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import Qt
 

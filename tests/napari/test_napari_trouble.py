@@ -178,7 +178,7 @@ def test_window_stays_alive(open_widget, qtbot, large):
     timer.stop()
     times, layers = np.transpose(ticks)
     computing = times[layers == layers[0]]
-    assert np.diff(computing).max() < np.ptp(computing) / 2  # the stalls themselves are measured by make bench-napari
+    assert np.diff(computing).max() < np.ptp(computing) / 2
 
 
 @pytest.mark.parametrize("close", ["window", "dock"])

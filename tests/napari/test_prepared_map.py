@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import zarr
 from napari.layers import Image
-from napari_maps import prepared_map_of
+from napari_window import prepared_map_of
 from numpy.testing import assert_allclose, assert_array_equal
 from textures import grid
 

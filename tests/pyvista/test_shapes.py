@@ -1,7 +1,6 @@
 """All operations on all kinds of datasets, and PyVista's shapes, which are flattened or rejected with the reason."""
 
 import composed
-import doors
 import numpy as np
 import pytest
 import pyvista as pv
@@ -9,6 +8,7 @@ from command_line import succeed
 from numpy.testing import assert_array_equal
 from pyvista import examples
 from refusals import refused
+from triangle_meshes import ON_BOWL, write_bowl
 
 import voxflat
 
@@ -202,8 +202,8 @@ def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
 @pytest.mark.slow
 def test_the_same_map_through_every_door(tmp_path, caplog):
     """Function, command line, accessor and filter give bit-identical arrays for a mesh in a file."""
-    mesh = pv.read(doors.write_mesh(tmp_path / "bowl.vtp"))
-    options, given = doors.OPTIONS, composed.with_method(doors.OPTIONS)
+    mesh = pv.read(write_bowl(tmp_path / "bowl.vtp"))
+    options, given = ON_BOWL, composed.with_method(ON_BOWL)
     own = composed.flatten(str(tmp_path / "bowl.vtp"), **options)
     words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     succeed("flatten", tmp_path / "bowl.vtp", *words, "-o", tmp_path / "map.npz")
