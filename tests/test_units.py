@@ -138,7 +138,7 @@ def test_a_format_that_means_mm_is_doubted(maps, tmp_path, caplog, name, warned)
     for value in (maps[0], voxflat.surface(shapes.ball(8), unit="µm"), maps[1]):
         caplog.clear()
         value.save(tmp_path / name, overwrite=True)
-        assert ("are written in µm, but" in caplog.text) == (warned and value is not maps[1])
+        assert ("coordinates are in µm, but" in caplog.text) == (warned and value is not maps[1])
 
 
 def test_tables_and_json_have_the_unit_in_their_names(maps):

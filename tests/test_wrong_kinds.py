@@ -96,7 +96,7 @@ CALLS = {
     "bridges": (lambda s: s._bridges(3), "faces have type int64 and shape"),
     "jump": (lambda s: voxflat.range_image(np.eye(9), 1.0, jump=np.ones((9, 9))), "jump is array"),
     "steps": (lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)), "spacings are .*; give rows"),
-    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing array.* must be 3 numbers"),
+    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing is array.* Pass 3 positive"),
     "values of a volume": (lambda s: io.Volume([1, [2, 3]], np.eye(4)), r"values are \[1, \[2, 3\]\]; give rows"),
     "a long volume": (
         lambda s: io.Volume(np.broadcast_to(np.uint8(0), (2**31, 1, 1)), np.eye(4)),

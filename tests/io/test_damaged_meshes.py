@@ -62,8 +62,8 @@ HOSTILE = {
     "text.vtk": (HELLO, "damaged header"),
     "text.vtp": (HELLO, "syntax error"),
     "text.surf.gii": (HELLO, "syntax error"),
-    "text": (HELLO, "is not a surface: its content is unknown; supported formats are .gii, "),
-    "html.surf.gii": (b"<html><body>404</body></html>", "ends as GIFTI, but its content is XML <html>"),
+    "text": (HELLO, "is not a surface: its content is unknown. Pass .gii, "),
+    "html.surf.gii": (b"<html><body>404</body></html>", "its ending means GIFTI, but its content is XML <html>"),
     "cut.surf.gii": (b"<?xml version='1.0'?>", "no element found"),
     "cut.gii.gz": (gzip.compress(b"<GIFTI/>" * 99)[:-9], "[Cc]ompressed file ended"),
     "bad.gii.gz": (b"\x1f\x8bgarbage" * 9, "method|gzip"),
@@ -85,8 +85,8 @@ HOSTILE = {
     "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2 of 1"),
     "word.obj": (b"v 0 0 zero\nf 1 1 1\n", "could not convert string to float: 'zero'"),
     "nan.obj": (b"v 0 0 nan\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0 has the coordinates"),
-    "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch; read_patch reads it"),
-    "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values; read_overlay"),
+    "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch. Use read_patch"),
+    "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values. Use read_overlay"),
     "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "its header is damaged: it specifies .* -1 faces"),
     "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but the file ends after"),
     "grid.vtk": (b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
@@ -115,7 +115,7 @@ def test_hostile_files(tmp_path, name, capfd):
 def test_wrong_endings(tmp_path):
     nib.save(nib.Nifti1Image(np.zeros((9, 9, 9), np.uint8), np.eye(4)), tmp_path / "v.nii.gz")
     (tmp_path / "v.nii.gz").rename(tmp_path / "v.surf.gii")
-    refuses(tmp_path / "v.surf.gii", "ends as GIFTI, but its content is a NIfTI volume. Rename")
+    refuses(tmp_path / "v.surf.gii", "ending means GIFTI, but its content is a NIfTI volume. Rename")
     wrong = [("s.stl", "s.obj", "STL"), ("text.stl", "t.obj", "STL"), ("s.ply", "s.stl", "PLY")]
     for name, ending, content in [*wrong, ("s.vtp", "s.gii", "VTP"), ("s.surf.gii", "s.vtp", "GIFTI")]:
         written(tmp_path, name).rename(tmp_path / ending)

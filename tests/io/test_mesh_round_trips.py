@@ -92,7 +92,7 @@ def test_gifti_says_what_it_holds(tmp_path, mesh, geometry, topology):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("s.stl", "ending '.stl'; .surf.gii, .vtp, .ply, .obj can be written"),
+        ("s.stl", "ending '.stl'. Use one of .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name"),
         ("s.vtk", "unknown"),
         ("s.gii", "unknown"),
         ("lh.white.stl", "unknown"),

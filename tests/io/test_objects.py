@@ -93,14 +93,14 @@ BOTH = PolyMesh(left=nilearn_mesh(), right=nilearn_mesh())
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (object(), r"object: this object is not supported. Pass a path; a NumPy array; .*nilearn.*"),
+        (object(), r"object: this object is not supported. Pass a path, a NumPy array, .*nilearn.*"),
         ({"a": 1}, "dict: this object is not supported"),
         (None, "NoneType: this object is not supported"),
         (BOTH, r"PolyMesh: has the parts left, right. Pass one of them, such as .parts\['left'\]"),
         (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres. Pass .*, such as .mesh.parts"),
         (PolyData(left=VALUES), "PolyData: contains values, not a surface"),
         (gifti_values(), "GiftiImage: contains values, not a surface"),
-        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "has line, but no triangles"),
+        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "contains line, but no triangles"),
     ],
 )
 def test_what_is_no_surface_is_told(given, said):
@@ -136,7 +136,7 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
         (gifti_values("CortexRight"), "GiftiImage: belongs to CortexRight, but the surface is CortexLeft"),
         (gifti_values(values=VALUES[:9]), "has 9 values, but the surface has 441"),
         (PolyData(right=VALUES), "has values for right, but the surface is CortexLeft"),
-        (PolyData(left=VALUES[:9]), "has values at left: 9 vertices, but the surface has 441"),
+        (PolyData(left=VALUES[:9]), "has 9 values for left, but the surface has 441 points"),
     ],
 )
 def test_values_of_another_surface_are_refused(left, given, said):

@@ -9,17 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_files import patch, refuses
 from refusals import refused
-from volume_files import (
-    NIFTI,
-    SHAPE,
-    agrees_with_itk,
-    itk_image,
-    oblique,
-    rotation,
-    same_as_nibabel,
-    save,
-    values,
-)
+from volume_files import NIFTI, SHAPE, agrees_with_itk, itk_image, oblique, rotation, same_as_nibabel, save, values
 
 from voxflat.errors import InputError
 from voxflat.io.grid import check_affine
@@ -280,5 +270,5 @@ def test_no_file_directory_or_ending(tmp_path):
         read_volume(tmp_path / "none.nii")
     refuses(tmp_path, "is a directory", as_volume)
     (tmp_path / "v.jpg").touch()
-    refuses(tmp_path / "v.jpg", r" '.jpg'; .nii, ", read_volume)
+    refuses(tmp_path / "v.jpg", r" '.jpg'. Use one of .nii, ", read_volume)
     assert issubclass(InputError, ValueError)

@@ -192,7 +192,7 @@ class TestOmeZarr:
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
-            ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
+            ({"axes": [{"name": n} for n in "ctyx"]}, "and the axes c, t, y, x"),
             ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is parsec"),
             ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "'affine' is not supported"),
             ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
@@ -226,7 +226,7 @@ class TestOmeZarr:
     def test_a_scale_that_is_no_number(self, m, values, tmp_path, scale):
         steps = [{"type": "scale", "scale": scale}, {"type": "scale", "scale": scale}]
         data = [{"path": "0", "coordinateTransformations": steps}]
-        with pytest.raises(InputError, match=r"its scale .* must be finite"):
+        with pytest.raises(InputError, match=r"has scale .*Use finite numbers"):
             m.image(ome(tmp_path / "v.zarr", values, datasets=data), 0.4, channel=0)
 
     def test_a_chunk_that_is_damaged(self, m, values, tmp_path):

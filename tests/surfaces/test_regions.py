@@ -100,7 +100,8 @@ def test_annotations(tmp_path):
     np.testing.assert_array_equal(read_overlay(path, 6), labels)
     np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
     np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)
-    refused("name='wall' is not one of its labels: unknown, bankssts, Größe", read_region, path, 6, name="wall")
+    message = "name='wall' is not one of its labels. Choose one of unknown, bankssts, Größe"
+    refused(message, read_region, path, 6, name="wall")
     refuses(path, "name=None is not one of its labels", read_region, 6)
     refuses(path, "has 6 values, but the surface has 7 points", read_overlay, 7)
     whole = path.read_bytes()
@@ -125,14 +126,15 @@ def test_gifti_labels(tmp_path):
     np.testing.assert_array_equal(read_region(path, 4), keys != 0)
     np.testing.assert_array_equal(read_region(path, 4, name="Medial_wall"), keys == 7)
     np.testing.assert_array_equal(read_overlay(path, 4), keys)
-    refused(r"name='V2' is not one of its labels: \?\?\?, Medial_wall, V1", read_region, path, 4, name="V2")
+    message = r"name='V2' is not one of its labels. Choose one of \?\?\?, Medial_wall, V1"
+    refused(message, read_region, path, 4, name="V2")
 
 
 def test_values_as_regions(tmp_path):
     values = np.array([0, 1, -2, np.nan, 0.5])
     for path in overlays(tmp_path, values):
         np.testing.assert_array_equal(read_region(path, 5), [False, True, True, False, True])
-        refused(r"not one of its labels|has no named labels", read_region, path, 5, name="V1")
+        refused(r"not one of its labels|contains no named labels", read_region, path, 5, name="V1")
     np.save(tmp_path / "mask.npy", values > 0)
     np.testing.assert_array_equal(read_region(tmp_path / "mask.npy", 5), values > 0)
 
@@ -162,7 +164,7 @@ def test_labels(tmp_path):
     path.write_text(LABEL.format(2, "4  -1.0  0.5 3 0.0\n0 0 0 0 1\n"))
     np.testing.assert_array_equal(read_region(path, 6), [True, False, False, False, True, False])
     np.testing.assert_array_equal(nib.freesurfer.read_label(path), [4, 0])
-    refuses(path, "has no named labels", lambda file: read_region(file, 6, name="V1"))
+    refuses(path, "contains no named labels", lambda file: read_region(file, 6, name="V1"))
     path.write_text(LABEL.format(0, ""))
     assert not read_region(path, 6).any()
 
@@ -219,7 +221,7 @@ def entries(*rows):
         (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 refers to vertex 0, but patch files count from 1"),
         (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch repeats vertex 0"),
         (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch, \[0.0, nan, 0.0\], is not finite"),
-        (entries(), "a patch must list vertices"),
+        (entries(), "vertices have type .*Pass whole numbers"),
     ],
 )
 def test_bad_patches(tmp_path, data, message):
@@ -231,7 +233,7 @@ def test_bad_patches(tmp_path, data, message):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Vertices count from 0"),
+        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Number vertices from 0"),
         (([0.0], np.zeros((1, 3)), [True]), "float64"),
         (([0], np.zeros((2, 3)), [True]), r"Pass shapes \(1, 3\) and \(1,\)"),
         (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch repeats vertex 3"),

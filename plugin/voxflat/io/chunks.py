@@ -37,7 +37,7 @@ _ORIENTED = {  # RFC-4: RAS axis and its direction
 
 
 class _Grid:
-    """Store the sizes of the chunks along an axis: one size for all chunks, or a list of sizes."""
+    """Store the sizes of the chunks along an axis, given as one size for all chunks or as a list of sizes."""
 
     def __init__(self, length: int, of: Any) -> None:
         self._length = length
@@ -66,7 +66,7 @@ class Chunked:
     axes: tuple[int, int, int] = (0, 1, 2)  # axes of the array for i, j and k
     fixed: tuple[tuple[int, int], ...] = ()  # other axes, and the index used for each
     made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # converts the values that are read
-    path: Path | None = None  # file for error messages, because it is read later
+    path: Path | None = None  # named in error messages, because the file is read later
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -182,31 +182,26 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
     array: Any = obj
     _check(array, array.chunks)
     if len(array.shape) == 3:
-        return _channels([Chunked(array)], [""]), None, None
+        each: list[Any] = [Chunked(array)]
+        return Channels(("",), each.__getitem__), None, None
     if len(array.shape) == 4:
         check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
-        return _channels(each, [""] * len(each)), None, None
+        return Channels(("",) * len(each), each.__getitem__), None, None
     raise InputError(f"has shape {tuple(array.shape)}. Pass (I, J, K), or (I, J, K, C) with C channels")
 
 
 def _check(array: Any, chunks: Any) -> None:
     if np.dtype(array.dtype).kind not in "biuf":
-        raise InputError(f"its values have type {array.dtype}. Convert them to bool, integer or float")
+        raise InputError(f"has values of type {array.dtype}. Convert them to bool, integer or float")
     if 0 in array.shape or 0 in chunks:
-        raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
+        raise InputError(f"is empty (shape {tuple(array.shape)}, chunks {tuple(chunks)}). Pass an array with voxels")
     check_axes(tuple(array.shape))
-    sizes = zip(array.shape, chunks, strict=True)
-    count = math.prod(len(of) if isinstance(of, tuple | list) else -(-length // int(of)) for length, of in sizes)
+    count = math.prod(_Grid(length, of).count for length, of in zip(array.shape, chunks, strict=True))
     if count >= 2**63:
-        raise InputError(f"has {count} chunks, more than a 64-bit number can count. Write it again with larger chunks")
+        raise InputError(f"has {count} chunks, more than a 64-bit integer can count. Write it again with larger chunks")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
-
-
-def _channels(each: list[Chunked], names: list[str]) -> Channels:
-    read: Any = each.__getitem__
-    return Channels(tuple(names), read)
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
@@ -218,12 +213,12 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         told, about = _multiscales(path.parent)
         wanted = path.name
     if told is None or about is None:
-        raise InputError("has no multiscales, so its position is unknown. Pass an OME-Zarr, or array and affine")
+        raise InputError("has no multiscales, so its position is unknown. Pass an OME-Zarr, or an array and an affine")
     note(about)
     sets = told.get("datasets") or []
-    found = next((of for of in sets if wanted is None or of.get("path") == wanted), None)
+    found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)
     if found is None:
-        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(of.get('path')) for of in sets)}")
+        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(one.get('path')) for one in sets)}")
     root = path if wanted is None else path.parent
     file = root / str(found["path"])
     for name in _HEADERS:
@@ -235,7 +230,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
-        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}. Pass axes x, y and z")
+        raise InputError(f"has shape {tuple(array.shape)} and the axes {', '.join(names)}. Pass axes x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
     with np.errstate(invalid="ignore", over="ignore"):  # checked below
@@ -245,31 +240,32 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
             elif step.get("type") == "translation":
                 shift = shift + step["translation"]
             elif step.get("type") != "identity":
-                raise InputError(f"the transformation {step.get('type')!r} is not supported. Use scale and translation")
+                raise InputError(f"has the transformation {step.get('type')!r}. Use only scale and translation")
     if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(f"its scale {scale.tolist()} and translation {shift.tolist()} must be finite")
+        raise InputError(f"has scale {scale.tolist()} and translation {shift.tolist()}. Use finite numbers")
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
     for column, axis in enumerate(spatial):
         unit = str(axes[axis].get("unit", "millimeter"))
         if unit not in _TO_MM:
-            raise InputError(f"the unit of its axis {names[axis]} is {unit}. Use one of {', '.join(_TO_MM)}")
+            raise InputError(f"has an axis {names[axis]} with the unit {unit}. Use one of {', '.join(_TO_MM)}")
         orientation = axes[axis].get("orientation") or {}
         value = orientation.get("value") if isinstance(orientation, dict) else None
         row, sign = _ORIENTED.get(str(value), (column, 1))
         affine[row, column] = sign * scale[axis] * _TO_MM[unit]
         affine[row, 3] = sign * shift[axis] * _TO_MM[unit]
     if abs(np.linalg.det(affine)) == 0:
-        raise InputError("its affine is singular: an axis has no extent, or two axes are parallel")
+        raise InputError("has a singular affine: an axis has no extent, or two axes are parallel. Correct its metadata")
     others = [axis for axis in range(len(names)) if axis not in spatial]
     check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
-    each, titles = [], []
+    each: list[Any] = []
+    titles = []
     for number in np.ndindex(*(array.shape[axis] for axis in others)):
         fixed = tuple(zip(others, map(int, number), strict=True))
         each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed, path=path))
         titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
-    return _channels(each, titles), affine, path
+    return Channels(tuple(titles), each.__getitem__), affine, path
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:

@@ -44,7 +44,7 @@ def read(path: Path) -> Read:
         raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
     check_regular(path)  # the system's own error for a missing file is more helpful
     path.open("rb").close()
-    read: Callable[[Path], Read] = by_ending(path, READERS, "read")
+    read: Callable[[Path], Read] = by_ending(path, READERS)
     found = read(path)
     note(path)
     return found

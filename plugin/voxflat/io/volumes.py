@@ -215,9 +215,7 @@ def write_volume(
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
     """Return the writer for a file name; raise an error if no volume format matches."""
     with naming(path, "check that this format can hold it"):
-        return by_ending(
-            path, _WRITERS, "written. The formats .mhd and .nhdr consist of two files; use .mha or .nrrd instead"
-        )
+        return by_ending(path, _WRITERS, ". The formats .mhd and .nhdr consist of two files and cannot be written")
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:

@@ -192,7 +192,7 @@ class TexturedSurface(Recorded):
         """
         path = checked_path(path)
         with naming(path, "choose another format"):
-            write = by_ending(path, _WRITERS, "written")
+            write = by_ending(path, _WRITERS)
         others = files_beside(path)
         names = [path, *others]
         for name in names:
