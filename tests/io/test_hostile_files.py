@@ -39,9 +39,9 @@ ENDED = "(ITK|VTK) (ended while it read|did not finish|reports)|memory are neede
 NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 5\nencoding: raw\ndata file: v.raw\n\n"
 VOLUMES = {
     "colon.mhd": (META.replace("ElementDataFile", "ElementDataFile : ../secret.raw ="), "is not a MetaImage"),
-    "printf.mhd": (META.replace("LOCAL", "x%n%n%n 1 2 1"), "not in one file"),
-    "list.mhd": (META.replace("LOCAL", "LIST"), "not in one file"),
-    "outside.mhd": (META.replace("LOCAL", "../secret.raw"), "outside its directory. Copy them beside it"),
+    "printf.mhd": (META.replace("LOCAL", "x%n%n%n 1 2 1"), "instead of one file"),
+    "list.mhd": (META.replace("LOCAL", "LIST"), "instead of one file"),
+    "outside.mhd": (META.replace("LOCAL", "../secret.raw"), "outside its directory. Copy that file into the directory"),
     "absolute.mhd": (META.replace("LOCAL", "/dev/zero"), "outside its directory"),
     "missing.mhd": (META.replace("LOCAL", "missing.raw"), "does not exist. Copy that file, too"),
     "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), ENDED),
@@ -50,8 +50,8 @@ VOLUMES = {
     "long.mha": (META.replace("8 8 5", "8 " * 2000), ENDED),
     "channels.mha": (META.replace("DimSize", "ElementNumberOfChannels = -3\nDimSize"), ENDED),
     "blanks.mha": (META.replace("NDims", "x" + " " * 60_000 + "\nNDims"), "is not a MetaImage file, or its header"),
-    "printf.nhdr": (NRRD.replace("v.raw", "x%n%n 1 5 1 2"), "not in one file"),
-    "list.nhdr": (NRRD.replace("v.raw", "LIST\n../secret.raw"), "not in one file"),
+    "printf.nhdr": (NRRD.replace("v.raw", "x%n%n 1 5 1 2"), "instead of one file"),
+    "list.nhdr": (NRRD.replace("v.raw", "LIST\n../secret.raw"), "instead of one file"),
     "outside.nhdr": (NRRD.replace("v.raw", "../secret.raw"), "outside its directory"),
 }
 
@@ -395,8 +395,8 @@ def test_cuts_in_a_damaged_gzip(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("lh.V1.label", "#!ascii\n1\ninf 0 0 0 0\n", "line 3 refers to point inf; the surface has points 0 to 63"),
-        ("lh.V1.label", "#!ascii\n1\nnan 0 0 0 0\n", "line 3 refers to point nan; the surface has points 0 to 63"),
+        ("lh.V1.label", "#!ascii\n1\ninf 0 0 0 0\n", "line 3 is point inf, but the surface has points 0 to 63"),
+        ("lh.V1.label", "#!ascii\n1\nnan 0 0 0 0\n", "line 3 is point nan, but the surface has points 0 to 63"),
         ("v.txt", "# nothing\n", "has 0 values, but the surface has 64 points"),
     ],
 )

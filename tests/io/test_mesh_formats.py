@@ -22,9 +22,7 @@ def test_files_of_vtk(tmp_path, ending, binary):
     ball.save(path, binary=binary)
     read = read_mesh(path)
     if ending == ".stl":
-        assert read.remarks == (
-            "STL has no shared points: 240 corners at 42 different positions became as many points",
-        )
+        assert read.remarks == ("STL does not store shared points: 240 corners were merged into 42 points",)
         np.testing.assert_allclose(read.points[read.faces], ball.points[ball.regular_faces], rtol=1e-5)
         return
     same(read, sphere(), 1e-5)
@@ -135,7 +133,7 @@ f -5/4/1 -2/2/-1 -3/3
     same(read, Mesh(np.array(points), [(2, 1, 3), (1, 4, 3)]))
     nan = [np.nan, np.nan]
     np.testing.assert_array_equal(read.texture_coordinates, [nan, (1, 0), (0, 0), (0, 1), (1, 0), nan])
-    assert read.remarks == ("1 points lie on a texture seam: each keeps the first of its texture coordinates",)
+    assert read.remarks == ("has points on texture seams (1); each keeps only its first texture coordinate",)
     (tmp_path / "s.obj").write_text("v 0 0 0\nv 0 90 0\nv 90 0 0\nf 1// 2//1 3")
     assert read_mesh(tmp_path / "s.obj").remarks == (
         "does not end with a complete line. Check that the file is complete",

@@ -194,7 +194,7 @@ def test_a_known_lps_header(tmp_path):
         assert volume.data[1, 2, 3] == 1 + 2 * 2 + 3 * 6
     assert volume.orientation == "ASR"
     path.write_bytes((head.format("spacings: 1 nan 2") + end).encode() + data)
-    refuses(path, "spacings are 1 nan 2", read_volume)
+    refuses(path, "has the spacings 1 nan 2", read_volume)
 
 
 @pytest.mark.parametrize(

@@ -257,7 +257,7 @@ def test_an_earlier_report_does_not_outlive_a_failure(subject):
         (["--overlay", "surf/{hemi}.curv", "curv"], "two overlays have the name curv"),
         (["--cuts", "{hemi}.mine.json"], r"the cuts file \{hemi\}\.mine\.json does not exist: .*/lh\.mine\.json"),
         (["--volume"], r"mri/filled\.mgz: the file does not exist"),
-        (["--overlay", "label/{hemi}.cortex.label"], "has labels, not values. Draw it with voxflat figure MAP"),
+        (["--overlay", "label/{hemi}.cortex.label"], "contains labels. Draw them with voxflat figure MAP"),
     ],
 )
 def test_what_was_asked_for_and_is_not_there_is_said(subject, arguments, told):

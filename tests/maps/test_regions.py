@@ -262,8 +262,8 @@ class TestDrawings:
                 "rois",
                 "data-voxflat-extent as four numbers",
             ),
-            ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "have no area"),
-            (WHERE, "areas", "has no layer 'areas'; its layers are 'rois', 'names'. Draw"),
+            ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "has no area"),
+            (WHERE, "areas", "has no layer 'areas', only 'rois', 'names'. Draw"),
         ],
     )
     def test_what_is_no_drawing(self, m, tmp_path, where, layer, message):
@@ -284,7 +284,7 @@ class TestDrawings:
     def test_places_beyond_all_numbers(self, m, tmp_path, where, beyond):
         path = tmp_path / "drawn.svg"
         path.write_text(SVG.format(where=WHERE).replace(where, beyond))
-        refused("one of its paths has infinite coordinates", m.regions, path)
+        refused("has a path with infinite coordinates", m.regions, path)
 
     @pytest.mark.slow
     def test_shapes_of_napari(self, m):

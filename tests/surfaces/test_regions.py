@@ -58,7 +58,7 @@ def test_older_freesurfer_values(tmp_path):
     ("name", "content", "message"),
     [
         ("s.npy", b"hello", "is not a NumPy array"),
-        ("lh.curv", b"hello", "is not a known format of values"),
+        ("lh.curv", b"hello", "is not in a known format of values"),
         ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
         ("s.mgh", b"hello", "is not an MGH file"),
         (
@@ -66,7 +66,7 @@ def test_older_freesurfer_values(tmp_path):
             struct.pack(">6i", 1, 5, 1, 1, 1, 3),
             "its header specifies the shape .5, 1, 1, 1., but the file ends after 24 of",
         ),
-        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Values at N points must have"),
+        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass values of shape"),
         ("s.mgz", b"\x1f\x8bhello", "its gzip data are damaged"),
         ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
         ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not list the points in order"),
@@ -147,10 +147,10 @@ LABEL = "#!ascii label  , from subject bert vox2ras=TkReg\n{}\n{}"
     [
         ("2", "4 0 0 0 0\n", "lists 1 points, but its header specifies 2"),
         ("1", "4 0 0 0 0\n5 0 0 0 0\n", "lists 2 points, but its header specifies 1"),
-        ("two", "4 0 0 0 0\n", "second line must be the number"),
-        ("1", "9 0 0 0 0\n", "line 3 refers to point 9; the surface has points 0 to 5"),
-        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 refers to point -1"),
-        ("1", "1.5 0 0 0 0\n", "line 3 refers to point 1.5"),
+        ("two", "4 0 0 0 0\n", "second line is not the number"),
+        ("1", "9 0 0 0 0\n", "line 3 is point 9, but the surface has points 0 to 5"),
+        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 is point -1"),
+        ("1", "1.5 0 0 0 0\n", "line 3 is point 1.5"),
         ("1", "one 0 0 0 0\n", "one"),
     ],
 )
@@ -211,7 +211,7 @@ def entries(*rows):
     ("data", "message"),
     [
         (b"", "is empty"),
-        (b"\xff\xff\xff", "begins with ff ff ff instead"),
+        (b"\xff\xff\xff", "begins with ff ff ff, not"),
         (b"#!ascii version of patch", "begins with 23 21 61 73"),
         (struct.pack(">2i", 5, 1), "is not a binary patch file"),
         (struct.pack(">2i", -1, -7), "its header is damaged: it specifies -7 points"),
@@ -245,7 +245,7 @@ def test_bad_patch_arrays(arrays, message):
 
 def test_patches_that_cannot_be_written(tmp_path):
     far = Patch(np.array([2**31 - 1]), np.zeros((1, 3)), np.array([True]))
-    refuses(tmp_path / "p", "vertex 2147483647 is above", write_patch, far)
+    refuses(tmp_path / "p", "vertex 2147483647 exceeds", write_patch, far)
     assert not any(tmp_path.iterdir())
 
 

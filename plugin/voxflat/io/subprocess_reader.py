@@ -1,11 +1,10 @@
 """Run readers written in C++ in a child process.
 
-ITK and VTK trust the files that they read, and so do the decoders of Zarr chunks and pictures. A damaged file can crash
-the process, take all its memory, print messages, or never finish. Therefore they run in a child process, which is
-started on first use, kept, and restarted after a crash. The system limits its memory and time for each file, its output
-is discarded, and its answers are JSON and the bytes of arrays, which are checked here. If reading fails, the caller
-gets a one-line error. On systems without such limits (Windows, and macOS for memory), a file may take a long time and
-use much memory.
+ITK, VTK and the decoders of Zarr chunks and pictures trust the files that they read. A damaged file can crash the
+process, take all its memory, print messages, or never finish. Therefore, they run in a child process, which starts on
+first use and restarts after a crash. The system limits its memory and time for each file. Its output is discarded, and
+its answers, JSON and the bytes of arrays, are checked here. If reading fails, the caller gets a one-line error. Windows
+limits neither time nor memory, and macOS does not limit memory.
 """
 
 import atexit
@@ -60,9 +59,8 @@ def read_in_subprocess(
 ) -> Any:
     """Call a module-level function in the child process that reads a file with a C++ package.
 
-    It returns an array, None, a number, text, or lists and dictionaries of these; tuples become lists. `size` is the
-    number of bytes to read, if they are not all in that file. A crash of the child raises an `InputError`, and its
-    other errors raise a `RuntimeError`.
+    The function returns an array or JSON; tuples become lists. `size` is the number of bytes to read if they are not
+    all in that file. A crash of the child raises an `InputError`, and most other errors raise a `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:
@@ -91,12 +89,8 @@ def read_in_subprocess(
 
 
 # display name, and an attribute that triggers loading (ITK loads lazily)
-_PACKAGES = {
-    "itk": ("ITK", "ImageIOFactory"),
-    "vtkmodules": ("VTK", "__name__"),
-    "PIL": ("Pillow", "__name__"),
-    "zarr": ("Zarr", "__name__"),
-}
+_PACKAGES = {"itk": ("ITK", "ImageIOFactory"), "vtkmodules": ("VTK", "__name__")}
+_PACKAGES |= {"PIL": ("Pillow", "__name__"), "zarr": ("Zarr", "__name__")}
 
 _lock = threading.Lock()
 _child: subprocess.Popen[bytes] | None = None
@@ -152,14 +146,12 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
         if status == -timer:
             return f"{name} did not finish reading the file within {asked['seconds'] * times} s. {AGAIN}"
     how = signal.Signals(-status).name if status < 0 else f"status {status}"
-    return (
-        f"{name} ended while it read the file ({how}, memory limit {amount(asked['memory'])}). {AGAIN}, or "
-        "allow more memory"
-    )
+    limit = amount(asked["memory"])
+    return f"{name} ended while it read the file ({how}, memory limit {limit}). {AGAIN}, or allow more memory"
 
 
 def _stop(patience: float = 0.0) -> None:
-    """Stop the child, which only reads files, after waiting some seconds for it to end by itself."""
+    """Stop the child, which only reads files, after giving it some seconds to end by itself."""
     global _child
     child, _child = _child, None
     if child is not None:
@@ -178,7 +170,7 @@ def _close(child: subprocess.Popen[bytes]) -> None:
 
 
 def _forget() -> None:
-    """Leave the child to the process that forked this one."""
+    """Forget the child of the process that forked this one."""
     global _child, _lock
     if _child is not None:
         _close(_child)
@@ -189,9 +181,6 @@ def _forget() -> None:
 atexit.register(_stop)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
-
-
-# --------------------------------------------------------------------------------------------- the child
 
 
 def serve() -> None:
@@ -222,12 +211,10 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
 
 def _as_answer(error: Exception, path: str) -> list[Any]:
     """Return the type of an error and its values; the caller adds the file name."""
-    if (
-        isinstance(error, OSError) and error.errno is not None
-    ):  # errors without errno come from readers of damaged files
+    if isinstance(error, OSError) and error.errno is not None:  # readers of damaged files raise errors without errno
         return ["OSError", error.errno, error.strerror, error.filename]
     if isinstance(error, MemoryError):
-        return ["InputError", "reading it needs more memory than is available. Crop it, or allow more memory"]
+        return ["InputError", "needs more memory than is available. Crop it, or allow more memory"]
     text = str(error).replace(path, Path(path).name)
     return ["InputError", text] if isinstance(error, InputError) else ["RuntimeError", one_line(RuntimeError(text))]
 

@@ -24,6 +24,8 @@ from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 VOLUME_ENDINGS = tuple(READERS)
 """Endings of the names of volume files."""
 
+_CHECK = "check that this format can hold it"
+
 
 @dataclass(frozen=True, eq=False)
 class Volume(Recorded):
@@ -78,36 +80,12 @@ class Volume(Recorded):
 
     @property
     def spacing(self) -> Affine:
-        """Distance between the centres of neighbouring voxels along i, j, k, in mm.
-
-        It has the shape (3,).
-
-        See Also
-        --------
-        Volume.orientation : The directions of the axes.
-
-        Examples
-        --------
-        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).spacing
-        array([1., 1., 1.])
-        """
+        """Distance between the centres of neighbouring voxels along i, j, k, in mm, shape (3,)."""
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
 
     @property
     def orientation(self) -> str:
-        """Directions of the axes, such as ``'RAS'``.
-
-        Each axis has one letter from R/L, A/P or S/I: the direction in which its index increases.
-
-        See Also
-        --------
-        Volume.spacing : The size of the voxels.
-
-        Examples
-        --------
-        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).orientation
-        'RAS'
-        """
+        """Directions in which the indices increase, such as ``'RAS'``; one letter of R/L, A/P or S/I for each axis."""
         cosines = self.affine[:3, :3] / self.spacing
         codes = [""] * 3
         # best-aligned index first, so that directions are unique
@@ -204,7 +182,7 @@ def write_volume(
     """
     path = checked_path(path)
     write = check_volume_name(path)
-    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
+    with atomic_path(path) as temporary, naming(path, _CHECK):
         volume = Volume(array_of(data, "values"), check_affine(affine))
         if has_unit or write is not _write_nifti:
             write(temporary, volume, record)
@@ -214,7 +192,7 @@ def write_volume(
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
     """Return the writer for a file name; raise an error if no volume format matches."""
-    with naming(path, "check that this format can hold it"):
+    with naming(path, _CHECK):
         return by_ending(path, _WRITERS, ". The formats .mhd and .nhdr consist of two files and cannot be written")
 
 
@@ -236,10 +214,6 @@ def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
     save_array(path, volume.data)
 
 
-def _write_npz(path: Path, volume: Volume, _: Record | None) -> None:
-    np.savez_compressed(path, data=volume.data, affine=volume.affine)
-
-
 def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
@@ -255,7 +229,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
         data = np.ascontiguousarray(data).view(colour)[..., 0]
     if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write a file that only FreeSurfer can read
-        raise InputError(f"shape {data.shape} is too long for NIfTI-1. Use .nrrd or .npz")
+        raise InputError(f"shape {data.shape} is too large for NIfTI-1. Use .nrrd or .npz")
     image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
     image.set_sform(volume.affine, "scanner")
     image.set_qform(volume.affine, "scanner")
@@ -265,15 +239,11 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
     nibabel.save(image, path)
 
 
-def _write_metaimage(path: Path, volume: Volume, _: Record | None) -> None:
-    if volume.data.ndim != 3:
-        raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
-    _write_itk(path, volume, None)
-
-
 def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk = require("itk")
     data = _storable(volume.data)
+    if data.ndim != 3 and path.suffix.lower() == ".mha":
+        raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
     if data.dtype.name not in ITK_TYPES:
         raise InputError(f"ITK cannot write {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
     kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
@@ -296,9 +266,9 @@ _WRITERS: dict[str, Callable[[Path, Volume, Record | None], None]] = {
     ".nii": _write_nifti,
     ".nii.gz": _write_nifti,
     ".nrrd": _write_itk,
-    ".mha": _write_metaimage,
+    ".mha": _write_itk,
     ".mgh": _write_mgh,
     ".mgz": _write_mgh,
     ".npy": _write_npy,
-    ".npz": _write_npz,
+    ".npz": lambda path, volume, _: np.savez_compressed(path, data=volume.data, affine=volume.affine),
 }

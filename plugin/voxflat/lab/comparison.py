@@ -1,4 +1,4 @@
-"""Comparison of hemispheres: outliers, and means over maps with standard cuts."""
+"""Compare hemispheres: find outliers, and average maps with standard cuts."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,7 +18,7 @@ _NORMAL = 0.6745  # median absolute deviation of a normal distribution with stan
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: one hemisphere."""
+    """A row of the table, which describes one hemisphere."""
 
     name: str
     session: str  # _ses-02, or empty
@@ -31,7 +31,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation of standard maps; NaN where fewer than half, or fewer than two, have values."""
+    """Mean and standard deviation of standard maps; NaN where fewer than half, or fewer than two, have a value."""
 
     name: str
     letter: str
