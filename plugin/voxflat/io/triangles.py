@@ -1,6 +1,7 @@
 """Check triangles, and split polygons and strips into triangles; the surface formats share these functions."""
 
 from collections import Counter
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,13 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import array_of, is_whole, shown
 from voxflat.errors import InputError
 
+Points: TypeAlias = NDArray[np.float64]  # (N, 3), or (N, 2) for texture coordinates
+Faces: TypeAlias = NDArray[np.int64]  # (F, 3)
+
 TRIANGULATE = "Triangulate it first, for example with PyVista's mesh.triangulate()"
 
 _MOST_CORNERS = 1000  # largest number of corners of a polygon to split
 
 
 def triangulated(
-    points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
+    points: Points, corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Split polygons, given by all corners and the number of corners of each, into triangles with the same orientation.
 
@@ -77,16 +81,15 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
         turns = _cross(b - a, c - b)
         length = ((polygon[after] - polygon[before]) ** 2).sum(axis=1)
         order = np.lexsort((length, -np.sign(turns)))
-        ears = (k for k in order if turns[k] > 0 and not _holds(plane[at], [a[k], b[k], c[k]], k))
+        ears = (k for k in order if turns[k] > 0 and not _holds(plane[at], a[k], b[k], c[k], k))
         best = int(next(ears, order[0]))  # a self-crossing polygon may have none
         triangles.append([before[best], at[best], after[best]])
         del left[best]
     return np.array([*triangles, left], dtype=np.int64)
 
 
-def _holds(corners: NDArray[np.float64], triangle: list[NDArray[np.float64]], ear: int) -> bool:
+def _holds(corners: Points, a: Points, b: Points, c: Points, ear: int) -> bool:
     """Return whether the triangle of an ear contains another corner of the polygon."""
-    a, b, c = triangle
     inside = (_cross(b - a, corners - a) >= 0) & (_cross(c - b, corners - b) >= 0) & (_cross(a - c, corners - c) >= 0)
     inside[[ear - 1, ear, (ear + 1) % len(corners)]] = False
     same = (corners == a).all(axis=1) | (corners == b).all(axis=1) | (corners == c).all(axis=1)
@@ -122,7 +125,7 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
-def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
+def as_float32(points: Points) -> NDArray[np.float32]:
     """Round to float32; raise an error for values that it cannot represent."""
     with np.errstate(over="ignore"):
         rounded = points.astype(np.float32)

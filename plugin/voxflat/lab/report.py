@@ -28,7 +28,7 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
         "fsaverage5 white surface, automatic cuts": (
             (4.87, 7.97, 8.61, 0.0525, 8.95, 0.071, 0.254, 0, 0),
             (5.19, 7.61, 8.25, 0.0593, 9.14, 0.071, 0.275, 0, 0),
-        ),
+        )
     },
 }
 """Measures of maps of fsaverage5, left and right, in the order of `FIGURES`, by the source of the cuts."""

@@ -10,11 +10,7 @@ OFF, ASC, GLB = "OFF", "FreeSurfer ASCII surface", "GLB"
 PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
-HINTS = {
-    PATCH: "Use read_patch",
-    MORPH: "Use read_overlay",
-    "FreeSurfer label": "Use read_region",
-}
+HINTS = {PATCH: "Use read_patch", MORPH: "Use read_overlay", "FreeSurfer label": "Use read_region"}
 """Remedies that name the function that reads a file other than a surface."""
 
 

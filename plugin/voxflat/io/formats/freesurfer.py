@@ -15,7 +15,7 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
-from voxflat.io.triangles import as_float32
+from voxflat.io.triangles import Faces, Points, as_float32
 
 _SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, not supported by nibabel
 _REMEDY = "Check that the file is complete and in this format"
@@ -56,9 +56,7 @@ def _space(footer: dict[str, Any]) -> Space:
     return Space("tkRAS", volume)
 
 
-def write_geometry(
-    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
-) -> None:
+def write_geometry(path: Path, points: Points, faces: Faces, volume: VolumeGeometry | None) -> None:
     """Write a surface file in tkRAS with its volume geometry; nibabel would not report a full disk."""
     counts = np.array([len(points), len(faces)], ">i4")
     parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
@@ -184,7 +182,7 @@ def write_annot(
     require("nibabel").freesurfer.write_annot(path, values, colour_table, named, fill_ctab=True)
 
 
-def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.float64], name: str) -> None:
+def write_label(path: Path, vertices: NDArray[np.int64], points: Points, name: str) -> None:
     """Write a label: point numbers and their positions in tkRAS."""
     shown = "".join(letter if letter.isprintable() else "_" for letter in name)
     rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]

@@ -18,6 +18,7 @@ from voxflat.io.files import AGAIN, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import allowed_memory
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
+from voxflat.io.triangles import Faces, Points
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 _BLOCK = 1 << 20
@@ -240,12 +241,7 @@ def _volume_geometry(meta: Any) -> VolumeGeometry | None:
 
 
 def surface_bytes(
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    structure: str | None,
-    *,
-    is_scanner: bool = False,
-    record: Record | None = None,
+    points: Points, faces: Faces, structure: str | None, *, is_scanner: bool = False, record: Record | None = None
 ) -> bytes:
     """Return a surface and its record in Workbench's convention: coordinates as given, in scanner RAS if known."""
     is_flat = not points[:, 2].any()
@@ -299,7 +295,7 @@ def _file(arrays: list[Any], meta: dict[str, str], record: Record | None, **more
     return bytes(gifti.GiftiImage(darrays=arrays, **more).to_bytes())
 
 
-def _is_closed(faces: NDArray[np.int64]) -> bool:
+def _is_closed(faces: Faces) -> bool:
     """Return whether each edge belongs to two faces."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)

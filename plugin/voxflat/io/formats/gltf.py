@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.io.triangles import as_float32
+from voxflat.io.triangles import Faces, Points, as_float32
 
 _FLOAT, _UINT32 = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
@@ -17,14 +17,7 @@ _TO_METRES_Y_UP = [1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1]  # 
 
 
 def write_glb(
-    path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64],
-    picture: bytes,
-    *,
-    repeat: bool,
-    transparent: bool,
+    path: Path, points: Points, faces: Faces, texture: Points, picture: bytes, *, repeat: bool, transparent: bool
 ) -> None:
     """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge."""
     single = as_float32(points)

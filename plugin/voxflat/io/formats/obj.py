@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.triangles import check_faces, triangulated
+from voxflat.io.triangles import Faces, Points, check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
@@ -85,7 +85,7 @@ def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float
 
 
 def _texture(
-    places: NDArray[np.float64], used: NDArray[np.int64], faces: NDArray[np.int64], n: int
+    places: NDArray[np.float64], used: NDArray[np.int64], faces: Faces, n: int
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Return the first texture coordinate of each point, and a remark if any point has several."""
     check_faces(faces, n)
@@ -99,11 +99,11 @@ def _texture(
 
 def write_obj(
     path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64] | None,
+    points: Points,
+    faces: Faces,
+    texture: Points | None,
     library: str | None = None,
-    texture_faces: NDArray[np.int64] | None = None,
+    texture_faces: Faces | None = None,
 ) -> None:
     """Write an OBJ file; `library` is the name of the file in the same directory that defines the material `texture`.
 

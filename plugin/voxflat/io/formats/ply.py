@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, REMEDY
-from voxflat.io.triangles import TRIANGULATE, of_strips, triangulated
+from voxflat.io.triangles import TRIANGULATE, Faces, Points, of_strips, triangulated
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
@@ -177,11 +177,7 @@ def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64
 
 
 def write_ply(
-    path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64] | None,
-    colours: NDArray[np.uint8] | None = None,
+    path: Path, points: Points, faces: Faces, texture: Points | None, colours: NDArray[np.uint8] | None = None
 ) -> None:
     """Write a little-endian PLY file; point colours consist of red, green, blue and optionally alpha."""
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, require
 from voxflat.io.subprocess_reader import read_in_subprocess
-from voxflat.io.triangles import of_strips, triangulated
+from voxflat.io.triangles import Faces, Points, of_strips, triangulated
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
@@ -120,9 +120,9 @@ def polydata_points(mesh: Any) -> NDArray[np.float64]:
 
 def write_vtp(
     path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64] | None,
+    points: Points,
+    faces: Faces,
+    texture: Points | None,
     point_data: Mapping[str, NDArray[Any]],
     face_data: Mapping[str, NDArray[Any]],
 ) -> None:
