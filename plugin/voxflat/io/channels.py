@@ -55,9 +55,6 @@ class Channels:
         """Return the number of channels."""
         return len(self.names)
 
-    def __repr__(self) -> str:
-        return f"<Channels: {len(self)}, {self.listed()}>"
-
     def listed(self) -> str:
         """Return the names, shortened for use in messages."""
         if not any(self.names):

@@ -84,11 +84,6 @@ class Chunked:
         found: np.dtype[Any] = np.dtype(self.array.dtype)
         return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
 
-    @property
-    def grids(self) -> list[_Grid]:
-        """Chunk sizes along i, j and k."""
-        return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
-
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
         """Read a box of voxels, given the first index and the index after the last one along each of i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
@@ -148,7 +143,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
         for n, offset in enumerate(offsets):
             found[:, n] = data[tuple(np.minimum(low + offset, last).T)]
         return found
-    grids = data.grids
+    grids = [_Grid(length, data.array.chunks[axis]) for axis, length in zip(data.axes, data.shape, strict=True)]
     counts = [grid.count for grid in grids]
     chunk = np.empty(found.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
     for n, offset in enumerate(offsets):

@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -257,23 +257,20 @@ def contents(path: Path) -> bytes:
         file.seek(0)
         stream: Any = gzip.GzipFile(fileobj=file) if is_gzipped else file
         blocks, size = [], 0
-        while block := _unpacked(stream):
-            size += len(block)
-            if size > limit:
-                held = f"expands from {amount(status.st_size)} to" if is_gzipped else "contains"
-                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory. Check that it is a mesh")
-            blocks.append(block)
+        try:
+            while block := stream.read(_BLOCK):
+                size += len(block)
+                if size > limit:
+                    told = f"expands from {amount(status.st_size)} to" if is_gzipped else "contains"
+                    told = f"{told} more than {amount(limit)}, a quarter of the memory"
+                    raise InputError(f"{told}. Check that it is a mesh")
+                blocks.append(block)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
     if size == 0:
         raise InputError("is empty (0 bytes). Copy or download it again")
     note(path)
     return b"".join(blocks)
-
-
-def _unpacked(stream: IO[bytes]) -> bytes:
-    try:
-        return stream.read(_BLOCK)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:

@@ -154,8 +154,6 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     ------
     InputError
         The file is damaged, its format differs from the one that its ending specifies, or it is not a triangle surface.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------

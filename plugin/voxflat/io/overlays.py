@@ -48,8 +48,6 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     ------
     InputError
         The file is damaged, has a different number of values, or has more maps than fit into memory.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -134,8 +132,6 @@ def read_region(
     ------
     InputError
         The file is damaged, belongs to another surface, or does not contain a label with that name.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------

@@ -97,8 +97,6 @@ def read_patch(path: str | os.PathLike[str]) -> Patch:
     ------
     InputError
         The file is not a patch, is incomplete, or lists a point twice.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -220,7 +218,8 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
     array([[0, 1, 2]])
     """
     triangles, rows = _rows(faces, vertices, n)
-    return rows[triangles[in_patch(faces, vertices, n)]]
+    corners = rows[triangles]
+    return corners[(corners >= 0).all(axis=1)]
 
 
 def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:

@@ -384,18 +384,12 @@ def _size_by_itk(path: Path) -> int:
 
 
 READERS: dict[str, Callable[[Path], Read]] = {
-    ".nii": _read_nifti,
-    ".nii.gz": _read_nifti,
-    ".nrrd": _read_nrrd,
-    ".nhdr": _read_nrrd,
-    ".mha": _read_metaimage,
-    ".mhd": _read_metaimage,
-    ".mgh": _read_by_nibabel,
-    ".mgz": _read_by_nibabel,
+    **dict.fromkeys((".nii", ".nii.gz"), _read_nifti),
+    **dict.fromkeys((".nrrd", ".nhdr"), _read_nrrd),
+    **dict.fromkeys((".mha", ".mhd"), _read_metaimage),
+    **dict.fromkeys((".mgh", ".mgz"), _read_by_nibabel),
     ".npy": lambda path: (read_array(path), None),
     ".npz": _read_npz,
-    ".hdr": _read_pair,
-    ".img": _read_pair,
-    ".tif": read_tiff,
-    ".tiff": read_tiff,
+    **dict.fromkeys((".hdr", ".img"), _read_pair),
+    **dict.fromkeys((".tif", ".tiff"), read_tiff),
 }

@@ -116,8 +116,6 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     ------
     InputError
         The file is damaged, is in another format, is not a single volume, or has a sheared affine or an unknown unit.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -263,12 +261,9 @@ def _storable(data: NDArray[Any]) -> NDArray[Any]:
 
 
 _WRITERS: dict[str, Callable[[Path, Volume, Record | None], None]] = {
-    ".nii": _write_nifti,
-    ".nii.gz": _write_nifti,
-    ".nrrd": _write_itk,
-    ".mha": _write_itk,
-    ".mgh": _write_mgh,
-    ".mgz": _write_mgh,
+    **dict.fromkeys((".nii", ".nii.gz"), _write_nifti),
+    **dict.fromkeys((".nrrd", ".mha"), _write_itk),
+    **dict.fromkeys((".mgh", ".mgz"), _write_mgh),
     ".npy": _write_npy,
     ".npz": lambda path, volume, _: np.savez_compressed(path, data=volume.data, affine=volume.affine),
 }

@@ -1,6 +1,6 @@
 """Compare hemispheres: find outliers, and average maps with standard cuts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,19 +40,15 @@ class Mean:
     count: NDArray[np.int64]  # (H, W): number of maps with a value there
 
 
-@dataclass
 class Sums:
-    """Running mean and sum of squared deviations of maps, pixel by pixel, on a common grid (Welford 1962)."""
+    """Running mean and sum of squared deviations of maps, pixel by pixel, on a common grid (Welford 1962).
 
-    low: tuple[float, float]  # smallest (u, v) of all maps, mm
-    high: tuple[float, float]
-    maps: int = 0
-    count: NDArray[np.int64] = field(init=False)
-    mean: NDArray[np.float64] = field(init=False)
-    squares: NDArray[np.float64] = field(init=False)
+    The grid covers all maps: `low` and `high` are their smallest and largest (u, v), in mm.
+    """
 
-    def __post_init__(self) -> None:
-        (left, bottom), (right, upper) = np.floor(self.low), np.ceil(self.high)
+    def __init__(self, low: tuple[float, float], high: tuple[float, float]) -> None:
+        (left, bottom), (right, upper) = np.floor(low), np.ceil(high)
+        self.maps = 0
         u, v = np.arange(left, right + _PIXEL, _PIXEL), np.arange(upper, bottom - _PIXEL, -_PIXEL)
         self.places = np.stack(np.meshgrid(u, v), axis=-1)
         shape = self.places.shape[:2]

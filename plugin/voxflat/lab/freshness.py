@@ -25,7 +25,8 @@ Request = dict[str, Any]
 
 def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
     """Return everything that determines the results; they are up to date as long as it does not change."""
-    inputs = {name: {"path": os.fspath(path), "sha256": hash_of(path)} for name, path in hemisphere.everything.items()}
+    files = {**hemisphere.files, **{f"overlay {name}": path for name, path in hemisphere.overlays.items()}}
+    inputs = {name: {"path": os.fspath(path), "sha256": hash_of(path)} for name, path in files.items()}
     options = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
     return {"voxflat": __version__, "format": _FORMAT, "parameters": options, "inputs": inputs}
 

@@ -46,16 +46,6 @@ class Hemisphere:
         """The BIDS letter: L or R."""
         return HEMISPHERES[self.hemi][0]
 
-    @property
-    def side(self) -> str:
-        """The side: "left" or "right"."""
-        return HEMISPHERES[self.hemi][1]
-
-    @property
-    def everything(self) -> dict[str, Path]:
-        """All files, including overlays."""
-        return {**self.files, **{f"overlay {name}": path for name, path in self.overlays.items()}}
-
 
 @dataclass(frozen=True)
 class Participant:

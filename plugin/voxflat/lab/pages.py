@@ -48,10 +48,6 @@ class Layer:
     limits: tuple[float, float]  # values at the ends of the colours
     first_label: int | None = None  # smallest label that is not background, such as 1; None for values
 
-    def __repr__(self) -> str:
-        low, high = self.limits
-        return f"<Layer {self.name}: {len(self.values)} values, {low:.3g} to {high:.3g} {self.unit}>"
-
     def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return the colours (n, 3) of labels, or of values between the limits."""
         if self.first_label is not None:
