@@ -36,6 +36,7 @@ _WAITING = 10  # wall-clock seconds per CPU second, for busy machines and slow d
 _INFLATED = 1032  # largest compression ratio of zlib
 _DYING = 1.0  # seconds to wait for the exit status of a child that does not answer
 _OWN = 1 << 28  # bytes of address space for the package itself
+_ARRAY = "voxflat array"  # key of the description of an array in an answer
 
 # signals that stop a process even within C++ code: their clock, and a factor for the seconds
 _TIMES = {}
@@ -78,14 +79,14 @@ def read_in_subprocess(
         if _child is None or _child.poll() is not None:
             _child = _started()
         try:
-            told, arrays = _answer(_child, asked)
+            told = _answer(_child, asked)
         except BaseException:  # do not pass its late answer to the next caller
             _stop()
             raise
     if "error" in told:
         kind, *values = told["error"]
         raise {"InputError": InputError, "OSError": OSError, "RuntimeError": RuntimeError}[kind](*values)
-    return _put(told["value"], arrays)
+    return told["value"]
 
 
 # display name, and an attribute that triggers loading (ITK loads lazily)
@@ -111,31 +112,36 @@ def _started() -> subprocess.Popen[bytes]:
     )
 
 
-def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Send a request to the child; return its answer and its arrays."""
-    assert child.stdin is not None
-    assert child.stdout is not None
-    line = b""
-    with contextlib.suppress(OSError):  # the pipe is broken: EPIPE, or EINVAL on Windows
-        child.stdin.write(json.dumps(asked).encode() + b"\n")
-        line = child.stdout.readline()
-    if not line.endswith(b"\n"):
-        raise InputError(_end_of(child, asked))
-    told = json.loads(line)
-    kinds = [(np.dtype(kind), [int(length) for length in shape], order) for kind, shape, order in told["arrays"]]
-    if any(kind.hasobject for kind, _, _ in kinds):
-        raise InputError(_end_of(child, asked))
-    check_room(sum(kind.itemsize * math.prod(shape) for kind, shape, _ in kinds))
-    arrays = []
-    for kind, shape, order in kinds:
+def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> dict[str, Any]:
+    """Send a request to the child; return its answer, in which arrays replace their descriptions."""
+    requests, answers, sizes = child.stdin, child.stdout, list[int]()
+    assert requests is not None
+    assert answers is not None
+
+    def received(found: dict[str, Any]) -> Any:
+        if not isinstance(described := found.get(_ARRAY), list):
+            return found
+        kind, shape, order = np.dtype(described[0]), described[1], described[2]
+        if kind.hasobject:
+            raise InputError(_end_of(child, asked))
+        sizes.append(kind.itemsize * math.prod(shape))
+        check_room(sum(sizes))
         array = np.empty(shape, kind)
         rest = array.reshape(-1).view(np.uint8).data
         while rest:
-            if not (count := child.stdout.readinto(rest)):  # type: ignore[attr-defined]
+            if not (count := answers.readinto(rest)):  # type: ignore[attr-defined]
                 raise InputError(_end_of(child, asked))
             rest = rest[count:]
-        arrays.append(array.transpose(order))
-    return told, arrays
+        return array.transpose(order)
+
+    line = b""
+    with contextlib.suppress(OSError):  # the pipe is broken: EPIPE, or EINVAL on Windows
+        requests.write(json.dumps(asked).encode() + b"\n")
+        line = answers.readline()
+    if not line.endswith(b"\n"):
+        raise InputError(_end_of(child, asked))
+    told: dict[str, Any] = json.loads(line, object_hook=received)  # in the order of the text, as the child sends them
+    return told
 
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
@@ -191,12 +197,12 @@ def serve() -> None:
         os.dup2(nowhere, stream)
     sys.addaudithook(_refuse_pipe)
     for line in requests:
-        asked, arrays = json.loads(line), list[NDArray[Any]]()
+        asked = json.loads(line)
         try:
-            answer: dict[str, Any] = {"value": _taken(_called(**asked), arrays)}
+            answer: dict[str, Any] = {"value": _called(**asked)}
         except Exception as error:
             answer = {"error": _as_answer(error, asked["arguments"][0])}
-        _send(answers, answer, arrays)
+        _send(answers, answer)
 
 
 def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
@@ -255,33 +261,16 @@ def _limit_addresses(most: int | None) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Replace the arrays in a value with numbers, and collect the arrays."""
-    if isinstance(value, np.ndarray):
-        arrays.append(value)
-        return {"array": len(arrays) - 1}
-    if isinstance(value, dict):
-        return {"dict": {key: _taken(one, arrays) for key, one in value.items()}}
-    return [_taken(one, arrays) for one in value] if isinstance(value, tuple | list) else value
+def _send(answers: IO[bytes], answer: dict[str, Any]) -> None:
+    """Write an answer with descriptions of its arrays, and then the bytes of the arrays as they are in memory."""
+    blocks: list[NDArray[Any]] = []
 
-
-def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Replace the numbers in a value with their arrays."""
-    if isinstance(value, dict):
-        if "array" in value:
-            return arrays[value["array"]]
-        return {key: _put(one, arrays) for key, one in value["dict"].items()}
-    return [_put(one, arrays) for one in value] if isinstance(value, list) else value
-
-
-def _send(answers: IO[bytes], answer: dict[str, Any], arrays: list[NDArray[Any]]) -> None:
-    """Write an answer, and the bytes of its arrays as they are in memory."""
-    kinds, blocks = [], []
-    for array in arrays:
+    def described(array: NDArray[Any]) -> dict[str, Any]:
         order = np.argsort([-abs(stride) for stride in array.strides], kind="stable")
         blocks.append(np.ascontiguousarray(array.transpose(order)))
-        kinds.append([array.dtype.str, blocks[-1].shape, np.argsort(order).tolist()])
-    answers.write(json.dumps({**answer, "arrays": kinds}).encode() + b"\n")
+        return {_ARRAY: [array.dtype.str, blocks[-1].shape, np.argsort(order).tolist()]}
+
+    answers.write(json.dumps(answer, default=described).encode() + b"\n")
     for block in blocks:
         answers.write(block.reshape(-1).view(np.uint8).data)
     answers.flush()
