@@ -1,4 +1,4 @@
-"""Files of meshes that are damaged, hostile or something else."""
+"""Damaged and hostile mesh files, and files in other formats."""
 
 import gzip
 import os
@@ -15,7 +15,7 @@ from voxflat.io.meshes import read_mesh, write_mesh
 
 
 def written(folder, name):
-    """Write a sphere in a format, also one that only others write."""
+    """Write a sphere in a format, including formats that voxflat does not write."""
     path, is_text = folder / name, name.startswith("text")
     polydata = pv.PolyData.from_regular_faces(sphere().points, sphere().faces)
     if name.startswith("old"):
@@ -35,7 +35,7 @@ COUNTED += ["text.ply", "s.stl", "text.stl"]
 
 @pytest.mark.parametrize("name", COUNTED)
 def test_files_cut_short(tmp_path, name, capfd):
-    """A file cut anywhere is refused, except where nothing but white space is lost."""
+    """A file that is cut short is refused, unless only white space is missing."""
     path = written(tmp_path, name)
     whole, mesh = path.read_bytes(), read_mesh(path)
     for length in {*np.linspace(1, len(whole) - 1, 25).astype(int).tolist(), len(whole) - 1, len(whole) - 2}:
@@ -52,7 +52,10 @@ PLY = (
     b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     b"element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n"
 )
-VTK = b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 9 0 0 9 9 0 0 9 0\n"
+HEAD = b"# vtk DataFile Version 3.0\n\nASCII\nDATASET "
+VTK = HEAD + b"POLYDATA\nPOINTS 4 float\n0 0 0 9 0 0 9 9 0 0 9 0\n"
+STRIP = VTK + b"POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n"
+POINTS = PLY[: PLY.index(b"element face")] + b"end_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n"
 OBJ = b"v 0 0 0\nv 9 0 0\nv 9 9 0\n"
 HOSTILE = {
     "empty.ply": (b"", "is empty"),
@@ -71,10 +74,7 @@ HOSTILE = {
     "mixed.ply": (PLY + b"3 0 1 2\n4 0 1 2\n", "ends at face 1 of 2"),
     "range.ply": (PLY + b"3 0 1 2\n4 0 1 2 4\n", "face 1 has the corner 4, but the surface has the points 0 to 3"),
     "half.ply": (PLY + b"3 0 1 1.5\n3 0 1 2\n", "face 0 is .*whole numbers"),
-    "points.ply": (
-        PLY[: PLY.index(b"element face")] + b"end_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n",
-        "no faces with vertex_indices",
-    ),
+    "points.ply": (POINTS, "no faces with vertex_indices"),
     "format.ply": (b"ply\nformat morse 1.0\nend_header\n", "format is 'morse'"),
     "line.ply": (b"ply\nelemnt vertex 3\nend_header\n", "line 'elemnt vertex 3'"),
     "pairs.obj": (OBJ + b"v 0 9 0\nf 1 2 3\nf 1 2\n", "face 1 has 2 corners. Triangulate"),
@@ -89,15 +89,9 @@ HOSTILE = {
     "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values. Use read_overlay"),
     "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "its header is damaged: it specifies .* -1 faces"),
     "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but the file ends after"),
-    "grid.vtk": (b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
-    "huge.vtk": (
-        b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n",
-        "Unable to allocate|ended while it read",
-    ),
-    "strip.vtk": (
-        VTK + b"POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n",
-        r"has lines \(1\) in addition to its faces. Call",
-    ),
+    "grid.vtk": (HEAD + b"STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
+    "huge.vtk": (HEAD + b"POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n", "Unable to allocate|ended while it read"),
+    "strip.vtk": (STRIP, r"has lines \(1\) in addition to its faces. Call"),
     "quads.vtk": (VTK + b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 9\n", "face 1 has the corner 9|VTK reports"),
     "bomb.vtp": (b'<!DOCTYPE a [<!ENTITY a "a">]><VTKFile type="PolyData"/>', "defines the XML entity 'a'"),
     "grid.vtp": (b'<VTKFile type="UnstructuredGrid"><UnstructuredGrid/></VTKFile>', "VTK reports|no points"),

@@ -1,4 +1,4 @@
-"""Files of voxflat's own formats: those of a later version are refused with the advice to update, older ones named."""
+"""Files in voxflat's own formats: a later version asks to update voxflat, and an older version is named."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Polygons and strips become triangles, of the same corners, that cover what the polygons do: VTK's areas say so."""
+"""Polygons and strips become triangles with the same corners that cover the same area, as VTK computes it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Volumes are written beside their place, whole or not at all, and read again."""
+"""Volumes are written completely or not at all, and can be read again."""
 
 import os
 

@@ -41,7 +41,7 @@ _BLOCK = 1 << 20
 _WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
 _LONGEST_NAME = 255  # bytes, on all common file systems
 _LONGEST_ERROR = 2000  # characters
-OF_DAMAGE = (None, errno.EINVAL)  # errors of readers, and of seeking to invalid offsets
+OF_DAMAGE = (None, errno.EINVAL)  # errno if a file is damaged: none from readers, EINVAL for invalid offsets
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], more: str = "") -> Callable[..., Any]:

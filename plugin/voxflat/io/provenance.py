@@ -130,18 +130,14 @@ def described(value: object) -> Any:
         text = json.dumps([described(item) for item in value])
         return {"length": len(value), "sha256": hashlib.sha256(text.encode()).hexdigest()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        return _digest(value)
+        if value.size <= _SHOWN:
+            return described(value.tolist())
+        values = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
+        digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
+        return {"dtype": value.dtype.name, "shape": list(value.shape), "sha256": digest.hexdigest()}
     if isinstance(path := getattr(value, "path", None), os.PathLike):  # a Mesh or Volume from a file
         return os.fspath(path)
     return type(value).__name__
-
-
-def _digest(array: np.ndarray[Any, Any]) -> Any:
-    if array.size <= _SHOWN:
-        return described(array.tolist())
-    values = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
-    return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
 KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # environment variable: 1 keeps paths in files

@@ -1,9 +1,9 @@
 """Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match is used."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,9 +43,13 @@ def taken(
 
 def as_mesh(source: object) -> Mesh | None:
     """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`, or None for other input."""
-    for is_one, of in _MESHES:
-        if is_one(source):
-            return of(source)
+    if isinstance(source, Mesh):
+        return source
+    if isinstance(source, str | os.PathLike) and is_mesh_name(source):
+        return read_mesh(source)
+    if isinstance(source, tuple) and len(source) == 2:
+        points, faces = (array_of(part, "points and faces") for part in source)
+        return Mesh(points, faces)
     return mesh_of_object(source)
 
 
@@ -83,9 +87,9 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     >>> voxflat.io.as_volume(voxflat.samples.ball(), spacing=(0.5, 0.5, 1.0))
     <Volume: 24 x 24 x 24 of uint8, voxels of 0.5 x 0.5 x 1 mm, RAS>
     """
-    given, is_file = given_affine(spacing, affine), _is_path(obj)
+    given, is_file = given_affine(spacing, affine), isinstance(obj, str | os.PathLike)
     with naming(obj, REMEDY if is_file else "pass an array, a path or an image"):
-        volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
+        volume = _volume(obj)
         if given is None:
             return volume
         if volume.is_placed:
@@ -93,46 +97,20 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
         return replace(volume, affine=given, is_placed=True)
 
 
-def _is_path(source: object) -> bool:
-    return isinstance(source, str | os.PathLike)
-
-
-def _of_array(given: object) -> Volume:
+def _volume(given: Any) -> Volume:
+    if isinstance(given, Volume):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return volume_of_file(given)
+    if hasattr(given, "dataobj") and hasattr(given, "affine"):
+        return Volume._placed(*from_nibabel(given))
+    if hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"):
+        return Volume._placed(*from_itk(given))
+    if isinstance(given, np.ma.MaskedArray):
+        raise InputError("has a mask, which would be lost. Fill the array first, for example with .filled(0)")
     array = as_array(given)
     if array.dtype == object and is_values(given):
         raise InputError("contains values, not a surface. Pass the surface to which the values belong")
     if array.dtype == object:
         raise InputError(f"this object is not supported. Pass {SUPPORTED}")
     return Volume._placed(array, None)
-
-
-def _of_masked(_: Any) -> Volume:
-    raise InputError("has a mask, which would be lost. Fill the array first, for example with .filled(0)")
-
-
-T = TypeVar("T")
-_Kinds: TypeAlias = tuple[tuple[Callable[[Any], bool], Callable[[Any], T]], ...]
-
-_MESHES: _Kinds[Mesh] = (
-    (lambda given: isinstance(given, Mesh), lambda mesh: mesh),
-    (lambda given: _is_path(given) and is_mesh_name(given), read_mesh),
-    (
-        lambda given: isinstance(given, tuple) and len(given) == 2,
-        lambda pair: Mesh(*[array_of(part, "points and faces") for part in pair]),  # type: ignore[arg-type]
-    ),
-)
-
-_VOLUMES: _Kinds[Volume] = (
-    (lambda given: isinstance(given, Volume), lambda volume: volume),
-    (_is_path, volume_of_file),
-    (
-        lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"),
-        lambda image: Volume._placed(*from_nibabel(image)),
-    ),
-    (
-        lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),
-        lambda image: Volume._placed(*from_itk(image)),
-    ),
-    (lambda given: isinstance(given, np.ma.MaskedArray), _of_masked),
-    (lambda _: True, _of_array),
-)

@@ -23,7 +23,7 @@ def by_content(data: bytes) -> str | None:
     """Return the format indicated by the first bytes of a file."""
     start = data[:64].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(b"<") or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):  # the latter two are UTF-16
-        root, _ = gifti.xml_root(data)
+        root = gifti.xml_root(data)
         return {"GIFTI": GIFTI, "VTKFile": VTP}.get(root, f"XML <{root}>")
     for magic, name in _MAGIC.items():
         if data.startswith(magic):

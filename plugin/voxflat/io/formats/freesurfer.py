@@ -19,7 +19,7 @@ from voxflat.io.triangles import Faces, Points, as_float32
 
 _SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, not supported by nibabel
 _REMEDY = "Check that the file is complete and in this format"
-UNPLACED = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
+UNPLACED = "its coordinates are in FreeSurfer's tkRAS, but the file does not define the centre of the volume (c_ras)"
 
 
 def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def _space(footer: dict[str, Any]) -> Space:
     try:
         volume = VolumeGeometry(cosines, footer["cras"], footer["volume"], footer["voxelsize"], footer["filename"])
     except InputError as error:
-        return Space("tkRAS", None, f"its coordinates are FreeSurfer's (tkRAS), but {error}")
+        return Space("tkRAS", None, f"its coordinates are in FreeSurfer's tkRAS, but {error}")
     return Space("tkRAS", volume)
 
 

@@ -42,11 +42,11 @@ def _parser() -> Any:
     return parser
 
 
-def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
-    """Return the name and attributes of the root element; reject entities, which can be defined only before it."""
+def xml_root(data: bytes) -> str:
+    """Return the name of the root element; reject entities, which can be defined only before it."""
 
-    def start(name: str, attributes: dict[str, str]) -> None:
-        raise _RootFound(name, attributes)
+    def start(name: str, _: dict[str, str]) -> None:
+        raise _RootFound(name)
 
     parser = _parser()
     parser.StartElementHandler = start
@@ -55,9 +55,8 @@ def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
             parser.Parse(data[first : first + _BLOCK], False)
         parser.Parse(b"", True)
     except _RootFound as root:
-        name, attributes = root.args
-        return name, attributes
-    return "", {}  # not reached: the parser rejects XML without an element
+        return str(root)
+    return ""  # not reached: the parser rejects XML without an element
 
 
 class _Walk:

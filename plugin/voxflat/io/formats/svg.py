@@ -111,15 +111,9 @@ def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[
             name = _own(element, _LABEL) or inside or title or element.id or f"region {n + 1}"
             loops = tuple(_loops(svg.Path(element), svg, to_mm))
             rule = element.values.get("fill-rule") == "evenodd"
-            yield Outline(str(name).strip(), loops, rule, _colour(element))
-
-
-def _colour(element: Any) -> tuple[int, int, int] | None:
-    """Return the fill colour, or the stroke colour if there is none."""
-    for colour in (element.fill, element.stroke):
-        if colour is not None and colour.value is not None:
-            return (colour.red, colour.green, colour.blue)
-    return None
+            colours = [of for of in (element.fill, element.stroke) if of is not None and of.value is not None]
+            colour = (colours[0].red, colours[0].green, colours[0].blue) if colours else None
+            yield Outline(str(name).strip(), loops, rule, colour)
 
 
 def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
