@@ -41,7 +41,7 @@ VOLUMES = {
     "list.mhd": (META.replace("LOCAL", "LIST"), "instead of one file"),
     "outside.mhd": (META.replace("LOCAL", "../secret.raw"), "outside its directory. Copy that file into the directory"),
     "absolute.mhd": (META.replace("LOCAL", "/dev/zero"), "outside its directory"),
-    "missing.mhd": (META.replace("LOCAL", "missing.raw"), "does not exist. Copy that file, too"),
+    "missing.mhd": (META.replace("LOCAL", "missing.raw"), "does not exist. Copy that file too"),
     "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), ENDED),
     "many.mha": (META.replace("NDims = 3", "NDims = 100"), ENDED),
     "sizes.mha": (META.replace("8 8 5", "-8 8 5"), ENDED),

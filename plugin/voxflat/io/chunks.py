@@ -26,14 +26,9 @@ _CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
 _TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
-_ORIENTED = {  # RFC-4: RAS axis and its direction
-    "left-to-right": (0, 1),
-    "right-to-left": (0, -1),
-    "posterior-to-anterior": (1, 1),
-    "anterior-to-posterior": (1, -1),
-    "inferior-to-superior": (2, 1),
-    "superior-to-inferior": (2, -1),
-}
+_ENDS = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))  # of the axes of RAS
+_ORIENTED = {f"{low}-to-{high}": (axis, 1) for axis, (low, high) in enumerate(_ENDS)}  # RFC-4: axis and direction
+_ORIENTED |= {f"{high}-to-{low}": (axis, -1) for axis, (low, high) in enumerate(_ENDS)}
 
 
 class _Grid:
@@ -65,6 +60,7 @@ class Chunked:
     array: Any  # has shape, dtype, chunks and slices
     axes: tuple[int, int, int] = (0, 1, 2)  # axes of the array for i, j and k
     fixed: tuple[tuple[int, int], ...] = ()  # other axes, and the index used for each
+    ndim = 3
     made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # converts the values that are read
     path: Path | None = None  # named in error messages, because the file is read later
 
@@ -72,11 +68,6 @@ class Chunked:
     def shape(self) -> tuple[int, ...]:
         """Number of voxels along each of i, j and k."""
         return tuple(int(self.array.shape[axis]) for axis in self.axes)
-
-    @property
-    def ndim(self) -> int:
-        """Number of dimensions, 3."""
-        return 3
 
     @property
     def dtype(self) -> np.dtype[Any]:

@@ -94,14 +94,9 @@ def check_axes(shape: tuple[int, ...]) -> None:
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
 UNITS = tuple(_MILLIMETRES)
-_UNITS = {
-    "mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"),
-    "cm": ("cm", "centimeter"),
-    "m": ("m", "meter", "metre"),
-    "µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre"),
-    "nm": ("nm", "nanometer"),
-    "inch": ("inch", "in"),
-}
+_UNITS = {"mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"), "cm": ("cm", "centimeter")}
+_UNITS |= {"m": ("m", "meter", "metre"), "nm": ("nm", "nanometer"), "inch": ("inch", "in")}
+_UNITS |= {"µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre")}
 
 
 def _unit(text: str) -> str | None:

@@ -1,5 +1,6 @@
 """Compare hemispheres: find outliers, and average maps with standard cuts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,7 +47,7 @@ class Sums:
     The grid covers all maps: `low` and `high` are their smallest and largest (u, v), in mm.
     """
 
-    def __init__(self, low: tuple[float, float], high: tuple[float, float]) -> None:
+    def __init__(self, low: Sequence[float], high: Sequence[float]) -> None:
         (left, bottom), (right, upper) = np.floor(low), np.ceil(high)
         self.maps = 0
         u, v = np.arange(left, right + _PIXEL, _PIXEL), np.arange(upper, bottom - _PIXEL, -_PIXEL)
@@ -75,11 +76,10 @@ class Sums:
         deviation = np.where(enough, np.sqrt(self.squares / np.maximum(self.count - 1, 1)), np.nan)
         origin = (float(self.places[0, 0, 0]), float(self.places[0, 0, 1]))
         record = {"voxflat": __version__, "function": "group", "parameters": {"of": name, "maps": self.maps}}
-        images = [
-            FlatImage(data, _PIXEL, origin, f"{what} of {name}", labels=False, provenance=record)
-            for what, data in (("mean", mean), ("standard deviation", deviation))
-        ]
-        return Mean(name, letter, images[0], images[1], self.count)
+        how: dict[str, Any] = {"labels": False, "provenance": record}
+        of_mean = FlatImage(mean, _PIXEL, origin, f"mean of {name}", **how)
+        of_deviation = FlatImage(deviation, _PIXEL, origin, f"standard deviation of {name}", **how)
+        return Mean(name, letter, of_mean, of_deviation, self.count)
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -49,12 +49,8 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
         write_json(table.with_suffix(".json"), _columns())
         write_text(page, study_page(rows, means, maps, key))
         written += [table.name, table.with_suffix(".json").name, page.name]
-    return {
-        "maps": len(there),
-        "missing": reasons,
-        "outliers": {f"{row.name}{row.session} {row.letter}": list(row.outliers) for row in rows if row.outliers},
-        "written": written,
-    }
+    found = {f"{row.name}{row.session} {row.letter}": list(row.outliers) for row in rows if row.outliers}
+    return {"maps": len(there), "missing": reasons, "outliers": found, "written": written}
 
 
 def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
@@ -157,7 +153,6 @@ def _columns() -> dict[str, Any]:
 def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> list[Mean]:
     """Return means over standard maps, and pass every map to `show`; one map is in memory at a time."""
     sums: dict[tuple[str, str], Sums] = {}
-    ends = _ends(rows)
     for row in rows:
         shown = LoadedResults.read(_results(out, row))
         show(row, shown.flat_map)
@@ -165,8 +160,9 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
             continue
         for name in (*shown.record["overlays"], "curvature"):
             if name in shown.values:
-                own = sums.setdefault((name, row.letter), Sums(*ends[row.letter]))
-                own.add(shown.flat_map, shown.values[name])
+                if (key := (name, row.letter)) not in sums:
+                    sums[key] = Sums(*_ends(rows, row.letter))
+                sums[key].add(shown.flat_map, shown.values[name])
     return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1]
 
 
@@ -175,13 +171,7 @@ def _results(out: Path, row: Row) -> Results:
     return Results.in_bids(out / row.name / session / "anat", row.name + row.session, row.letter)
 
 
-def _ends(rows: Sequence[Row]) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
-    """Return the smallest and largest (u, v) of all maps of each side."""
-    found: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
-    for letter in ("L", "R"):
-        own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
-        if own:
-            low = np.min([of["low"] for of in own], axis=0)
-            high = np.max([of["high"] for of in own], axis=0)
-            found[letter] = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
-    return found
+def _ends(rows: Sequence[Row], letter: str) -> tuple[list[float], list[float]]:
+    """Return the smallest and largest (u, v) of all maps of a side."""
+    own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
+    return np.min([of["low"] for of in own], axis=0).tolist(), np.max([of["high"] for of in own], axis=0).tolist()

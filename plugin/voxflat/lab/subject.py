@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, log
+from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
@@ -36,20 +36,14 @@ _PROBABLE = 0.5  # threshold on the probability of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # labels of aparc.annot
 
 
-def make(
-    hemisphere: Hemisphere,
-    parameters: Parameters,
-    results: Results,
-    *,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Flatten a hemisphere, write the map, its measures and the record, and return the record."""
+def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **common: Any) -> dict[str, Any]:
+    """Flatten a hemisphere, write the map, its measures and the record, and return the record.
+
+    `common` contains ``threads``, ``memory_limit`` and ``progress``.
+    """
     seconds: dict[str, float] = {}
     with _timed(seconds, "reading and checksums"):
         wanted = request(hemisphere, parameters)
-        common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
         whole = _surface(hemisphere, parameters, common)
         part = _part(hemisphere, parameters, whole)
     with _timed(seconds, "flattening and measuring"):
