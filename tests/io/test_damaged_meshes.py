@@ -66,7 +66,7 @@ HOSTILE = {
     "text.vtp": (HELLO, "syntax error"),
     "text.surf.gii": (HELLO, "syntax error"),
     "text": (HELLO, "is not a surface: its content is unknown. Pass .gii, "),
-    "html.surf.gii": (b"<html><body>404</body></html>", "its ending means GIFTI, but its content is XML <html>"),
+    "html.surf.gii": (b"<html><body>404</body></html>", "its ending indicates GIFTI, but its content is XML <html>"),
     "cut.surf.gii": (b"<?xml version='1.0'?>", "no element found"),
     "cut.gii.gz": (gzip.compress(b"<GIFTI/>" * 99)[:-9], "[Cc]ompressed file ended"),
     "bad.gii.gz": (b"\x1f\x8bgarbage" * 9, "method|gzip"),
@@ -82,7 +82,7 @@ HOSTILE = {
     "lines.obj": (OBJ + b"l 1 2\nf 1 2 3\n", r"has lines \(1\) in addition to its faces"),
     "zero.obj": (OBJ + b"f 0 1 2\n", r"face 0 is \[-1, 0, 1\]"),
     "range.obj": (OBJ + b"f 1 2 3\nf 1 2 4\n", r"face 1 is \[0, 1, 3\]"),
-    "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2 of 1"),
+    "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2, but the file has 1"),
     "word.obj": (b"v 0 0 zero\nf 1 1 1\n", "could not convert string to float: 'zero'"),
     "nan.obj": (b"v 0 0 nan\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0 has the coordinates"),
     "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch. Use read_patch"),
@@ -109,7 +109,7 @@ def test_hostile_files(tmp_path, name, capfd):
 def test_wrong_endings(tmp_path):
     nib.save(nib.Nifti1Image(np.zeros((9, 9, 9), np.uint8), np.eye(4)), tmp_path / "v.nii.gz")
     (tmp_path / "v.nii.gz").rename(tmp_path / "v.surf.gii")
-    refuses(tmp_path / "v.surf.gii", "ending means GIFTI, but its content is a NIfTI volume. Rename")
+    refuses(tmp_path / "v.surf.gii", "ending indicates GIFTI, but its content is a NIfTI volume. Rename")
     wrong = [("s.stl", "s.obj", "STL"), ("text.stl", "t.obj", "STL"), ("s.ply", "s.stl", "PLY")]
     for name, ending, content in [*wrong, ("s.vtp", "s.gii", "VTP"), ("s.surf.gii", "s.vtp", "GIFTI")]:
         written(tmp_path, name).rename(tmp_path / ending)

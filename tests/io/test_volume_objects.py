@@ -157,7 +157,7 @@ def test_what_is_no_volume(obj, reason):
         ([[1, 2], [3]], "not an array"),
         (change(0, 0, np.nan), "finite"),
         (change(0, 3, np.inf), "finite"),
-        (change(3, 0, 5), "last row.*transposed"),
+        (change(3, 0, 5), "last row.*Transpose"),
         (change(3, 3, 2), "last row"),
         (change(1, 1, 0), r"voxel sizes \[1.0, 0.0, 3.0\]"),
         (change(0, 1, 0.01), "sheared.*0.005.*Resample"),

@@ -141,7 +141,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if not are_points(shape):
         return None
     if max(shape[:3]) != points:
-        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points")
+        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points. Pass its values")
     further = [n for n in shape[3:] if n != 1]
     if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
         raise InputError(f"has shape {shape} and type {image.get_data_dtype()}. Pass numbers of shape (N, 1, 1, T)")

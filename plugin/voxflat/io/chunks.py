@@ -199,7 +199,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         told, about = _multiscales(path.parent)
         wanted = path.name
     if told is None or about is None:
-        raise InputError("has no multiscales, so its position is unknown. Pass an OME-Zarr, or an array and an affine")
+        raise InputError("has no multiscales metadata, which define its position. Pass an array and an affine")
     note(about)
     sets = told.get("datasets") or []
     found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)

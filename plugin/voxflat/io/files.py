@@ -156,7 +156,8 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
     except Exception as error:  # damage can cause any error: zlib.error, BadZipFile, KeyError, ...
-        raise InputError(f"{path} is not {what} of voxflat, or is damaged ({type(error).__name__})") from error
+        told = f"is not {what} of voxflat, or is damaged ({type(error).__name__})"
+        raise InputError(f"{path} {told}. Copy it again, or pass another file") from error
 
 
 @contextmanager

@@ -43,7 +43,7 @@ def check_affine(affine: ArrayLike) -> Affine:
     if np.abs(matrix).max() > FARTHEST:
         raise InputError(f"affine {matrix.tolist()} exceeds {FARTHEST:g} mm. Repair the header, or pass an affine")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Check if it is transposed")
+        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Transpose it if needed")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
         raise InputError(f"the affine has voxel sizes {sizes.tolist()} mm. Pass an affine with positive voxel sizes")

@@ -118,7 +118,7 @@ class Mesh:
             raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}. Use finite numbers")
         far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
         if len(far):
-            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, is above {FARTHEST:g} mm. Check the unit")
+            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, exceeds {FARTHEST:g} mm. Check the unit")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
@@ -197,7 +197,7 @@ def _format(path: Path, data: bytes) -> str:
     """Return the format of a surface file; its ending and content must agree."""
     named, found = formats.by_name(path), formats.by_content(data)
     if named and found and named != found:
-        raise InputError(f"its ending means {named}, but its content is {found}. Rename the file")
+        raise InputError(f"its ending indicates {named}, but its content is {found}. Rename the file")
     kind = found or named
     if kind not in READERS:
         usual = f"Pass {', '.join(formats.ENDINGS)} or a FreeSurfer surface"

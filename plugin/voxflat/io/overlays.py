@@ -221,14 +221,14 @@ def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
     if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
         raise InputError(f"values have type {values.dtype} and shape {values.shape}. Pass numbers (N,) or (N, K)")
     if len(values) != points:
-        raise InputError(f"has {len(values)} values, but the surface has {points} points")
+        raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass its values")
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
 def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
     """Return a mask of the selected points."""
     if chosen.max() >= points:
-        raise InputError(f"refers to point {chosen.max()}, but the surface has the points 0 to {points - 1}")
+        raise InputError(f"refers to point {chosen.max()}, but the surface has points 0 to {points - 1}")
     mask = np.zeros(points, dtype=bool)
     mask[chosen] = True
     return mask

@@ -98,7 +98,7 @@ class _Walk:
         types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Store its data here")
+            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Embed its data")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]

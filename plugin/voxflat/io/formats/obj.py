@@ -80,7 +80,8 @@ def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
-        raise InputError(f"face {bad[0] // 3} refers to texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
+        number = used.ravel()[bad[0]] + 1
+        raise InputError(f"face {bad[0] // 3} refers to texture coordinate {number}, but the file has {len(places)}")
     return places
 
 
