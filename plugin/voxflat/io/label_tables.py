@@ -47,12 +47,8 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
     """Read the names and colours in a label file or a nibabel image; for CIFTI, read those of one channel."""
-    if is_gifti(labels):
-        return _of_gifti(labels)
-    if is_cifti(labels):
-        return _of_cifti(labels, channel)
     if not isinstance(labels, str | os.PathLike):
-        return None
+        return _of_image(labels, channel)
     path = checked_path(labels)
     name = path.name.lower()
     with naming(path, REMEDY):
@@ -60,22 +56,15 @@ def own_table(labels: object, channel: int = 0) -> LabelTable | None:
             table, names = annot_table(path, contents(path))
             return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(names, table, strict=False)))
         if formats.by_name(path) == formats.GIFTI:
-            return _of_gifti(gifti.load(contents(path)))
-        if name.endswith(".nii"):
-            image, _ = opened(path)
-            if image is not None and is_cifti(image):
-                return _of_cifti(image, channel)
-        return None
+            return _of_image(gifti.load(contents(path)), channel)
+        return _of_image(opened(path)[0], channel) if name.endswith(".nii") else None
 
 
-def _of_gifti(image: Any) -> LabelTable | None:
-    found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in image.labeltable.labels)
-    return found if found.names else None
-
-
-def _of_cifti(image: Any, channel: int) -> LabelTable | None:
-    axis = image.header.get_axis(0)
-    if not hasattr(axis, "label"):
+def _of_image(image: Any, channel: int) -> LabelTable | None:
+    if is_gifti(image):
+        found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in image.labeltable.labels)
+        return found if found.names else None
+    if not is_cifti(image) or not hasattr(axis := image.header.get_axis(0), "label"):
         return None
     labels = axis.label[min(channel, len(axis) - 1)]
     return _table((key, name, _bytes(rgba[:3])) for key, (name, rgba) in labels.items())

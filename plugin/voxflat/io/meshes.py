@@ -256,8 +256,6 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     ------
     InputError
         The format cannot hold the mesh.
-    OSError
-        The file cannot be written.
 
     See Also
     --------

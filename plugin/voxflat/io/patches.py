@@ -154,8 +154,6 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     ------
     InputError
         The file format cannot hold the patch.
-    OSError
-        The file cannot be written.
 
     See Also
     --------

@@ -226,12 +226,7 @@ def _read_nrrd(path: Path) -> Read:
         raise InputError(f"has axes with different units, {', '.join(sorted(units))}. Pass an array and a spacing")
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # ITK would assume 1 mm
         raise InputError(f"has the spacings{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
-    return _converted(_by_itk(path, *separate), units.pop() if units else "mm")
-
-
-def _converted(found: Read, unit: str) -> Read:
-    voxels, affine = found
-    return voxels, None if affine is None else in_millimetres(affine, unit)
+    return _by_itk(path, *separate, unit=units.pop() if units else "mm")
 
 
 def _read_metaimage(path: Path) -> Read:
@@ -242,8 +237,7 @@ def _read_metaimage(path: Path) -> Read:
     named = fields[b"ElementDataFile"]
     separate = [] if named == b"LOCAL" else [_beside(path, named)]
     is_packed = fields.get(b"CompressedData", b"").lower() in (b"true", b"1")
-    found = _by_itk(path, *separate, packed_from=(0 if separate else start) if is_packed else None)
-    return _converted(found, unit)
+    return _by_itk(path, *separate, unit=unit, packed_from=(0 if separate else start) if is_packed else None)
 
 
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
@@ -349,14 +343,14 @@ def from_itk(image: Any) -> Read:
     return voxels, LPS_TO_RAS @ affine
 
 
-def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read:
+def _by_itk(path: Path, *separate: Path, unit: str, packed_from: int | None = None) -> Read:
     """Read an image whose voxels may be in another file, and may be compressed from a given offset."""
     for file in separate:
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))
     packed = str((*separate, path)[0].absolute())
     voxels, affine = read_in_subprocess(_read_itk, "itk", path, packed, packed_from, size=size)
-    return voxels, affine
+    return voxels, None if affine is None else in_millimetres(affine, unit)
 
 
 def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> Read:

@@ -167,8 +167,6 @@ def write_volume(
     ------
     InputError
         The format cannot hold the volume.
-    OSError
-        The file cannot be written.
 
     See Also
     --------

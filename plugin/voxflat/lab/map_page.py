@@ -69,8 +69,6 @@ class MapPage:
         ------
         InputError
             The name does not end in ``.html`` or ``.htm``.
-        OSError
-            The file cannot be written.
 
         See Also
         --------

@@ -170,17 +170,16 @@ def scene(
     parts: list[bytes] = []
     arrays: list[dict[str, Any]] = []
 
-    def add(name: str, values: NDArray[np.float64]) -> None:
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        step = (high - low) / (_NOTHING - 1) or 1.0
-        coded = np.where(np.isnan(values), _NOTHING, np.round((np.nan_to_num(values) - low) / step))
-        parts.append(coded.astype("<u2").tobytes())
-        arrays.append({"name": name, "low": low, "step": step, "length": int(values.size)})
-
-    def add_whole(name: str, values: NDArray[np.float64], known: NDArray[np.float64]) -> None:
-        coded = np.where(np.isnan(values), _NOTHING, np.searchsorted(known, np.nan_to_num(values)))
-        parts.append(coded.astype("<u2").tobytes())
-        arrays.append({"name": name, "known": known.astype(np.int64).tolist(), "length": int(values.size)})
+    def add(name: str, values: NDArray[np.float64], known: NDArray[np.float64] | None = None) -> None:
+        if known is None:
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            step = (high - low) / (_NOTHING - 1) or 1.0
+            codes: NDArray[Any] = np.round((np.nan_to_num(values) - low) / step)
+            about: dict[str, Any] = {"low": low, "step": step}
+        else:
+            codes, about = np.searchsorted(known, np.nan_to_num(values)), {"known": known.astype(np.int64).tolist()}
+        parts.append(np.where(np.isnan(values), _NOTHING, codes).astype("<u2").tobytes())
+        arrays.append({"name": name, **about, "length": int(values.size)})
 
     add("uv", flat_map.uv[chosen])
     add("folded", places)
@@ -196,10 +195,9 @@ def scene(
         known = np.unique(values[np.isfinite(values)])
         if not len(known):
             add(layer.name, np.zeros(len(chosen)))
-        elif all_whole(values) and len(known) < _NOTHING and np.abs(known).max() < _EXACT:
-            add_whole(layer.name, values, known)
-        else:
-            add(layer.name, values)
+            continue
+        is_whole = all_whole(values) and len(known) < _NOTHING and np.abs(known).max() < _EXACT
+        add(layer.name, values, known if is_whole else None)
     near = np.asarray(cKDTree(places).query(flat_map.points)[1], dtype=np.int64)  # the nearest kept points
     lines = {name: near[points] for name, points in cuts.items()}
     lines = {name: line[np.flatnonzero(np.diff(line, prepend=-1))] for name, line in lines.items()}  # without repeats
