@@ -55,26 +55,17 @@ def big_npy(path):
         file.truncate(8 * int(np.prod(SHAPE)) + 128)  # a hole
 
 
-def big_mha(path):
-    sizes = " ".join(map(str, SHAPE))
-    head = f"ObjectType = Image\nNDims = 3\nBinaryData = True\nCompressedData = True\nDimSize = {sizes}\n"
-    path.write_bytes((head + "ElementType = MET_DOUBLE\nElementDataFile = LOCAL\n").encode() + zlib.compress(bytes(99)))
-
-
-def big_nrrd(path):
-    sizes = " ".join(map(str, SHAPE))
-    head = f"NRRD0004\ntype: double\ndimension: 3\nsizes: {sizes}\nendian: little\nencoding: gzip\n\n"
-    path.write_bytes(head.encode() + gzip.compress(bytes(99)))
-
-
+MHA = b"ObjectType = Image\nNDims = 3\nBinaryData = True\nCompressedData = True\nDimSize = 1000 1000 500\n"
+MHA += b"ElementType = MET_DOUBLE\nElementDataFile = LOCAL\n" + zlib.compress(bytes(99))
+NRRD = b"NRRD0004\ntype: double\ndimension: 3\nsizes: 1000 1000 500\nendian: little\nencoding: gzip\n\n"
 BIG = {
     "a.nii.gz": (big_nifti, "953.7 MiB"),
     "scaled.nii.gz": (lambda path: big_nifti(path, slope=0.5), "4.66 GiB"),
     "two.nii.gz": (lambda path: big_nifti(path, nib.Nifti2Header), "953.7 MiB"),
     "a.mgz": (big_mgz, "953.7 MiB"),
     "a.npy": (big_npy, "3.73 GiB"),
-    "a.mha": (big_mha, "3.73 GiB"),
-    "a.nrrd": (big_nrrd, "3.73 GiB"),
+    "a.mha": (lambda path: path.write_bytes(MHA), "3.73 GiB"),
+    "a.nrrd": (lambda path: path.write_bytes(NRRD + gzip.compress(bytes(99))), "3.73 GiB"),
 }
 
 

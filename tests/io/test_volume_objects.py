@@ -114,17 +114,10 @@ def test_itk_memory_outlives_the_image(tmp_path):
     assert len(others) == 20
 
 
-class Lazy:
-    def __init__(self, data):
-        self.data = data
-
-    def __array__(self, dtype=None, copy=None):
-        return self.data
-
-
 def test_objects_with_array():
     data = values()
-    assert as_volume(Lazy(data)).data is data
+    lazy = type("Lazy", (), {"__array__": lambda self, dtype=None, copy=None: data})
+    assert as_volume(lazy()).data is data
     dask = pytest.importorskip("dask.array")
     np.testing.assert_array_equal(as_volume(dask.from_array(data, chunks=2)).data, data)
     np.testing.assert_array_equal(as_volume(values("?")).data.dtype, bool)
