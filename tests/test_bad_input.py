@@ -62,9 +62,9 @@ DIAGONAL = few(*[(i, i, i) for i in range(8)])
 
 # name: volume, options, what the message must match
 API = {
-    "2D": (np.ones((5, 5)), {}, r"got shape \(5, 5\). Select one volume \(I, J, K\)"),
-    "4D": (np.ones((5, 5, 5, 2)), {}, r"got shape \(5, 5, 5, 2\). Select"),
-    "no voxels": (np.ones((0, 5, 5)), {}, r"got shape \(0, 5, 5\)"),
+    "2D": (np.ones((5, 5)), {}, r"has shape \(5, 5\). Select one 3-D volume \(I, J, K\)"),
+    "4D": (np.ones((5, 5, 5, 2)), {}, r"has shape \(5, 5, 5, 2\). Select"),
+    "no voxels": (np.ones((0, 5, 5)), {}, r"has shape \(0, 5, 5\)"),
     "colours": (np.ones((5, 5, 5, 3), np.uint8), {}, r"\(5, 5, 5, 3\).*Pass one value per voxel"),
     "complex": (sheet() * 1j, {}, r"complex128.*Convert"),
     "text": (np.array([[["a"]]]), {}, r"<U1.*Convert"),

@@ -80,8 +80,8 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
     kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
-        wanted = "(I, J, K), or uint8 colours of shape (I, J, K, 3) or (I, J, K, 4)"
-        raise InputError(f"has shape {shape}, which is not a 3-D volume. Select one volume of shape {wanted}")
+        wanted = "one 3-D volume (I, J, K), or uint8 colours (I, J, K, 3) or (I, J, K, 4)"
+        raise InputError(f"has shape {shape}. Select {wanted}")
     check_axes(kept)
     return kept
 
