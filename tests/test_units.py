@@ -94,7 +94,7 @@ def test_the_command_line_takes_a_unit(tmp_path):
 
 def test_a_volume_that_tells_its_size_has_its_unit(tmp_path):
     nib.save(nib.Nifti1Image(shapes.ball(8).astype(np.uint8), np.eye(4)), tmp_path / "ball.nii")
-    refused("this volume defines its size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
+    refused("this volume defines its voxel size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
     assert run("flatten", tmp_path / "ball.nii", "--unit", "µm", "-o", tmp_path / "m.npz").exit_code == 1
 
 

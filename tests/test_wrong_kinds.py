@@ -110,7 +110,7 @@ CALLS = {
     "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*; give rows"),
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
     "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"shape \(3,\) and type float64. Pass uint8"),
-    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
+    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts have type ndarray. Pass a list of paths"),
     "number of a cut": (lambda s: s.cut(relax=False).title(0), "cut number is 0, but there are 0"),
