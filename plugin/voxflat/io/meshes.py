@@ -84,18 +84,54 @@ class Mesh:
 
     @property
     def has_unknown_unit(self) -> bool:
-        """Whether the unit is unknown: only GIFTI and FreeSurfer define it, and a mesh below 1 mm is not trusted."""
+        """Whether the unit of the coordinates is unknown.
+
+        Only GIFTI and FreeSurfer files define the unit. It is also considered unknown if the mesh is smaller than 1 mm.
+
+        See Also
+        --------
+        Mesh.unit : The unit as text.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).has_unknown_unit
+        False
+        """
         by_name = None if self.path is None else formats.by_name(self.path)
         return not self.has_unit or by_name in _WITHOUT_UNIT or self.unit_remark is not None
 
     @property
     def unit(self) -> str:
-        """Unit of the coordinates: ``"mm"`` or ``"unknown"``."""
+        """Unit of the coordinates.
+
+        It is ``"mm"`` or ``"unknown"``.
+
+        See Also
+        --------
+        Mesh.has_unknown_unit : Whether the unit is unknown.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).unit
+        'mm'
+        """
         return "unknown" if self.has_unknown_unit else "mm"
 
     @property
     def unit_remark(self) -> str | None:
-        """Remark that the mesh is probably not in mm, because its bounding box is smaller than 1, or None."""
+        """Remark that the mesh is probably not in mm, or None.
+
+        A mesh is suspicious if the longest side of its bounding box is below 1.
+
+        See Also
+        --------
+        Mesh.unit : The unit as text.
+
+        Examples
+        --------
+        >>> voxflat.io.Mesh(np.eye(3) / 1000, [[0, 1, 2]]).unit_remark.split(";")[0]
+        'is 0.001 units across'
+        """
         across = float(np.ptp(self.points, axis=0).max())
         if across >= 1:
             return None

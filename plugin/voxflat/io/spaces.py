@@ -153,7 +153,19 @@ class VolumeGeometry:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Matrix from tkRAS to scanner RAS, shape (4, 4): a rotation, followed by a translation by c_ras."""
+        """Matrix from tkRAS to scanner RAS, shape (4, 4).
+
+        It is a rotation by the direction cosines, followed by a translation by c_ras.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
+
+        Examples
+        --------
+        >>> voxflat.io.VolumeGeometry.conformed().matrix.shape
+        (4, 4)
+        """
         whole = np.eye(4)
         whole[:3, :3] = self.cosines @ _CONFORMED.T
         whole[:3, 3] = self.c_ras
@@ -228,7 +240,19 @@ class Space:
 
     @property
     def is_known(self) -> bool:
-        """Whether the transformation to scanner RAS is known; for tkRAS, it requires the volume geometry."""
+        """Whether the transformation to scanner RAS is known.
+
+        For tkRAS, it is known if the volume geometry is known.
+
+        See Also
+        --------
+        Space.to_scanner : Transform points to scanner RAS.
+
+        Examples
+        --------
+        >>> voxflat.io.Space("tkRAS").is_known
+        False
+        """
         return self._matrix is not None
 
     def to_scanner(self, points: ArrayLike) -> NDArray[np.float64]:

@@ -80,12 +80,36 @@ class Volume(Recorded):
 
     @property
     def spacing(self) -> Affine:
-        """Distance between the centres of neighbouring voxels along i, j, k, in mm, shape (3,)."""
+        """Distance between the centres of neighbouring voxels along i, j, k, in mm.
+
+        It has the shape (3,).
+
+        See Also
+        --------
+        Volume.orientation : The directions of the axes.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).spacing
+        array([1., 1., 1.])
+        """
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
 
     @property
     def orientation(self) -> str:
-        """Directions in which the indices increase, such as ``'RAS'``; one letter of R/L, A/P or S/I for each axis."""
+        """Directions of the axes, such as ``'RAS'``.
+
+        Each axis has one letter from R/L, A/P or S/I: the direction in which its index increases.
+
+        See Also
+        --------
+        Volume.spacing : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).orientation
+        'RAS'
+        """
         cosines = self.affine[:3, :3] / self.spacing
         codes = [""] * 3
         # best-aligned index first, so that directions are unique
