@@ -94,7 +94,7 @@ def test_the_command_line_takes_a_unit(tmp_path):
 
 def test_a_volume_that_tells_its_size_has_its_unit(tmp_path):
     nib.save(nib.Nifti1Image(shapes.ball(8).astype(np.uint8), np.eye(4)), tmp_path / "ball.nii")
-    refused("this volume defines its size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
+    refused("this volume defines its voxel size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
     assert run("flatten", tmp_path / "ball.nii", "--unit", "µm", "-o", tmp_path / "m.npz").exit_code == 1
 
 
@@ -138,7 +138,7 @@ def test_a_format_that_means_mm_is_doubted(maps, tmp_path, caplog, name, warned)
     for value in (maps[0], voxflat.surface(shapes.ball(8), unit="µm"), maps[1]):
         caplog.clear()
         value.save(tmp_path / name, overwrite=True)
-        assert ("are written in µm, but" in caplog.text) == (warned and value is not maps[1])
+        assert ("coordinates are in µm, but" in caplog.text) == (warned and value is not maps[1])
 
 
 def test_tables_and_json_have_the_unit_in_their_names(maps):

@@ -97,7 +97,7 @@ CALLS = {
     "bridges": (lambda s: s._bridges(3), "faces have type int64 and shape"),
     "jump": (lambda s: voxflat.range_image(np.eye(9), 1.0, jump=np.ones((9, 9))), "jump is array"),
     "steps": (lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)), "spacings are .*; give rows"),
-    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing array.* must be 3 numbers"),
+    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing is array.* Pass 3 positive"),
     "values of a volume": (lambda s: io.Volume([1, [2, 3]], np.eye(4)), r"values are \[1, \[2, 3\]\]; give rows"),
     "a long volume": (lambda s: io.Volume(LONG, np.eye(4)), "has an axis of more than 2147483647 voxels"),
     "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values have type object. Convert"),
@@ -109,7 +109,7 @@ CALLS = {
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
     "not a picture": (
         lambda s: figures.save_picture(ARRAY, "x.png"),
-        r"shape \(3,\) and data type float64. Pass uint8",
+        r"\(3,\) and data type float64. Pass uint8",
     ),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),

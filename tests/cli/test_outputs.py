@@ -105,11 +105,11 @@ def test_files_beside_replace_only_what_is_ours(folder):
     succeed("flatten", "sheet.npy", "-o", "map.npz", "--sources", 20)
     for beside, name in (("brick.png", "brick.obj"), ("brick.mtl", "brick.obj"), ("brick.png", "brick.vtp")):
         Path(beside).write_bytes(b"another's")
-        done = fail(1, f"the file {beside} beside it exists", "texture", "map.npz", "bricks.png", "-o", name)
+        done = fail(1, f"{beside} exists and was not written", "texture", "map.npz", "bricks.png", "-o", name)
         assert "--overwrite" in done.stderr
         assert Path(beside).read_bytes() == b"another's"
         assert not Path(name).exists()
-        refused("beside it exists", voxflat.load("map.npz").textured("bricks.png").save, name)
+        refused("exists and was not written by voxflat", voxflat.load("map.npz").textured("bricks.png").save, name)
         succeed("texture", "map.npz", "bricks.png", "-o", name, "--overwrite")
         succeed("texture", "map.npz", "bricks.png", "-o", name)  # voxflat wrote these files
         for path in ("brick.obj", "brick.mtl", "brick.png", "brick.vtp"):

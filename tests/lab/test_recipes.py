@@ -59,8 +59,8 @@ def is_understood(line, given):
 
 @pytest.fixture
 def nipypes(monkeypatch):
-    """The module of the Nipype workflow."""
-    monkeypatch.setenv("NO_ET", "1")  # else Nipype asks its server for a newer one
+    """Return the module of the Nipype workflow."""
+    monkeypatch.setenv("NO_ET", "1")  # otherwise Nipype checks its server for updates
     pytest.importorskip("nipype")
     monkeypatch.syspath_prepend(CLUSTER)
     return importlib.import_module("nipype_workflow")
@@ -75,7 +75,7 @@ def test_nipype_makes_a_command_that_is_understood_whatever_names_are(nipypes, t
         is_understood(task.cmdline, {**given, "out": str(tmp_path / given["out"])})
     known = {one["id"] for one in json.loads(DESCRIPTOR.read_text())["inputs"]}
     assert set(task.inputs.get()) == known | {"args", "environ"}
-    assert pickle.loads(pickle.dumps(task)).cmdline == task.cmdline  # as it goes to other processes
+    assert pickle.loads(pickle.dumps(task)).cmdline == task.cmdline  # as for other processes
     with pytest.raises(importlib.import_module("traits.api").TraitError, match="'participant' or 'group'"):
         nipypes.VoxflatBids(**GIVEN | {"level": "everybody"})
 
@@ -97,7 +97,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     made = nipypes.VoxflatBids(**how, level="participant", labels="02").run().outputs
     assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.surf.gii")]
     assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])
-    group = nipypes.VoxflatBids(**how, level="group")  # which the workflow has run
+    group = nipypes.VoxflatBids(**how, level="group")  # already run by the workflow
     assert group.aggregate_outputs().pages == [str(out / "group.html")]
     with pytest.raises(SystemExit, match="sub-01 lh: error"):
         nipypes.said(nipypes.VoxflatBids(**how, level="participant", labels=["01"]))
@@ -119,18 +119,15 @@ def test_what_the_images_have_is_enough():
     project = (ROOT / "pyproject.toml").read_text()
     rust, python = (re.search(rf"FROM {one}:([\d.]+)", text("Dockerfile"))[1] for one in ("rust", "python"))
     needed = re.search(r'rust-version = "([\d.]+)"', (ROOT / "Cargo.toml").read_text())[1]
-    assert _version(rust) >= _version(needed)
-    assert _version(python) >= _version(re.search(r'requires-python = ">=([\d.]+)"', project)[1])
+    oldest = re.search(r'requires-python = ">=([\d.]+)"', project)[1]
+    for found, least in ((rust, needed), (python, oldest)):
+        assert tuple(map(int, found.split("."))) >= tuple(map(int, least.split(".")))
     extras = re.findall(r"--extra (\w+)", text("build"))
     assert extras == ["lab"]
     assert all(f"\n{extra} = [" in project for extra in extras)
 
 
-def _version(told):
-    return tuple(map(int, told.split(".")))
-
-
-@pytest.mark.skipif(os.name == "nt", reason="no shell, and no bit of files that can be run")
+@pytest.mark.skipif(os.name == "nt", reason="no shell and no executable bit")
 def test_linters_have_nothing_to_say():
     for name in ("build", "install"):
         subprocess.run(["sh", "-n", CLUSTER / name], check=True)

@@ -198,12 +198,12 @@ class TestOmeZarr:
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
-            ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
-            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is parsec"),
-            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "'affine' is not supported"),
+            ({"axes": [{"name": n} for n in "ctyx"]}, "and the axes c, t, y, x"),
+            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "with the unit parsec"),
+            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "has the transformation 'affine'"),
             ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
             ({"datasets": []}, "has no image"),
-            *((scaled([1, *scale]), "its scale .* must be finite") for scale in WRONG_SCALES),
+            *((scaled([1, *scale]), "has scale .*Use finite numbers") for scale in WRONG_SCALES),
         ],
     )
     def test_what_cannot_be_placed(self, m, values, tmp_path, changes, message):
@@ -280,4 +280,4 @@ def test_chunks_that_are_not_read_take_no_memory():
 
 
 def test_more_chunks_than_a_number_counts_are_refused():
-    refused("has .* chunks, more than a 64-bit number can", chunked_of, Endless((2**31 - 1,) * 3, (1, 1, 1)))
+    refused("has .* chunks, more than a 64-bit integer can", chunked_of, Endless((2**31 - 1,) * 3, (1, 1, 1)))

@@ -278,7 +278,7 @@ class TestDrawings:
     def test_places_beyond_all_numbers(self, m, tmp_path, where, beyond):
         path = tmp_path / "drawn.svg"
         path.write_text(SVG.format(where=WHERE).replace(where, beyond))
-        refused("one of its paths has infinite coordinates", m.regions, path)
+        refused("has a path with infinite coordinates", m.regions, path)
 
     @pytest.mark.slow
     def test_shapes_of_napari(self, m):

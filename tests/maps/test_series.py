@@ -298,7 +298,7 @@ def test_nothing_is_written_half(series, tmp_path, name):
 def test_no_directory_is_replaced(series, tmp_path):
     pytest.importorskip("zarr")
     (tmp_path / "flat.zarr").mkdir()
-    refused("exists, and directories are not replaced. Delete it", series[1].save, tmp_path / "flat.zarr")
+    refused("exists, and voxflat does not replace directories. Delete it", series[1].save, tmp_path / "flat.zarr")
     assert list((tmp_path / "flat.zarr").iterdir()) == []
 
 

@@ -146,7 +146,7 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
         m = flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta, spaces))
         assert caplog.messages == []  # it does not matter yet
         agrees(m, volumes["RAS"], moved)
-        assert "c_ras (3, -17, 22) mm, but does not say whether its coordinates include it" in caplog.text
+        assert "c_ras (3, -17, 22) mm, but not whether its coordinates include it" in caplog.text
         assert reading in caplog.text
         caplog.clear()
     told = replace(read_mesh(tmp_path / "s.surf.gii"), space=Space("tkRAS", VolumeGeometry.conformed(C_RAS)))

@@ -172,7 +172,7 @@ def test_large_maps_make_no_large_pages():
 
 
 def test_what_cannot_be_a_page_is_refused(flat, tmp_path):
-    refused(r"map\.txt: cannot save a page", flat.voxflat.export_html, tmp_path / "map.txt")
+    refused(r"map\.txt: unknown file name ending '\.txt'", flat.voxflat.export_html, tmp_path / "map.txt")
     refused("radius: the mesh is already a flat map", flat.voxflat.show, radius=2.0)
     bare = flat.copy()
     for data in (bare.point_data, bare.cell_data):

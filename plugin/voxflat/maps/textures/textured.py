@@ -185,7 +185,7 @@ class TexturedSurface(Recorded):
         """
         path = checked_path(path)
         with naming(path, "choose another format"):
-            write = by_ending(path, _WRITERS, "written")
+            write = by_ending(path, _WRITERS)
         names = [path, *(others := files_beside(path))]
         for name in names:
             if self.source is not None and name.exists() and self.source.exists() and name.samefile(self.source):
