@@ -5,7 +5,6 @@ import json
 import composed
 import numpy as np
 import pytest
-from command_line import run, succeed
 from hard_shapes import sheet
 from refusals import refused
 from textures import areas
@@ -66,18 +65,12 @@ class TestGlue:
         check(atlas, wide)
         assert wide.seams.closed_share >= glued.seams.closed_share
 
-    @pytest.mark.parametrize(
-        ("bound", "message"),
-        [
-            (1, r"a bound of 1 on C. Give a bound from 1\.000001 to 10"),
-            (float("nan"), "a bound of NaN"),
-            (1.0001, r"change lengths by a factor of up to 1\.01.* greater bound"),
-            ("tight", "bound is 'tight'. Pass the greatest factor"),
-            (True, "bound is True"),
-        ],
-    )
-    def test_wrong_bounds_are_named(self, atlas, bound, message):
-        refused(message, atlas.glue, bound)
+    def test_wrong_bounds_are_named(self, atlas):
+        refused(r"a bound of 1 on C. Give a bound from 1\.000001 to 10", atlas.glue, 1)
+        refused("a bound of NaN", atlas.glue, float("nan"))
+        refused(r"change lengths by a factor of up to 1\.01.* greater bound", atlas.glue, 1.0001)
+        refused("bound is 'tight'. Pass the greatest factor", atlas.glue, "tight")
+        refused("bound is True", atlas.glue, True)
 
     def test_it_can_be_cancelled(self, atlas):
         refused("threads", atlas.glue, threads=0)
@@ -142,30 +135,6 @@ class TestGluedAtlas:
         assert (tmp_path / "page.png").stat().st_size > 10_000
 
 
-class TestCommand:
-    @pytest.fixture
-    def mesh(self, tmp_path):
-        voxflat.surface(bumps()).save(tmp_path / "bumps.obj")
-        return tmp_path / "bumps.obj"
-
-    def test_it_writes_the_glued_atlas_and_its_table(self, mesh, tmp_path):
-        out, page = tmp_path / "glued.npz", tmp_path / "page.png"
-        result = succeed("patches", mesh, "-o", out, "--glue", 1.2, "--page", page)
-        loaded = voxflat.load_atlas(out)
-        assert loaded.bound == 1.2
-        assert loaded.table() in result.output
-        assert page.exists()
-        told = json.loads(run("patches", mesh, "-o", out, "--glue", 1.2, "--json").stdout)
-        assert told["bound"] == 1.2
-        assert told["seams"]["closed"] <= told["seams"]["length"]
-
-    def test_errors_are_one_line(self, mesh, tmp_path):
-        result = run("patches", mesh, "-o", tmp_path / "glued.npz", "--glue", 0.5)
-        assert result.exit_code != 0
-        assert "a bound of 0.5" in result.output
-        assert not (tmp_path / "glued.npz").exists()
-
-
 class TestOneMap:
     def test_it_is_the_glued_piece(self):
         mesh = bumps()
@@ -182,6 +151,9 @@ class TestOneMap:
         assert len(flat.sources) == 0
         most, least = singular_values(flat.points[flat.faces], flat.uv[flat.faces]).T
         assert np.maximum(most, 1 / least).max() <= 1.3 * (1 + 1e-9)
+        assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
+        assert flat.metadata["memory_need_bytes"] > 4000 * len(flat)  # gluing alone
+        assert flat.metadata["before"]["c"] <= flat.metadata["before"]["certified_c"]
 
     def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
         ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
@@ -198,32 +170,22 @@ class TestOneMap:
         assert flat.distortion.triangles.edge < 1e-6
         assert flat.metadata["warnings"] == []
 
-    @pytest.mark.parametrize(
-        ("options", "message"),
-        [
+    def test_bad_options_are_refused(self):
+        for options, message in (
             ({"bound": 1.0}, "bound is 1.0. Pass the largest factor by which lengths may change, above 1, up to 10"),
             ({"bound": np.nan}, "bound is nan"),
             ({"bound": "1.5"}, "bound is '1.5'"),
             ({"rows": True}, "the method 'saucan2006' does not measure distances"),
-        ],
-    )
-    def test_bad_options_are_refused(self, options, message):
-        refused(message, composed.flatten, bumps(), **{"method": "saucan2006", **options})
-
-    def test_metadata_say_what_the_method_has(self):
-        flat = voxflat.flatten(bumps(), method=Saucan2006(bound=1.3))
-        assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
-        assert flat.metadata["memory_need_bytes"] > 4000 * len(flat)  # gluing alone
-        assert flat.metadata["before"]["c"] <= flat.metadata["before"]["certified_c"]
+        ):
+            refused(message, composed.flatten, bumps(), method="saucan2006", **options)
 
     def test_too_little_memory_is_refused_before_work_begins(self):
         stages = []
-        options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
+        limits = {"memory_limit": 400_000, "progress": lambda stage, *_: stages.append(stage)}  # its surface takes less
         told = r"of memory is needed, but the limit is .*. Flatten a smaller patch"
-        refused(told, composed.flatten, bumps(), **options, memory_limit=400_000)  # its surface takes less
+        refused(told, composed.flatten, bumps(), method="saucan2006", **limits)
         assert "growing patches" not in stages
 
-    @pytest.mark.slow
     def test_several_pieces_are_refused(self):
         mesh = sheet(lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)), (20, 20), (21, 21))
         assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1

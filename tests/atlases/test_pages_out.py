@@ -49,6 +49,45 @@ class TestCommand:
         succeed("image", atlas, "--heat-map", "--pixel-size", 0.5, "-o", tmp_path / "heat.npy")
         assert_array_equal(np.load(tmp_path / "heat.npy"), voxflat.FlatAtlas.load(atlas).heat_map(0.5).data)
 
+    @pytest.mark.slow
+    def test_it_writes_the_atlas_and_pictures(self, mesh, tmp_path):
+        out, page, picture = (tmp_path / name for name in ("atlas.npz", "page.png", "torus.png"))
+        result = succeed("patches", mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
+        assert "1.0875" in result.output
+        assert voxflat.FlatAtlas.load(out).certificate.angle == 5
+        assert page.exists()
+        assert picture.exists()
+        glued, page = tmp_path / "glued.npz", tmp_path / "glued.png"
+        result = succeed("patches", mesh, "-o", glued, "--glue", 1.2, "--page", page)
+        loaded = voxflat.load_atlas(glued)
+        assert loaded.bound == 1.2
+        assert loaded.table() in result.output
+        assert page.exists()
+
+    def test_json(self, mesh, tmp_path):
+        out = tmp_path / "atlas.npz"
+        options = ["--bound", 1.2, "--seeds", "random", "--seed", 3]
+        told = json.loads(succeed("patches", mesh, "-o", out, *options, "--json").stdout)
+        assert told["certificate"]["c"] == 1.2
+        assert told["patches"] == len(voxflat.FlatAtlas.load(out))
+        assert told["metadata"]["seed"] == 3
+        told = json.loads(succeed("patches", mesh, "-o", out, "--glue", 1.2, "--json").stdout)
+        assert told["bound"] == 1.2
+        assert told["seams"]["closed"] <= told["seams"]["length"]
+
+    def test_errors_are_one_line(self, mesh, tmp_path):
+        out = tmp_path / "atlas.npz"
+        for arguments, message in (
+            ((mesh, "-o", tmp_path / "atlas.stl"), "ends in .npz or .voxflat or .obj"),
+            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "--max-angle and count cannot be combined"),
+            ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
+            ((mesh, "-o", out, "--glue", 0.5), "a bound of 0.5"),
+            ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "ends in .png"),
+            ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
+        ):
+            assert fail(1, message, "patches", *arguments).stderr.count("\n") == 1
+        assert not out.exists()
+
     def test_options_that_do_not_fit_are_refused_before_the_work(self, mesh, tmp_path):
         for name, options, message in (
             ("atlas.npz", ("--heat-map",), "--heat-map"),

@@ -1,14 +1,12 @@
 """Quasi-isometric patches after Appleboim, Saucan and Zeevi (2006)."""
 
 import itertools
-import json
 
 import composed
 import numpy as np
 import pytest
 import shapes
 import triangle_meshes
-from command_line import fail, succeed
 from refusals import refused
 from triangle_meshes import singular_values
 
@@ -168,38 +166,3 @@ class TestFlatAtlas:
         assert drawn.shape == (300, 300, 3)
         assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
         refused("towards", figures.atlas_3d, atlas, towards=(0, 0, 0))
-
-
-class TestCommand:
-    @pytest.fixture
-    def mesh(self, torus, tmp_path):
-        voxflat.surface(torus).save(tmp_path / "torus.obj")
-        return tmp_path / "torus.obj"
-
-    @pytest.mark.slow
-    def test_it_writes_the_atlas_and_pictures(self, mesh, tmp_path):
-        out, page, picture = (tmp_path / name for name in ("atlas.npz", "page.png", "torus.png"))
-        result = succeed("patches", mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
-        assert "1.0875" in result.output
-        assert FlatAtlas.load(out).certificate.angle == 5
-        assert page.exists()
-        assert picture.exists()
-
-    def test_json(self, mesh, tmp_path):
-        options = ["--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"]
-        told = json.loads(succeed("patches", mesh, "-o", tmp_path / "atlas.npz", *options).stdout)
-        assert told["certificate"]["c"] == 1.2
-        assert told["patches"] == len(FlatAtlas.load(tmp_path / "atlas.npz"))
-        assert told["metadata"]["seed"] == 3
-
-    def test_errors_are_one_line(self, mesh, tmp_path):
-        out = tmp_path / "atlas.npz"
-        for arguments, message in (
-            ((mesh, "-o", tmp_path / "atlas.stl"), "ends in .npz or .voxflat or .obj"),
-            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "--max-angle and count cannot be combined"),
-            ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
-            ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "ends in .png"),
-            ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
-        ):
-            assert fail(1, message, "patches", *arguments).stderr.count("\n") == 1
-        assert not out.exists()

@@ -5,6 +5,7 @@ import sys
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.testing import assert_array_equal
 from PIL import Image
@@ -38,24 +39,6 @@ def with_errors(flat_map, per_point):
     return dataclasses.replace(flat_map, distortion=distortion)
 
 
-def drawn(figure):
-    """Draw a figure and return its pixels, and a function from data coordinates to pixels."""
-    canvas = mpl.backends.backend_agg.FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())
-
-    def at(u, v):
-        column, row = figure.axes[0].transData.transform((u, v))
-        return pixels[pixels.shape[0] - 1 - int(row), int(column), :3].tolist()
-
-    return pixels, at
-
-
-def the_image(figure):
-    (image,) = figure.axes[0].images
-    return image
-
-
 def test_scatter_has_all_pairs_between_equal_axes_and_the_paper_s_figures(flat_map):
     pairs = flat_map.distortion.scatter
     (axes, *_) = figures.scatter(flat_map).axes
@@ -83,21 +66,28 @@ def test_scatter_has_all_pairs_between_equal_axes_and_the_paper_s_figures(flat_m
 @pytest.mark.parametrize("pixel_size", [None, 0.7])
 def test_heat_map_shows_the_heat_map_s_pixels_in_percent_up_to_the_99th_percentile(flat_map, pixel_size):
     expected, figure = flat_map.heat_map(pixel_size), figures.heat_map(flat_map, pixel_size)
-    shown, bar = the_image(figure), figure.axes[1]
+    (shown,), bar = figure.axes[0].images, figure.axes[1]
     assert_array_equal(np.ma.filled(shown.get_array(), np.nan), 100 * expected.data)
     assert (tuple(shown.get_extent()), shown.origin) == (expected.extent, "upper")
     top = 100 * np.percentile(flat_map.distortion.per_point, 99)
     assert shown.get_clim() == pytest.approx((0, top)) == bar.get_ylim()
     assert "%" in bar.get_ylabel()
     no_error = figures.heat_map(with_errors(flat_map, np.zeros(len(flat_map))), pixel_size)
-    assert the_image(no_error).get_clim() == (0, 1)
+    assert no_error.axes[0].images[0].get_clim() == (0, 1)
 
 
 def test_heat_map_is_drawn_where_the_map_lies(flat_map):
     upper = flat_map.uv[:, 1] > flat_map.uv[:, 1].mean()
     figure = figures.heat_map(with_errors(flat_map, np.where(upper, 0.2, 0.0)))
     axes = figure.axes[0]
-    _, at = drawn(figure)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[::-1]
+
+    def at(u, v):
+        column, row = axes.transData.transform((u, v))
+        return pixels[int(row), int(column), :3].tolist()
+
     u, v = flat_map.uv.mean(axis=0)
     inferno = mpl.colormaps["inferno"]
     assert at(u, v + 4) == pytest.approx([255 * c for c in inferno(1.0)[:3]], abs=1)
@@ -170,31 +160,26 @@ def mesh_map():
     """Return a dome and a map of its top; the errors are 0 except on one side."""
     points, faces = grid(30, 30)
     points[:, 2] = 8 * np.sin(points[:, :2] * np.pi / 29).prod(axis=1)
-    dome = points, faces
-    flat_map = voxflat.surface(dome).disk(465, 9.0).flatten(Voxflat(sources=40))
-    return dome, with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
+    flat_map = voxflat.surface((points, faces)).disk(465, 9.0).flatten(Voxflat(sources=40))
+    return (points, faces), with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
 
 
 def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(mesh_map, scene):
     dome, flat_map = mesh_map
-    alone = scene(figures.patch_3d(flat_map, size=(300, 200)))  # from above, the errors at +x are on the right
-    bright, dark = bright_and_dark(alone)
+    alone, in_place = (scene(figures.patch_3d(flat_map, of, size=(300, 200))) for of in (None, dome))
+    bright, dark = bright_and_dark(alone)  # seen from above: the errors at +x are on the right
     assert min(bright.sum(), dark.sum()) > 2000
     assert np.nonzero(dark)[1].mean() < np.nonzero(bright)[1].mean() - 20
-    in_place = scene(figures.patch_3d(flat_map, dome, size=(300, 200)))
     assert greys(in_place) > greys(alone) + 1000
     drawn = bright | dark
     assert (np.abs(in_place - alone).max(axis=2)[drawn] < 60).mean() > 0.95  # the patch is unchanged
 
 
-def test_patch_3d_refuses_another_mesh(mesh_map, scene):
-    (points, faces), flat_map = mesh_map
+def test_patch_3d_refuses_another_surface(mesh_map, flat_map, scene):
+    (points, faces), of_mesh = mesh_map
     fewer = (points[:870], faces[(faces < 870).all(axis=1)])
-    refused("has 870 vertices, but the map was made from a mesh of 900", figures.patch_3d, flat_map, fewer)
-    refused("up to 2 mm away from the points", figures.patch_3d, flat_map, (points + np.array([0, 0, 2]), faces))
-
-
-def test_patch_3d_refuses_another_volume(flat_map, scene):
+    refused("has 870 vertices, but the map was made from a mesh of 900", figures.patch_3d, of_mesh, fewer)
+    refused("up to 2 mm away from the points", figures.patch_3d, of_mesh, (points + np.array([0, 0, 2]), faces))
     refused("shape", figures.patch_3d, flat_map, solid()[:-1])
     other = solid()[:, :, ::-1].copy() * (np.indices(SHAPE)[1] > 12)
     refused("not in the foreground of this volume", figures.patch_3d, flat_map, other)

@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 import composed
 import numpy as np
 import pytest
-from command_line import run
+from command_line import fail, run, succeed
+from hard_shapes import sheet
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -26,6 +27,7 @@ from voxflat.figures.overlays import painted
 from voxflat.io.label_tables import LabelTable
 from voxflat.io.volumes import Volume
 from voxflat.maps.parcels import parcels_of
+from voxflat.methods import Voxflat
 
 pytestmark = pytest.mark.slow  # figures have at least 850 pixels
 
@@ -37,13 +39,19 @@ AWAY = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
 @pytest.fixture(scope="module")
 def flat_map():
     """Return the map of a surface in a sagittal plane with vertical furrows, seen from the left."""
-    y, z = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
-    corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
-    quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # −x is outside
-    faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
-    points = np.column_stack([-0.3 * np.cos(2 * np.pi * y / 10) - 30, y, z])
-    flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=40), relax=False)
+    ends = (LONG - 1, HIGH - 1)
+    points, faces = sheet(lambda y, z: (-0.3 * np.cos(2 * np.pi * y / 10) - 30, y, z), ends, (LONG, HIGH))
+    flat = voxflat.flatten((points, faces[:, ::-1]), Voxflat(sources=40), relax=False)  # −x is outside
     return dataclasses.replace(flat, metadata={**flat.metadata, "structure": "CortexLeft"})
+
+
+@pytest.fixture(scope="module")
+def cut_map(flat_map):
+    """Return a map whose points 20 and 300 are points 5 and 200 on the other side of two named cuts."""
+    ids = flat_map.ids.copy()
+    ids[[20, 300]] = ids[[5, 200]]
+    cuts = {"cuts": [[int(ids[5])], [int(ids[200])]], "cut_names": ["calcarine", "temporal"]}
+    return dataclasses.replace(flat_map, ids=ids, metadata={**flat_map.metadata, **cuts})
 
 
 @pytest.fixture(autouse=True)
@@ -254,12 +262,10 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
     assert np.argmax([y for _, y in places]) == (1 if zero == "right" else 0)
 
 
-def test_radians_are_named_so_and_the_wheel_is_data(flat_map, tmp_path):
-    doubled = flat_map.ids.copy()
-    doubled[[20, 300]] = doubled[[5, 200]]
-    cuts = {"cuts": [[int(doubled[5])], [int(doubled[200])]], "cut_names": ["calcarine", "temporal"]}
-    cut = dataclasses.replace(flat_map, ids=doubled, metadata={**flat_map.metadata, **cuts})
-    figure = figures.flat_map(cut, figures.Overlay(np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight"))
+def test_radians_are_named_so_and_the_wheel_is_data(cut_map, tmp_path):
+    figure = figures.flat_map(
+        cut_map, figures.Overlay(np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
+    )
     numbers = [text.get_text() for text in texts(figure, "data")][:4]
     assert numbers == ["0", "π/2", "π", "3π/2"]
     figures.save(figure, tmp_path / "a.svg")
@@ -345,15 +351,11 @@ def test_the_scale_bar_is_as_long_as_it_says(flat_map):
     assert [round_length(room) for room in (0.7, 1, 4.9, 5, 99)] == [0.5, 1, 2, 5, 50]
 
 
-def test_cuts_have_their_names_between_their_lips(flat_map):
-    doubled = flat_map.ids.copy()
-    a, b = 5, 20
-    doubled[b] = doubled[a]
-    metadata = {**flat_map.metadata, "cuts": [[int(doubled[a])], [1, 2]], "cut_names": ["calcarine", None]}
-    cut = dataclasses.replace(flat_map, ids=doubled, metadata=metadata)
+def test_cuts_have_their_names_between_their_lips(cut_map):
+    cut = dataclasses.replace(cut_map, metadata={**cut_map.metadata, "cut_names": ["calcarine", None]})
     ((name, u, v),) = cut_names(cut)
     assert name == "calcarine"
-    assert_allclose((u, v), flat_map.uv[[a, b]].mean(axis=0))
+    assert_allclose((u, v), cut.uv[[5, 20]].mean(axis=0))
     assert "calcarine" in {text.get_text() for text in texts(figures.flat_map(cut), "marks")}
 
 
@@ -394,17 +396,12 @@ def test_an_svg_has_layers_and_its_text_is_text(flat_map, tmp_path):
 
 
 class TestCommand:
-    def run(self, *arguments):
-        return run("figure", *arguments)
-
     def test_the_map_alone_is_its_folds(self, saved, tmp_path, monkeypatch):
         monkeypatch.undo()  # full resolution
-        done = self.run(saved, "-o", tmp_path / "a.png")
-        assert done.exit_code == 0, done.output
-        assert "1700 x" in done.output
+        assert "1700 x" in succeed("figure", saved, "-o", tmp_path / "a.png").output
         with Image.open(tmp_path / "a.png") as picture:
             assert '"function": "flat_map"' in picture.text["Provenance"]
-        assert self.run(saved, "-o", tmp_path / "a.tif").exit_code != 0
+        assert run("figure", saved, "-o", tmp_path / "a.tif").exit_code != 0
 
     def test_data_and_parcels(self, saved, tmp_path):
         np.save(tmp_path / "stat.npy", np.linspace(-3, 3, COUNT))
@@ -412,24 +409,18 @@ class TestCommand:
         (tmp_path / "areas.tsv").write_text("index\tname\n1\tfront\n2\tback\n")
         look = ["--above", 1, "--below", -1, "--range", "2%,98%", "--cmap", "seismic", "--opacity", 0.8, "--unit", "z"]
         parcels = ["--parcels", tmp_path / "areas.npy", "--table", tmp_path / "areas.tsv"]
-        done = self.run(saved, "--overlay", tmp_path / "stat.npy", *look, *parcels, "-o", tmp_path / "a.svg")
-        assert done.exit_code == 0, done.output
+        succeed("figure", saved, "--overlay", tmp_path / "stat.npy", *look, *parcels, "-o", tmp_path / "a.svg")
         text = (tmp_path / "a.svg").read_text()
         assert all(word in text for word in ("stat.npy (z)", ">front<", 'label="data"'))
 
-    @pytest.mark.parametrize(
-        ("options", "said"),
-        [
+    def test_wrong_usage(self, saved, tmp_path):
+        for options, said in (
             (["--above", "2"], "--above: only with --overlay"),
-            (["--table", "MAP"], "--table requires --parcels"),
-            (["--overlay", "MAP", "--range", "1"], "is not a pair"),
+            (["--table", saved], "--table requires --parcels"),
+            (["--overlay", saved, "--range", "1"], "is not a pair"),
             (["--opacity", "3"], "opacity"),
-        ],
-    )
-    def test_wrong_usage(self, saved, tmp_path, options, said):
-        done = self.run(saved, *(str(saved) if word == "MAP" else word for word in options), "-o", tmp_path / "a.png")
-        assert done.exit_code == 2
-        assert said in done.output
+        ):
+            fail(2, said, "figure", saved, *options, "-o", tmp_path / "a.png")
 
 
 def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
@@ -445,11 +436,9 @@ def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
     corners = flat_map.uv[[0, LONG * HIGH - HIGH, LONG * HIGH - 1]]
     drawn = (corners - [left, top]) * [width / (right - left), -height / (top - bottom)] + [x, y]
     path = " L ".join(f"{u:.6f},{v:.6f}" for u, v in drawn)
-    layer = (
-        '<g inkscape:groupmode="layer" inkscape:label="rois" id="layer9">'
-        f'<path inkscape:label="corner" d="M {path} Z" style="fill:#ff0000"/></g></svg>'
-    )
-    (tmp_path / "drawn.svg").write_text(text.replace("</svg>", layer))
+    triangle = f'<path inkscape:label="corner" d="M {path} Z" style="fill:#ff0000"/>'
+    layer = f'<g inkscape:groupmode="layer" inkscape:label="rois" id="layer9">{triangle}</g>'
+    (tmp_path / "drawn.svg").write_text(text.replace("</svg>", f"{layer}</svg>"))
     drawn, given = flat_map.regions(tmp_path / "drawn.svg"), flat_map.regions({"corner": corners})
     assert drawn.names == ("corner",)
     low, high = flat_map.uv.min(axis=0), flat_map.uv.max(axis=0)

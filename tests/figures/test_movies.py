@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import partial
 
 import composed
 import numpy as np
@@ -10,7 +11,7 @@ from command_line import run
 from matplotlib import colormaps
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
-from refusals import refused
+from refusals import refused, writes_nothing_half
 from textures import grid
 
 import voxflat
@@ -127,16 +128,7 @@ def test_mp4(film, tmp_path):
 def test_nothing_is_written_half(film, tmp_path, name):
     if name == "a.mp4":
         pytest.importorskip("imageio_ffmpeg")
-    seen = []
-
-    def progress(*told):
-        seen.append(told)
-        return len(seen) < 2
-
-    with pytest.raises(voxflat.Cancelled, match="cancelled while writing"):
-        figures.save_movie(film, tmp_path / name, progress=progress)
-    assert seen == [(f"writing {name}", 1, FRAMES), (f"writing {name}", 2, FRAMES)]
-    assert list(tmp_path.iterdir()) == []
+    writes_nothing_half(partial(figures.save_movie, film), tmp_path / name, FRAMES)
 
 
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):

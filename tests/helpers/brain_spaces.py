@@ -4,6 +4,9 @@ import nibabel as nib
 import numpy as np
 import pyvista as pv
 
+from voxflat.maps.depth import Depths
+from voxflat.maps.raster import at_points
+
 C_RAS = (3.0, -17.0, 22.0)
 CONFORMED = ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))  # xras, yras, zras
 
@@ -34,6 +37,11 @@ def header(axes=CONFORMED, c_ras=C_RAS, shape=(256, 256, 256), size=(1.0, 1.0, 1
 def to_scanner(points, of):
     """Convert tkRAS to scanner RAS by nibabel's matrices."""
     return nib.affines.apply_affine(of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr()), points)
+
+
+def at_vertices(m, volume, **how):
+    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
+    return m._triangles.on_surface.image(at_points(len(m)), volume, depths=Depths.of(**how)).data[:, 0]
 
 
 def footer(of, valid="1  # volume info valid"):

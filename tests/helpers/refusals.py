@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from voxflat.errors import InputError
+from voxflat.errors import Cancelled, InputError
 
 
 def refused(message, call, *arguments, **options):
@@ -13,6 +13,20 @@ def refused(message, call, *arguments, **options):
     with pytest.raises(InputError, match=message) as caught:
         call(*arguments, **options)
     assert "\n" not in str(caught.value)
+
+
+def writes_nothing_half(save, path, count):
+    """Check that writing `count` images, cancelled at the second one, leaves no file."""
+    seen = []
+
+    def progress(*told):
+        seen.append(told)
+        return len(seen) < 2
+
+    with pytest.raises(Cancelled, match=f"cancelled while writing {path.name}"):
+        save(path, progress=progress)
+    assert seen == [(f"writing {path.name}", 1, count), (f"writing {path.name}", 2, count)]
+    assert list(path.parent.iterdir()) == []
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import nibabel as nib
 import numpy as np
 import pytest
 import pyvista as pv
+from brain_spaces import at_vertices
 from command_line import run, succeed
 from mesh_files import icosphere, needs_workbench, workbench
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,7 +17,6 @@ import voxflat
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.depth import Depths, equivolume, vertex_areas
-from voxflat.maps.raster import at_points
 from voxflat.methods import Voxflat
 
 INNER, OUTER = 10.0, 13.0
@@ -38,11 +38,6 @@ def volume_of(function, affine=GRID, n=61):
 
 def radius_volume(affine=GRID, n=61):
     return volume_of(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2), affine, n)
-
-
-def at_vertices(m, volume, **how):
-    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    return m._triangles.on_surface.image(at_points(len(m)), volume, depths=Depths.of(**how)).data[:, 0]
 
 
 class TestFractions:

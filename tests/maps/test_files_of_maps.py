@@ -22,44 +22,30 @@ import pyvista as pv
 from mesh_files import grid, needs_workbench, workbench
 from refusals import refused
 from scipy.spatial import cKDTree
-from shapes import curled_sheet
+from shapes import ball, curled_sheet
 
 import voxflat
-from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.meshes import write_mesh
 from voxflat.methods import Grossmann2002, Voxflat
 
 FORMATS = ("map.npz", "map.vtp", "map.ply", "map.obj", "map.surf.gii", "lh.map.patch.flat", "lh.map.flat.patch.3d")
 CUT = np.arange(6, 6 + 13 * 8, 13)
 
 
-def bumps(size=13):
-    i, j = np.indices((size, size))
-    mesh = grid(size, (2 * np.sin(i * 0.9) + np.cos(j * 0.8)).ravel(), 2.0)
-    return mesh.points, mesh.faces
-
-
-def ball():
-    grid = np.stack(np.meshgrid(*[np.arange(19.0)] * 3, indexing="ij"))
-    return (np.linalg.norm(grid - 9, axis=0) < 7).astype(np.uint8)
-
-
-def squeezed():
-    """Return a map over the 26-neighbour graph that is torn: of a whole ball's half, which cannot be flat."""
-    return voxflat.surface(ball()).disk((9, 9, 16), 12.0).flatten(Grossmann2002(sources=60))
-
+ROW, COLUMN = np.indices((13, 13)).reshape(2, -1)
+MESH = grid(13, 2 * np.sin(ROW * 0.9) + np.cos(COLUMN * 0.8), 2.0)
+BUMPS = MESH.points, MESH.faces
+HOLED = MESH.points, np.delete(MESH.faces, [60, 84], axis=0)
 
 KINDS = {
-    "mesh": lambda: voxflat.flatten(bumps(), Voxflat(sources=40)),
-    "mesh with a cut": lambda: voxflat.flatten(bumps(), Voxflat(sources=40), cuts=[CUT]),
-    "mesh without two triangles": lambda: (
-        voxflat.surface(bumps())
-        .keep((bumps()[0], np.delete(bumps()[1], [60, 84], axis=0)))
-        .flatten(Voxflat(sources=40))
-    ),
-    "glued": lambda: voxflat.flatten(bumps(), method="saucan2006", cuts=[CUT]),
-    "voxels": lambda: voxflat.surface(ball()).disk((9, 9, 16), 9.0).flatten(Voxflat(sources=40)),
+    "mesh": lambda: voxflat.flatten(BUMPS, Voxflat(sources=40)),
+    "mesh with a cut": lambda: voxflat.flatten(BUMPS, Voxflat(sources=40), cuts=[CUT]),
+    "mesh without two triangles": lambda: voxflat.surface(BUMPS).keep(HOLED).flatten(Voxflat(sources=40)),
+    "glued": lambda: voxflat.flatten(BUMPS, method="saucan2006", cuts=[CUT]),
+    "voxels": lambda: voxflat.surface(ball(7)).disk((9, 9, 16), 9.0).flatten(Voxflat(sources=40)),
     "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), Voxflat(sources=40)),
-    "torn": squeezed,
+    # half of a ball cannot be flat: the map over the 26-neighbour graph is torn
+    "torn": lambda: voxflat.surface(ball(7)).disk((9, 9, 16), 12.0).flatten(Grossmann2002(sources=60)),
 }
 
 
@@ -90,7 +76,7 @@ def from_gifti(path, flat):
 
 
 def from_patch(path, flat):
-    places, _, triangles = freesurfer_rule.read_patch(path, bumps()[1])
+    places, _, triangles = freesurfer_rule.read_patch(path, MESH.faces)
     return np.array([[places[vertex] for vertex in triangle] for triangle in triangles]), None
 
 
@@ -152,25 +138,23 @@ def test_workbench_finds_the_same_areas(flat, tmp_path):
     assert nibabel.load(paths[1]).darrays[0].data.sum(dtype=np.float64) == pytest.approx(areas.sum(), rel=1e-5)
 
 
-class TestSurfaces:
-    """The same for surfaces in space, whole and cut, and FreeSurfer's own geometry."""
+@pytest.mark.parametrize("name", ["lh.white", "cut.surf.gii", "cut.vtp", "cut.ply", "cut.obj"])
+@pytest.mark.parametrize("cuts", [(), (CUT,)])
+def test_what_comes_back_of_surfaces(name, cuts, tmp_path):
+    surface = voxflat.surface(BUMPS).cut(cuts=list(cuts), relax=False).surface
+    surface.save(tmp_path / name)
+    if name.startswith("lh."):
+        points, faces = nibabel.freesurfer.read_geometry(tmp_path / name)
+    elif name.endswith(".gii"):
+        points, faces = (array.data for array in nibabel.load(tmp_path / name).darrays)
+    else:
+        mesh = pv.read(tmp_path / name)
+        points, faces = mesh.points, mesh.regular_faces
+    np.testing.assert_array_equal(faces, surface.faces)
+    np.testing.assert_allclose(points, surface.points, rtol=1e-6, atol=1e-6)
 
-    @pytest.mark.parametrize("name", ["lh.white", "cut.surf.gii", "cut.vtp", "cut.ply", "cut.obj"])
-    @pytest.mark.parametrize("cuts", [(), (CUT,)])
-    def test_what_comes_back(self, name, cuts, tmp_path):
-        surface = voxflat.surface(bumps()).cut(cuts=list(cuts), relax=False).surface
-        surface.save(tmp_path / name)
-        if name.startswith("lh."):
-            points, faces = nibabel.freesurfer.read_geometry(tmp_path / name)
-        elif name.endswith(".gii"):
-            points, faces = (array.data for array in nibabel.load(tmp_path / name).darrays)
-        else:
-            mesh = pv.read(tmp_path / name)
-            points, faces = np.asarray(mesh.points), mesh.regular_faces
-        np.testing.assert_array_equal(faces, surface.faces)
-        np.testing.assert_allclose(points, surface.points, rtol=1e-6, atol=1e-6)
 
-    def test_a_mesh_of_others_is_written_as_it_was_read(self, tmp_path):
-        write_mesh(tmp_path / "lh.white", Mesh(*bumps()))
-        voxflat.surface(tmp_path / "lh.white").save(tmp_path / "lh.again")
-        assert (tmp_path / "lh.again").read_bytes() == (tmp_path / "lh.white").read_bytes()
+def test_a_mesh_of_others_is_written_as_it_was_read(tmp_path):
+    write_mesh(tmp_path / "lh.white", MESH)
+    voxflat.surface(tmp_path / "lh.white").save(tmp_path / "lh.again")
+    assert (tmp_path / "lh.again").read_bytes() == (tmp_path / "lh.white").read_bytes()

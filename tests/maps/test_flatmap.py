@@ -214,6 +214,7 @@ class TestFile:
         assert metadata["versions"]["voxflat"] == voxflat.__version__
         assert len(metadata["input_sha256"]) == 64
         assert metadata["memory_need_bytes"] > 8 * 200**2
+        assert metadata["warnings"] == []
 
 
 def test_torn_faces_are_those_that_the_surface_does_not_have():
@@ -225,9 +226,6 @@ def test_torn_faces_are_those_that_the_surface_does_not_have():
 
 
 class TestWarnings:
-    def test_a_good_map_has_none(self, ball_map):
-        assert ball_map.metadata["warnings"] == []
-
     def test_what_the_user_should_know_is_logged_and_kept(self, caplog):
         sheet = shapes.sheet((30, 30))
         sheet[10:14, 10:14] = 0  # a hole

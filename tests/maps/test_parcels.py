@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
+from triangle_meshes import square
 
 import voxflat
 from voxflat.io.label_tables import LabelTable
@@ -16,14 +17,10 @@ from voxflat.maps.parcels import parcels_of
 from voxflat.methods import Voxflat
 
 
-def grid(n=24, seed=0):
+def uneven(n=24, seed=0):
     """Return places (N, 2) in a square of n mm, out of order, and triangles."""
-    x, y = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    quads = np.column_stack([corner, corner + n, corner + n + 1, corner + 1])
-    faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
-    uv = np.column_stack([x, y]) + np.random.default_rng(seed).uniform(-0.25, 0.25, (n * n, 2))
-    return uv, faces
+    points, faces = square(n - 1)
+    return points[:, :2] + np.random.default_rng(seed).uniform(-0.25, 0.25, (n * n, 2)), faces
 
 
 def three(uv):
@@ -60,13 +57,13 @@ class TestLines:
             assert line[0] == line[-1] or meet[line[0]] != 2 != meet[line[-1]]
 
     def test_the_outline_is_one_closed_line_around_the_map(self):
-        uv, faces = grid()
+        uv, faces = uneven()
         (line,) = outline(uv, faces)
         np.testing.assert_array_equal(line[0], line[-1])
         assert len(line) == 4 * 23 + 1
 
     def test_borders_lie_within_half_an_edge_of_where_labels_change(self):
-        uv, faces = grid()
+        uv, faces = uneven()
         labels = three(uv)
         lines = borders(uv, faces, labels)
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -77,7 +74,7 @@ class TestLines:
         assert (near.min(axis=1) <= half[near.argmin(axis=1)] + 1e-9).all()
 
     def test_borders_are_smoother_than_the_edges_middles(self):
-        uv, faces = grid(seed=1)
+        uv, faces = uneven(seed=1)
         lines = borders(uv, faces, (uv[:, 0] > 11.3).astype(np.int64))
         assert len(lines) == 1
         length = np.linalg.norm(np.diff(lines[0], axis=0), axis=1).sum()
@@ -86,20 +83,20 @@ class TestLines:
         assert np.abs(lines[0][:, 0] - 11.3).max() < 0.8
 
     def test_three_regions_meet_at_a_point(self):
-        uv, faces = grid()
+        uv, faces = uneven()
         lines = borders(uv, faces, three(uv))
         ends = np.array([end for line in lines for end in (line[0], line[-1])])
         shared = [np.linalg.norm(ends - end, axis=1) < 1e-9 for end in ends]
         assert max(same.sum() for same in shared) == 3
 
     def test_a_single_label_has_no_border(self):
-        uv, faces = grid()
+        uv, faces = uneven()
         assert borders(uv, faces, np.zeros(len(uv), np.int64)) == []
 
 
 @pytest.fixture(scope="module")
 def flat_map():
-    uv, faces = grid(30, seed=2)
+    uv, faces = uneven(30, seed=2)
     points = np.column_stack([uv, 0.1 * np.sin(uv[:, 0])])
     return voxflat.flatten((points, faces), method=Voxflat(sources=40), relax=False)
 

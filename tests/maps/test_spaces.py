@@ -2,24 +2,11 @@
 
 from dataclasses import replace
 
+import brain_spaces
 import nibabel as nib
 import numpy as np
 import pytest
-from brain_spaces import (
-    AFFINES,
-    C_RAS,
-    CONFORMED,
-    WAYS,
-    ball,
-    header,
-    mris_convert_old,
-    oblique,
-    smriprep_old,
-    to_scanner,
-    volume_geometry,
-    write_freesurfer,
-    write_gifti,
-)
+from brain_spaces import AFFINES, C_RAS, CONFORMED, WAYS, ball, header, oblique, to_scanner, write_freesurfer
 from command_line import succeed
 from mesh_files import needs_workbench, workbench
 from numpy.testing import assert_allclose
@@ -27,7 +14,6 @@ from numpy.testing import assert_allclose
 import voxflat
 from voxflat.io import Space, VolumeGeometry
 from voxflat.io.meshes import read_mesh
-from voxflat.maps.raster import at_points
 from voxflat.methods import Voxflat
 
 
@@ -49,11 +35,6 @@ def volumes(tmp_path_factory):
         name: [coordinate_volume(folder / f"{name}{axis}.mgz", affine, axis) for axis in range(3)]
         for name, affine in AFFINES.items()
     }
-
-
-def at_vertices(m, volume):
-    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    return m._triangles.on_surface.image(at_points(len(m)), volume).data[:, 0]
 
 
 def agrees(m, volumes, scanner, depth=0.0):
@@ -120,9 +101,9 @@ def test_without_c_ras_nothing_changes(tmp_path, volumes, caplog):
     bare, of = flat((points, faces)), header(c_ras=(0, 0, 0))
     for path in (
         write_freesurfer(tmp_path / "lh.white", points, faces, of),
-        smriprep_old(tmp_path / "smriprep.surf.gii", points, faces, of),
-        write_gifti(tmp_path / "plain.surf.gii", points, faces, {}),
-        write_gifti(tmp_path / "scanner.surf.gii", points, faces, {}, (1, 1)),
+        brain_spaces.smriprep_old(tmp_path / "smriprep.surf.gii", points, faces, of),
+        brain_spaces.write_gifti(tmp_path / "plain.surf.gii", points, faces, {}),
+        brain_spaces.write_gifti(tmp_path / "scanner.surf.gii", points, faces, {}, (1, 1)),
     ):
         m = flat(path)
         for volume in volumes["oblique"]:
@@ -132,7 +113,8 @@ def test_without_c_ras_nothing_changes(tmp_path, volumes, caplog):
 
 def test_smriprep_of_old_set_the_centre_to_zero(tmp_path, volumes):
     (points, faces), of = ball(), header()
-    agrees(flat(smriprep_old(tmp_path / "s.surf.gii", points, faces, of)), volumes["LAS"], to_scanner(points, of))
+    path = brain_spaces.smriprep_old(tmp_path / "s.surf.gii", points, faces, of)
+    agrees(flat(path), volumes["LAS"], to_scanner(points, of))
 
 
 def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
@@ -141,9 +123,9 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     flat(tmp_path / "lh.white").image(volumes["RAS"][0])
     assert "c_ras). Use a surface file that defines its space" in caplog.text
     caplog.clear()
-    meta = {name: value for name, value in volume_geometry(of, points).items() if "Center" not in name}
+    meta = {name: value for name, value in brain_spaces.volume_geometry(of, points).items() if "Center" not in name}
     for spaces, moved, reading in (((0, 3), points + np.array(C_RAS), "(tkRAS)"), ((3, 3), points, "(scanner RAS)")):
-        m = flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta, spaces))
+        m = flat(brain_spaces.write_gifti(tmp_path / "s.surf.gii", points, faces, meta, spaces))
         assert caplog.messages == []  # it does not matter yet
         agrees(m, volumes["RAS"], moved)
         assert "c_ras (3, -17, 22) mm, but not whether its coordinates include it" in caplog.text
@@ -153,7 +135,7 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     agrees(flat(told), volumes["RAS"], points + np.array(C_RAS))  # who knows it says it
     assert caplog.messages == []
     meta |= {"VolGeomX_R": "-0.5"}
-    agrees(flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)), volumes["RAS"], points)
+    agrees(flat(brain_spaces.write_gifti(tmp_path / "s.surf.gii", points, faces, meta)), volumes["RAS"], points)
     assert "its volume geometry (VolGeom...) is damaged" in caplog.text
 
 
@@ -206,17 +188,17 @@ def test_workbench_samples_the_same(tmp_path, axes):
     nib.save(nib.Nifti1Image(rng.normal(size=(60, 60, 60)).astype(np.float32), AFFINES["oblique"]), volume)
     white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
     voxflat.surface(white).save(tmp_path / "ours.surf.gii")
-    mris_convert_old(tmp_path / "tk.surf.gii", points, faces, of)
+    brain_spaces.mris_convert_old(tmp_path / "tk.surf.gii", points, faces, of)
     np.savetxt(tmp_path / "matrix.txt", of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr()))
     workbench("-surface-apply-affine", tmp_path / "tk.surf.gii", tmp_path / "matrix.txt", tmp_path / "theirs.surf.gii")
     workbench("-set-structure", tmp_path / "tk.surf.gii", "CORTEX_LEFT")  # which writes a coordinate system of its own
     m = voxflat.surface(white).disk(0, 30.0).flatten(Voxflat(sources=20))
     assert len(m) > 300
-    ours = at_vertices(m, volume)
+    ours = brain_spaces.at_vertices(m, volume)
     for name in ("ours", "theirs"):
         out = tmp_path / "out.shape.gii"
         workbench("-volume-to-surface-mapping", volume, tmp_path / f"{name}.surf.gii", out, "-trilinear")
         assert_allclose(ours, nib.load(out).darrays[0].data[m.ids], atol=1e-4)
     for name in ("tk", "ours", "theirs"):
         again = voxflat.surface(tmp_path / f"{name}.surf.gii").disk(0, 30.0).flatten(Voxflat(sources=20))
-        assert_allclose(at_vertices(again, volume), ours, atol=1e-4)
+        assert_allclose(brain_spaces.at_vertices(again, volume), ours, atol=1e-4)

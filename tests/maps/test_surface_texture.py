@@ -30,8 +30,8 @@ def save_obj(folder, mesh, picture, corners=None, map_kd="map_Kd picture.png"):
     places = coordinates if corners is None else corners.reshape(-1, 2)
     lines = ["mtllib picture.mtl", *(f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist())]
     lines += [f"vt {s!r} {t!r}" for s, t in places.tolist()] + ["usemtl skin"]
-    for ends in np.stack([faces + 1, numbers + 1], axis=2).tolist():
-        lines.append("f " + " ".join(f"{v}/{t}" for v, t in ends))
+    corners = np.stack([faces + 1, numbers + 1], axis=2).tolist()
+    lines += ["f " + " ".join(f"{v}/{t}" for v, t in ends) for ends in corners]
     (folder / "face.obj").write_text("\n".join(lines) + "\n")
     (folder / "picture.mtl").write_text(f"newmtl other\nmap_Kd missing.png\nnewmtl skin\n{map_kd}\n")
     Image.fromarray(picture).save(folder / "picture.png")

@@ -121,11 +121,8 @@ class TestFiles:
         assert left == dict.fromkeys(("face.obj", "face.mtl", "face.png"), "old")
 
     def test_what_cannot_be_written(self, textured, cylinder_map, tmp_path):
-        refused(
-            "unknown file name ending '.stl'. Use one of .obj, .vtp, .glb, .ply",
-            textured.save,
-            tmp_path / "face.stl",
-        )
+        told = "unknown file name ending '.stl'. Use one of .obj, .vtp, .glb, .ply"
+        refused(told, textured.save, tmp_path / "face.stl")
         with pytest.raises(FileNotFoundError, match=r"face\.obj"):
             textured.save(tmp_path / "missing" / "face.obj")
         (tmp_path / "face.png").mkdir()

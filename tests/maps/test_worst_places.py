@@ -67,12 +67,11 @@ def test_both_signs_are_found_where_they_are(both):
         assert np.array_equal(both.uv[row], place.uv)
 
 
-@pytest.mark.parametrize(
-    ("beyond", "name"), [(1.25, "area_beyond_1_25"), (1.5, "area_beyond_1_5"), (2, "area_beyond_2")]
-)
-def test_all_places_together_are_the_share_that_the_figures_have(both, beyond, name):
+@pytest.mark.parametrize("beyond", [1.25, 1.5, 2])
+def test_all_places_together_are_the_share_that_the_figures_have(both, beyond):
     worst = voxflat.worst_places(both, 10_000, beyond=beyond, cuts=False)
-    assert worst.share == pytest.approx(getattr(both.distortion.triangles, name), abs=1e-9)
+    share = getattr(both.distortion.triangles, f"area_beyond_{beyond}".replace(".", "_"))
+    assert worst.share == pytest.approx(share, abs=1e-9)
     assert sum(place.share for place in worst.places) == pytest.approx(worst.share)
     assert len(worst.places) == worst.found
     assert sum(len(place.triangles) for place in worst.places) == np.count_nonzero(worst.numbers)
@@ -210,24 +209,12 @@ def test_files(both, tmp_path):
     refused(r"ends in \.json or \.tsv", worst.save, tmp_path / "worst.xml")
 
 
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"beyond": 1}, "beyond is 1. Pass a factor greater than 1"),
-        ({"beyond": np.nan}, "Pass a factor"),
-        ({"count": -1}, "count is -1"),
-        ({"count": 1.5}, "count is 1.5"),
-    ],
-)
-def test_what_cannot_be_meant_is_refused(both, given, told):
-    refused(told, voxflat.worst_places, both, **given)
-
-
-def test_places_that_are_not_there_are_refused(both):
+def test_what_cannot_be_meant_is_refused(both):
+    refused("beyond is 1. Pass a factor greater than 1", voxflat.worst_places, both, beyond=1)
+    refused("beyond is nan. Pass a factor", voxflat.worst_places, both, beyond=np.nan)
+    for count in (-1, 1.5):
+        refused(f"count is {count}", voxflat.worst_places, both, count)
     refused("there is no region 2. Pass a number from 1 to 1", voxflat.worst_places(both, 1, cuts=False).cuts, 2)
-
-
-def test_a_map_without_areas_is_refused():
     flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=Grossmann2002(sources=20))
     refused("no triangles of the surface to measure areas", voxflat.worst_places, flat_map)
 
@@ -239,9 +226,8 @@ def test_figures_show_them(both, tmp_path):
     figures.save(drawn, tmp_path / "worst.png", worst.provenance)
     assert (tmp_path / "worst.png").stat().st_size > 10_000
     pytest.importorskip("pyvista")
-    picture = figures.worst_places_3d(worst, size=(600, 300))
+    picture, without = (figures.worst_places_3d(w, size=(600, 300)) for w in (worst, replace(worst, places=())))
     assert picture.shape == (300, 600, 3)
-    without = figures.worst_places_3d(replace(worst, places=()), size=(600, 300))
     assert (picture != without).any(axis=2).sum() > 200  # outlines, cuts and numbers
 
 
