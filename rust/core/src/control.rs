@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 
 /// Reports the progress of a computation, and cancels it. The computing thread and the observing thread share it.
 #[derive(Debug, Default)]

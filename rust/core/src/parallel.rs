@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::thread::Builder;
 
-use crate::error::Result;
+use crate::Result;
 
 /// Processes all items; each thread takes the next item as soon as it is free. `scratch` is created once per thread.
 ///
@@ -48,7 +48,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::Error;
+    use crate::Error;
     use crate::tests::with_threads as on;
     use std::sync::atomic::{AtomicUsize, Ordering};
 

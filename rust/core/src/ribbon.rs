@@ -8,8 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The tolerance in barycentric coordinates, so that voxels on a common side lie in at least one tetrahedron.
 const SLACK: f64 = 1e-9;

@@ -1,9 +1,8 @@
 //! Distance rows: the distances from many sources, computed in parallel; [`crate::store`] keeps them on disk.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::parallel::in_turn;
+use crate::{Control, Error, Result};
 
 /// Distance rows in memory, on disk, or computed on demand.
 pub trait Rows {

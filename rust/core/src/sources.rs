@@ -1,15 +1,12 @@
 //! Sources: the points from which distances are computed.
 
-use rand::SeedableRng;
-use rand::seq::index;
+use rand::{SeedableRng, seq::index};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
-use crate::surface::Surface;
-use crate::surface::mesh::curvature::mean_curvature;
+use crate::surface::{Surface, mesh::curvature::mean_curvature};
+use crate::{Control, Error, Result};
 
 /// The smallest number of sources that span a plane.
 pub const FEWEST_SOURCES: usize = 3;
@@ -144,8 +141,7 @@ mod tests {
     use super::*;
     use crate::adjacency::distinct;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::mesh::shapes;
-    use crate::surface::voxels::graph::VoxelGraph;
+    use crate::surface::{mesh::shapes, voxels::graph::VoxelGraph};
     use crate::tests::{chained, row};
     use crate::volume::Mask;
 

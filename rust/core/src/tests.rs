@@ -4,15 +4,13 @@ use std::ops::Range;
 
 use proptest::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::orient::map_area;
-use crate::surface::voxels::graph::VoxelGraph;
-use crate::surface::voxels::voxelmesh::VoxelMesh;
+use crate::surface::voxels::{graph::VoxelGraph, voxelmesh::VoxelMesh};
 use crate::surface::{Surface, VoxelSurface};
 use crate::volume::{Affine, Mask};
+use crate::{Control, Result};
 
 pub(crate) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::error::{Error, Result};
 use crate::scales::{SMALLEST, is_near};
+use crate::{Error, Result};
 
 /// Indices along an axis fit into 21 bits, so that three of them fit into one 64-bit Morton code.
 const LONGEST_AXIS: usize = 1 << 21;

@@ -1,14 +1,12 @@
 //! Complete maps: properties that do not depend on the implementation of the stages.
 
-use voxflat::control::Control;
 use voxflat::flatten::{FlatMap, check_flattenable, grossmann2002};
 use voxflat::geodesic::chain::{LinkLengths, chain_graph};
 use voxflat::patch::{Disk, Selection, cut_out};
 use voxflat::sources::Sources;
-use voxflat::surface::VoxelSurface;
-use voxflat::surface::voxels::graph::VoxelGraph;
+use voxflat::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result};
 
 fn surface_of(mask: &Mask, spacing: [f64; 3]) -> VoxelSurface {
     VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &Control::default()).unwrap()

@@ -10,11 +10,9 @@ use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robust::{Coord, orient2d};
-use voxflat::control::Control;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::embed::stress::levels::Levels;
-use voxflat::flatten::voxflat::Options;
-use voxflat::flatten::{self, FlatMap};
+use voxflat::flatten::{self, FlatMap, voxflat::Options};
 use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch::largest_piece;
 use voxflat::sources::Sources;
@@ -24,7 +22,7 @@ use voxflat::surface::mesh::shapes;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result};
 
 type Triangles = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 

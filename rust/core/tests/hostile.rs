@@ -6,14 +6,10 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use proptest::prelude::*;
-use voxflat::control::Control;
 use voxflat::embed::stress::levels::Levels;
-use voxflat::flatten::voxflat::Options;
-use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, zigelman2002};
-use voxflat::geodesic::chain::LinkLengths;
-use voxflat::geodesic::exact::Exact;
-use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, voxflat::Options, zigelman2002};
 use voxflat::geodesic::marching::{Marching, Wave};
+use voxflat::geodesic::{chain::LinkLengths, exact::Exact, graph::GeodesicGraph};
 use voxflat::patch::{self, Selection, cut_out};
 use voxflat::rows::DistanceRows;
 use voxflat::scales::{FARTHEST, SMALLEST};
@@ -24,7 +20,7 @@ use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface};
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result};
 
 fn cases(usual: u32) -> ProptestConfig {
     let cases = std::env::var("VOXFLAT_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(usual);

@@ -3,31 +3,28 @@
 
 use std::fmt::Debug;
 
-use voxflat::control::Control;
 use voxflat::distortion::{distances, evaluate, faces, overlap};
-use voxflat::embed::sammon;
-use voxflat::embed::stress::levels::Levels;
+use voxflat::embed::{sammon, stress::levels::Levels};
 use voxflat::flatten::relaxation::{Relaxation, relax};
 use voxflat::flatten::{self, check_flattenable, grossmann2002, saucan2006, schwartz1989, zigelman2002};
 use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-use voxflat::geodesic::exact::Exact;
-use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
+use voxflat::geodesic::{exact::Exact, graph::GeodesicGraph};
 use voxflat::place::reinsertion::{self, Placing};
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
-use voxflat::sphere::map::spherical_map;
-use voxflat::sphere::pattern::pattern;
+use voxflat::sphere::{map::spherical_map, pattern::pattern};
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
 use voxflat::surface::mesh::shapes;
 use voxflat::surface::sulcal_depth::sulcal_depth;
-use voxflat::surface::topology::{loops, thin::thin_places};
+use voxflat::surface::topology::loops;
+use voxflat::surface::topology::thin::thin_places;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface, cuts, decimate};
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result, atlas, patch};
+use voxflat::{Control, Error, Result, atlas, patch};
 
 type Job<'a> = Box<dyn Fn(&Control) -> Result<String> + Sync + 'a>;
 

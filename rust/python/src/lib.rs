@@ -2,6 +2,8 @@
 //!
 //! Arrays are copied with the GIL; everything else that takes time runs without it.
 
+#![allow(clippy::too_many_arguments)] // keyword arguments in Python
+
 mod convert;
 mod nearest;
 mod raster;

@@ -13,15 +13,12 @@ use std::sync::{Arc, Mutex};
 use ndarray::Array3;
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
-use voxflat::control::Control;
 use voxflat::geodesic::graph::GeodesicGraph;
-use voxflat::patch;
-use voxflat::surface::Surface as CoreSurface;
-use voxflat::surface::mesh;
-use voxflat::surface::voxels::repair::to_genus_zero;
-use voxflat::surface::voxels::sheets;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
+use voxflat::surface::voxels::{repair::to_genus_zero, sheets};
+use voxflat::surface::{Surface as CoreSurface, mesh};
 use voxflat::volume::Affine;
+use voxflat::{Control, patch};
 
 use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
 use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
@@ -150,24 +147,14 @@ impl Surface {
     /// Return the faces whose corners are all kept (N).
     fn part(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
-        if keep.len() != self.0.surface.len() {
-            let message =
-                format!("keep has {} values. Give one for each of the {} points", keep.len(), self.0.surface.len());
-            return Err(InputError::new_err(message));
-        }
+        self.check_length(keep.len(), "keep")?;
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_vertices(&keep).into()))
     }
 
     /// Return the faces that are kept (F).
     fn part_of_faces(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
-        let faces = self.0.surface.faces().len();
-        if keep.len() != faces {
-            return Err(InputError::new_err(format!(
-                "keep has {} values, but the surface has {faces} faces. Give one value per face",
-                keep.len()
-            )));
-        }
+        convert::check_length(keep.len(), self.0.surface.faces().len(), "keep", "face")?;
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part(&keep).into()))
     }
 
@@ -220,7 +207,7 @@ impl Surface {
 
 impl Surface {
     fn check_length(&self, given: usize, name: &str) -> PyResult<()> {
-        convert::check_length(given, self.0.surface.len(), name)
+        convert::check_length(given, self.0.surface.len(), name, "point")
     }
 
     fn vertices(&self, array: &Given<'_, u32>) -> PyResult<Vec<u32>> {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::Control;
 use voxflat::adjacency::Links;
-use voxflat::control::Control;
 use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
@@ -16,13 +16,12 @@ use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
 use voxflat::store::Store;
 use voxflat::surface::VoxelSurface as CoreSurface;
-use voxflat::surface::voxels::cubes::CubeTopology;
-use voxflat::surface::voxels::graph::VoxelGraph;
+use voxflat::surface::voxels::{cubes::CubeTopology, graph::VoxelGraph};
 use voxflat::volume::Affine;
 
-use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict, ensure};
 use crate::surface::distances::shortest;
-use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
+use crate::work::{Progress, Threads, run, run_on, to_python};
 
 type Faces<'py> = (Table<'py, u32>, Values<'py, bool>);
 type Csr<'py> = (Values<'py, u32>, Values<'py, u32>, Values<'py, f32>);
@@ -130,7 +129,8 @@ impl VoxelSurface {
     fn topology<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
         let topology =
             self.run(py, Some(1), &progress, move |inner, control| CubeTopology::of(&inner.surface, control))?;
-        topology_dict(py, &topology)
+        let CubeTopology { euler, cavities, .. } = topology;
+        Ok(dict!(py, "euler_characteristic" = euler, "cavities" = cavities, "closed" = topology.is_closed()))
     }
 
     /// Raise InputError if the surface is closed or has too few points.
@@ -164,8 +164,7 @@ impl VoxelSurface {
         seed: u64,
         progress: Progress<'py>,
     ) -> PyResult<Values<'py, u32>> {
-        let sources =
-            convert::sources(sampling, count, seed, "'farthest' or 'random', which are all that voxels have")?;
+        let sources = convert::sources(sampling, count, seed, "'farthest' or 'random' for a voxel surface")?;
         let chosen = self.run(py, Some(1), &progress, move |inner, control| sources.choose(&inner.graph, control))?;
         Ok(chosen.into_pyarray(py))
     }
@@ -251,7 +250,7 @@ impl VoxelSurface {
         progress: Progress<'py>,
     ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
-        convert::check_length(uv.len(), self.0.surface.len(), "uv")?;
+        convert::check_length(uv.len(), self.0.surface.len(), "uv", "point")?;
         let faces = self.run(py, Some(1), &progress, move |inner, control| map_faces(&uv, &inner.graph, control))?;
         Ok((convert::array(py, &faces.corners)?, faces.torn.into_pyarray(py)))
     }
@@ -273,20 +272,12 @@ impl VoxelSurface {
     }
 
     fn check_not_empty(&self) -> PyResult<()> {
-        if self.0.surface.is_empty() { Err(InputError::new_err("the surface has no points")) } else { Ok(()) }
+        ensure!(!self.0.surface.is_empty(), "the surface has no points. Choose a larger patch");
+        Ok(())
     }
 }
 
 fn link_lengths(name: &str) -> PyResult<LinkLengths> {
     let all = [("chain-code", LinkLengths::ChainCode), ("euclidean", LinkLengths::Euclidean)];
     convert::one_of("link_lengths", name, &all)
-}
-
-fn topology_dict<'py>(py: Python<'py>, topology: &CubeTopology) -> PyResult<Dict<'py>> {
-    Ok(dict!(
-        py,
-        "euler_characteristic" = topology.euler,
-        "cavities" = topology.cavities,
-        "closed" = topology.is_closed()
-    ))
 }

@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
-use voxflat::control::{self, Control};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result, control};
 
 pyo3::import_exception!(voxflat.errors, VoxflatError);
 pyo3::import_exception!(voxflat.errors, InputError);

@@ -5,8 +5,7 @@ use nalgebra::Vector3;
 use super::cone::narrowest;
 use super::facets::{Facets, NONE};
 use super::growth::Region;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The largest patch that is tried. Hardly any larger patch can be dissolved, and each attempt takes longer.
 const LARGEST: usize = 200;

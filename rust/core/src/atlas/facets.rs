@@ -4,11 +4,9 @@ use std::cmp::Ordering;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
 use crate::distortion::faces::doubled_area;
-use crate::error::{Error, Result};
-use crate::surface::Surface;
-use crate::surface::mesh::BORDER;
+use crate::surface::{Surface, mesh::BORDER};
+use crate::{Control, Error, Result};
 
 /// Marks that there is no facet.
 pub(super) const NONE: u32 = u32::MAX;

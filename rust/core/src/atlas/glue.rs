@@ -24,12 +24,10 @@ use std::collections::HashMap;
 use super::facets::Facets;
 use super::{ANGLES, Atlas};
 use crate::adjacency::distinct;
-use crate::control::Control;
-use crate::distortion::faces::stretch_of;
-use crate::distortion::overlap::overlaps;
+use crate::distortion::{faces::stretch_of, overlap::overlaps};
 use crate::embed::stress::descent::Until;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
+use crate::{Control, Error, Result};
 use layout::Layout;
 use seams::{Gluing, Obstacle};
 use settle::are_within;
@@ -110,22 +108,6 @@ impl Atlas {
 ///
 /// The pieces do not depend on the numbering of vertices and triangles.
 /// Panics if the number of labels or of corner positions differs from the number of faces.
-///
-/// # Examples
-/// ```
-/// use voxflat::atlas::glue::glue;
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let place = |v: u32| [sheet.points()[v as usize].x, sheet.points()[v as usize].y];
-/// let flat: Vec<[[f64; 2]; 3]> = sheet.faces().iter().map(|face| face.map(place)).collect();
-/// let labels: Vec<u32> = flat.iter().map(|corners| u32::from(corners[0][0] > 3.0)).collect(); // two halves
-/// let glued = glue(&sheet, &labels, &flat, 1.1, &control)?;
-/// assert_eq!((glued.patches, glued.pieces.len()), (2, 1));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
     assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
     check_bound(bound)?;

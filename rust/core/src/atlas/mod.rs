@@ -26,10 +26,9 @@ mod search;
 use nalgebra::Vector3;
 
 use crate::adjacency::distinct;
-use crate::control::Control;
 use crate::distortion::faces::stretch_of;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
+use crate::{Control, Error, Result};
 use facets::Facets;
 use growth::Growth;
 pub use projection::Plane;
@@ -133,20 +132,6 @@ pub struct Atlas {
 /// Flattens a surface of any topology in as few certified patches as are found.
 ///
 /// The patches do not depend on the numbering of vertices and triangles.
-///
-/// # Examples
-/// ```
-/// use voxflat::atlas::{Limit, Seeds, patches};
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sphere = shapes::surface(shapes::sphere(3));
-/// let atlas = patches(&sphere, Limit::Angle(30.0), Seeds::Curvature, &control)?;
-/// assert!(atlas.patches.len() > 1);
-/// assert!(atlas.patches.iter().all(|patch| patch.isometric <= atlas.certificate.c));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control) -> Result<Atlas> {
     let certificate = match limit {
         Limit::Angle(angle) => Some(Certificate::of_angle(angle)?),

@@ -8,9 +8,8 @@ use robust::Coord;
 use super::facets::Facets;
 use super::growth::Region;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// A plane, seen from the side to which its normal points.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,8 +3,7 @@ use std::collections::HashMap;
 use proptest::prelude::*;
 
 use super::*;
-use crate::distortion::faces::measure_faces;
-use crate::distortion::overlap::overlaps;
+use crate::distortion::{faces::measure_faces, overlap::overlaps};
 use crate::surface::mesh::shapes;
 use crate::tests::{Mesh, moved};
 

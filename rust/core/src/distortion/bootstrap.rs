@@ -9,8 +9,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::figures::Figures;
 use super::sums::Sums;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The number of draws. The standard errors themselves then have a relative error of about 2 %.
 const DRAWS: usize = 1000;

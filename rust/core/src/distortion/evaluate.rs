@@ -1,11 +1,9 @@
 //! Evaluation of maps by geodesic distances from reference sources.
 
 use super::{Distortion, WORK_BYTES, measure};
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::Solver;
 use crate::rows::{DistanceRows, PassingRows};
-use crate::sources;
+use crate::{Control, Result, sources};
 
 /// The number of reference sources for the distortion.
 pub const REFERENCE_SOURCES: usize = 200;

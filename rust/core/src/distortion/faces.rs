@@ -11,8 +11,8 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::{Result, check_points};
+use crate::error::check_points;
+use crate::{Control, Result};
 
 /// The number of items that one worker processes between two checks for cancellation.
 const CHUNK: usize = 4096;

@@ -21,9 +21,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::rows::Rows;
+use crate::{Control, Result};
 pub use figures::Figures;
 
 use bootstrap::{StandardErrors, standard_errors};

@@ -12,8 +12,8 @@ use robust::{Coord, orient2d};
 
 use super::faces::sorted_edges;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
-use crate::error::{Result, check_points};
+use crate::error::check_points;
+use crate::{Control, Result};
 
 /// The number of searches in one step of the progress.
 const CHUNK: usize = 256;

@@ -4,13 +4,12 @@
 //! the two largest positive eigenpairs of B, the positions are X = [√λ₁ v₁ | √λ₂ v₂]. They minimise strain.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::solvers::SelfAdjointEigen;
 use faer::matrix_free::eigen::{PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch};
-use faer::{Col, Mat, Par, Side};
+use faer::{Col, Mat, Par, Side, linalg::solvers::SelfAdjointEigen};
 
-use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::sources::check_enough;
+use crate::{Error, Result};
 
 /// Up to this size, all eigenpairs are computed; above, only the leading ones (the iterative solver needs some room).
 const DENSE: usize = 256;

@@ -10,9 +10,8 @@
 
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::neighbourhood::{Near, Neighbourhoods};
+use crate::{Control, Result};
 
 /// Sammon's magic factor: "about 0.3 or 0.4".
 const FACTOR: f64 = 0.35;

@@ -4,17 +4,15 @@ use nalgebra::Vector3;
 
 use super::check::check_flattenable;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
-use crate::control::Control;
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
-use crate::error::Result;
 use crate::geodesic::bundle::BundleScratch;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
 use crate::rows::DistanceRows;
 use crate::sources::{Sources, check_enough};
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
+use crate::{Control, Result};
 
 /// Flattens a connected part of a voxel surface by the method of Grossmann, Kiryati and Kimmel (2002): chain-code
 /// geodesics, classical scaling of the sources, and radial functions for the other points. Rows are kept on request.

@@ -11,12 +11,11 @@ mod preview;
 use rayon::prelude::*;
 
 use super::check::check_disk;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
 use crate::surface::cuts::inward::{Inward, from_sides, spread};
 use crate::surface::cuts::{Cut, Reason, described};
 use crate::surface::decimate::{Options, decimate};
+use crate::{Control, Error, Result};
 use preview::{LANDMARKS, Preview};
 
 /// The number of vertices of the coarse surface on which cuts are tried.

@@ -6,18 +6,16 @@ use rand_chacha::ChaCha8Rng;
 use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
-use crate::control::Control;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
-use crate::embed::classical::classical_scaling;
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
-use crate::embed::stress::levels::Convergence;
-use crate::error::Result;
+use crate::embed::{classical::classical_scaling, stress::levels::Convergence};
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
 use crate::orient::{map_area, orient};
 use crate::rows::DistanceRows;
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The share of the surface in a neighbourhood: "roughly 10 percent of the surface area of the entire problem".
 const SHARE: f64 = 0.1;

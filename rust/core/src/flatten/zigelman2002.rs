@@ -4,10 +4,8 @@ use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
 use crate::adjacency::marked;
-use crate::control::Control;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
-use crate::error::{Error, Result};
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
@@ -17,6 +15,7 @@ use crate::rows::DistanceRows;
 use crate::sources::{Sources, check_enough};
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
+use crate::{Control, Error, Result};
 
 /// The weight of edge lengths against the quadric error; higher than usual, so that sources are evenly spaced.
 const EVENNESS: f64 = 0.1;

@@ -15,8 +15,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::shortest::Search;
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The maximum number of sources of a bundle: their distances fill a cache line.
 pub const MOST_SOURCES: usize = 16;

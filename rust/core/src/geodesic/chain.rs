@@ -26,10 +26,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
+use crate::{Control, Error, Result};
 
 /// The weights of Kiryati and Kübler in voxels: direct, minor diagonal, major diagonal link.
 pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];

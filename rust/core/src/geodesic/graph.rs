@@ -12,9 +12,8 @@ mod view;
 use rayon::prelude::*;
 
 use crate::adjacency::{Arc, Links};
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
+use crate::{Control, Result};
 use pruning::Needed;
 use view::View;
 pub(super) use view::{Beyond, outgoing, unfold};
@@ -34,22 +33,6 @@ fn edges_crossed(vertices: usize) -> u32 {
 }
 
 /// Straight links over a surface, stored at both ends in compressed rows; a vertex's arcs are ordered by neighbour.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let rows = DistanceRows::compute(&graph, &[0], &control)?;
-/// let across = f64::from(rows.row(0)[80]) / 128.0_f64.sqrt(); // from corner to corner
-/// assert!((1.0 - 1e-6..1.001).contains(&across));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct GeodesicGraph {
     starts: Vec<u32>,

@@ -22,9 +22,8 @@ use nalgebra::Vector2;
 use super::graph::{Beyond, unfold};
 use super::solver::{Fingerprint, Solver};
 use crate::adjacency::{Arc, starts_of};
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
+use crate::{Control, Result};
 
 /// The maximum number of triangles that are unfolded to split an obtuse corner.
 const MOST_UNFOLDED: usize = 12;

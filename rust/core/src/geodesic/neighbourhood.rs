@@ -8,10 +8,8 @@ use rayon::prelude::*;
 use super::exact::{Exact, Reach};
 use super::solver::Solver;
 use crate::adjacency::marked;
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::Surface;
-use crate::surface::mesh::paths::Network;
+use crate::surface::{Surface, mesh::paths::Network};
+use crate::{Control, Error, Result};
 
 /// The maximum number of vertices around which neighbourhoods are counted.
 const COUNTED: usize = 1024;

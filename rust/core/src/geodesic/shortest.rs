@@ -5,8 +5,7 @@
 //! that one link can span are in use at a time, so they are kept in a ring.
 
 use crate::adjacency::{Arc, Links};
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The maximum number of buckets in the ring. If lengths of links differ more, buckets are wider than the shortest
 /// link. A vertex may then be taken out more than once, which costs time but remains correct.

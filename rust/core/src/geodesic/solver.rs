@@ -2,8 +2,7 @@
 
 use super::bundle::{self, BundleScratch};
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// A geodesic solver computes rows: the distances from a source to every vertex.
 pub trait Solver: Sync {

@@ -1,11 +1,10 @@
 //! Geodesic disks of a surface.
 
 use crate::adjacency::{Components, Links};
-use crate::control::Control;
-use crate::error::{Error, Result, check_points};
+use crate::error::check_points;
 use crate::geodesic::shortest::Search;
-use crate::surface::Surface;
-use crate::surface::mesh::BORDER;
+use crate::surface::{Surface, mesh::BORDER};
+use crate::{Control, Error, Result};
 
 /// The maximum size of an enclosed piece that a geodesic disk includes, as a share of the disk's area: a bump that is
 /// higher than the radius. Larger pieces are gyri that do not belong to the disk.
@@ -69,8 +68,7 @@ pub fn disk(
 mod tests {
     use super::*;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::mesh::shapes;
-    use crate::surface::topology::Topology;
+    use crate::surface::{mesh::shapes, topology::Topology};
     use crate::tests::{both, moved};
     use nalgebra::Vector3;
 

@@ -1,13 +1,11 @@
 //! Parts of a voxel surface, on the 26-neighbour graph of Grossmann et al. (2002).
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::geodesic::shortest::Search;
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// The part of a surface to select.
 #[derive(Debug, Clone, Default)]

@@ -6,8 +6,7 @@
 
 use std::collections::VecDeque;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The number of pixels between two checks for cancellation.
 const BATCH: usize = 1 << 14;

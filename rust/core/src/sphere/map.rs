@@ -16,13 +16,10 @@ use std::collections::{BinaryHeap, HashMap, HashSet};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::adjacency::Groups;
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::Surface;
-use crate::surface::cuts::holes::fill_holes;
 use crate::surface::decimate::{self, Decimation, decimate};
 use crate::surface::mesh::{BORDER, next};
-use crate::surface::topology::Topology;
+use crate::surface::{Surface, cuts::holes::fill_holes, topology::Topology};
+use crate::{Control, Error, Result};
 
 /// The ratio of the numbers of vertices of successive levels; and the number of vertices below which space gets narrow.
 const FALL: f64 = 2.0;

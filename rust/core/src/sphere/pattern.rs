@@ -8,10 +8,8 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
-use crate::surface::Surface;
-use crate::surface::mesh::vertex_normals;
+use crate::surface::{Surface, mesh::vertex_normals};
+use crate::{Control, Result};
 
 /// The root mean square distance from the centre, in the units of the scales.
 pub const RADIUS: f64 = 50.0;

@@ -13,9 +13,8 @@ use super::locate::{Located, Locator};
 use super::map::{Metric, closed, levels, map_of_level, refined};
 use super::pattern::{Pattern, SCALES, Smoothing, pattern};
 use crate::adjacency::marked;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The maximum number of vertices of the surface on which the registration is computed.
 const MOST_VERTICES: usize = 12_000;

@@ -7,10 +7,8 @@ use super::locate::Locator;
 use super::map::{flipped, spherical_map};
 use super::pattern::pattern;
 use super::register::{Template, register};
-use crate::control::Control;
-use crate::error::Error;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
+use crate::{Control, Error};
 
 /// A sphere whose points are moved by a function.
 fn bent(times: usize, by: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Surface {

@@ -20,12 +20,11 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::bundle::{BundleScratch, MOST_SOURCES};
 use crate::parallel::in_turn;
 use crate::rows::{Rows, fill};
+use crate::{Control, Error, Result};
 use journal::Journal;
 use npy::{CHUNK, NpyFile, VALUE};
 

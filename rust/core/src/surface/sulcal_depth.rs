@@ -2,11 +2,10 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::decimate::{Options, decimate};
 use crate::surface::mesh::diffusion::{Stiffness, masses};
 use crate::surface::mesh::{Surface, vertex_normals};
+use crate::{Control, Result};
 
 /// The most vertices without decimation: with triangles below 1 mm, the solver's steps grow faster than vertices.
 pub const FINEST: usize = 200_000;

@@ -4,14 +4,12 @@ use std::path::PathBuf;
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::Control;
 use voxflat::adjacency::Links;
-use voxflat::control::Control;
 use voxflat::distortion::distances::error_of_distances;
-use voxflat::geodesic::Solver;
-use voxflat::geodesic::exact::Exact;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::path::{PathPoint, Site, length};
-use voxflat::geodesic::shortest::trace_path;
+use voxflat::geodesic::{Solver, exact::Exact, shortest::trace_path};
 use voxflat::rows::DistanceRows;
 use voxflat::sources::{Sources, by_curvature};
 use voxflat::store::Store;
@@ -39,7 +37,6 @@ impl Surface {
     /// Compute the missing rows of a store from sources (vertices); return the numbers of rows it had, and of damaged
     /// rows.
     #[pyo3(signature = (directory, identity, sources, geodesic="graph", threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn store_rows(
         &self,
         py: Python<'_>,
@@ -78,7 +75,6 @@ impl Surface {
 
     /// Compute missing rows, by their numbers, of a part of a store: a directory with its own journal.
     #[pyo3(signature = (directory, part, identity, sources, rows, geodesic="graph", threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn store_part(
         &self,
         py: Python<'_>,

@@ -2,11 +2,8 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use voxflat::distortion::evaluate;
-use voxflat::distortion::faces::measure_faces;
-use voxflat::distortion::overlap::overlaps;
-use voxflat::surface::mesh::curvature::smooth_mean_curvature;
-use voxflat::surface::sulcal_depth::sulcal_depth;
+use voxflat::distortion::{evaluate, faces::measure_faces, overlap::overlaps};
+use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
 
 use super::solvers::{Geodesic, with_solver};
 use super::{Inner, Surface};
@@ -55,7 +52,6 @@ impl Surface {
 
     /// Return the distance errors of maps (N, 2) from sources (vertices). Rows above `kept` bytes are computed twice.
     #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn judge<'py>(
         &self,
         py: Python<'py>,

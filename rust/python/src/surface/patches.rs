@@ -7,13 +7,12 @@ use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
 use crate::convert::{self, Dict, Given, GivenTable, dict};
-use crate::work::{InputError, Progress, Threads};
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
     /// Return certified flat patches, limited by "angle" (degrees), "bound" (on C) or "count" (their number).
     #[pyo3(signature = (limit, value, seeds, seed, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)]
     fn patches<'py>(
         &self,
         py: Python<'py>,
@@ -50,11 +49,8 @@ impl Surface {
         let flat: Vec<[f64; 6]> = convert::rows(&flat, "flat")?;
         let flat: Vec<[[f64; 2]; 3]> = flat.into_iter().map(|[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]]).collect();
         let faces = self.0.surface.faces().len();
-        if labels.len() != faces || flat.len() != faces {
-            let message =
-                format!("labels has {} values and flat {} rows. Give {faces} of both", labels.len(), flat.len());
-            return Err(InputError::new_err(message));
-        }
+        convert::check_length(labels.len(), faces, "labels", "face")?;
+        convert::check_length(flat.len(), faces, "flat", "face")?;
         let found = self.run(py, threads, &progress, move |inner, control| {
             glue::glue(&inner.surface, &labels, &flat, bound, control)
         })?;

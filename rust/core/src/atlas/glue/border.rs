@@ -9,8 +9,7 @@ use robust::{Coord, orient2d};
 use super::layout::Layout;
 use super::strain::Place;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 struct Side {
     places: [u32; 2],

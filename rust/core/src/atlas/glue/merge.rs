@@ -6,8 +6,8 @@ use std::collections::BinaryHeap;
 
 use super::layout::Chain;
 use super::seams::Gluing;
+use crate::Result;
 use crate::adjacency::distinct;
-use crate::error::Result;
 use crate::surface::mesh::next;
 
 /// Sides are closed together if their gap is smaller than this share of their length.

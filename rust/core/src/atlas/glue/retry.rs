@@ -2,7 +2,7 @@
 
 use super::layout::Chain;
 use super::seams::{BRIEFLY, Gluing};
-use crate::error::Result;
+use crate::Result;
 
 /// The maximum number of rounds over all cuts.
 const ROUNDS: usize = 16;

@@ -5,11 +5,10 @@ use std::collections::HashMap;
 use super::layout::Layout;
 use super::strain::{Place, Price, Region, Strain};
 use crate::adjacency::distinct;
-use crate::control::Control;
 use crate::distortion::faces::stretch_of;
 use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::triangles::Rest;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The excess over this share of the range (by its logarithm) is minimised, to stay well within the bound.
 const ASIDE: f64 = 0.8;

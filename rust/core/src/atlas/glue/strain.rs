@@ -10,11 +10,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::control::Control;
 use crate::embed::stress::descent::{Objective, SAFE};
 use crate::embed::stress::springs::{Factor, Springs};
 use crate::embed::stress::triangles::Rest;
-use crate::error::Result;
+use crate::{Control, Result};
 
 pub(super) type Place = Vector2<f64>;
 

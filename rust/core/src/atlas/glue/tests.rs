@@ -3,8 +3,7 @@ use proptest::prelude::*;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::*;
-use crate::atlas::tests::shaken;
-use crate::atlas::{Limit, Seeds, patches};
+use crate::atlas::{Limit, Seeds, patches, tests::shaken};
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
 use crate::surface::mesh::{BORDER, next, shapes};
 use crate::tests::{Mesh, both, moved};

@@ -1,6 +1,5 @@
 use super::*;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

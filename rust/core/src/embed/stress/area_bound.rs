@@ -3,10 +3,9 @@
 use super::levels::{APART, Convergence, Levels, weighted};
 use super::pairs::Pairs;
 use super::triangles::AreaBound;
-use crate::control::Control;
 use crate::embed::Place;
-use crate::error::Result;
 use crate::rows::DistanceRows;
+use crate::{Control, Result};
 
 /// The initial penalty on the squared excess of an area change, its growth factor, the number of times that it grows,
 /// and the share of the bound at which it begins.

@@ -131,7 +131,7 @@ fn add(to: &mut [Place], vectors: &VecDeque<Vec<Vector2<f32>>>, times: &[f64]) {
 mod tests {
     use super::super::springs::Springs;
     use super::*;
-    use crate::control::Control;
+    use crate::Control;
     use proptest::prelude::*;
 
     type Vectors = Vec<Vector2<f64>>;

@@ -6,21 +6,19 @@
 use crate::embed::Place;
 use std::iter;
 
-use super::MapEnergy;
 use super::descent::{Descended, Until, descend};
 use super::local::ease;
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
 use super::triangles::{Shape, TriangleEnergy};
-use super::tutte;
-use crate::control::Control;
-use crate::error::{Error, Result};
+use super::{MapEnergy, tutte};
 use crate::geodesic::Solver;
 use crate::place::reinsertion::{self, Placing};
 use crate::rows::{DistanceRows, Rows};
 use crate::surface::Surface;
 use crate::surface::decimate::{self, Decimation, decimate};
+use crate::{Control, Error, Result};
 
 /// The ratio of the numbers of vertices of successive levels.
 const FALL: f64 = 3.0;

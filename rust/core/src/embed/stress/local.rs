@@ -7,8 +7,7 @@ use crate::embed::Place;
 use nalgebra::Matrix2;
 
 use super::triangles::{Rest, Shape, TriangleEnergy, cofactors};
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The maximum number of times that a step is shortened.
 const MOST_SHORTER: usize = 12;

@@ -12,9 +12,8 @@ use super::descent::SAFE;
 use super::outline::Outline;
 use super::triangles::{TriangleEnergy, signed_area};
 use crate::adjacency::distinct;
-use crate::control::Control;
-use crate::error::Result;
 use crate::place::reinsertion::seeing;
+use crate::{Control, Result};
 
 /// The number of rounds in which vertices of folded triangles are moved.
 const ROUNDS: usize = 40;

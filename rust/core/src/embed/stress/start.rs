@@ -8,10 +8,9 @@ use super::levels::{APART, Convergence, Dials, HOPELESS, Level, Levels, MOST_ROU
 use super::outline::Outline;
 use super::pairs::Pairs;
 use super::repair::{Fault, repair};
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
+use crate::{Control, Error, Result};
 
 /// The maximum factor between the scale of a start and that given by its area, in both directions, and the number of
 /// times that the range of its scale is narrowed.

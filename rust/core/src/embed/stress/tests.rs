@@ -1,10 +1,9 @@
 use super::levels::Levels;
 use super::*;
+use crate::Error;
 use crate::distortion::overlap::overlaps;
-use crate::error::Error;
 use crate::rows::DistanceRows;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

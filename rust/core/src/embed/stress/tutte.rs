@@ -11,9 +11,8 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::springs::Springs;
 use super::triangles::TriangleEnergy;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The share of their area to which triangles may shrink.
 const SMALL: f64 = 0.02;

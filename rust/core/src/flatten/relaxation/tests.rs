@@ -4,8 +4,7 @@ use crate::flatten::voxflat::Options;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::sources::Sources;
 use crate::surface::cuts::{cut, open_to_disk};
-use crate::surface::mesh::shapes;
-use crate::surface::topology::Topology;
+use crate::surface::{mesh::shapes, topology::Topology};
 
 fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
     relax(surface, Relaxation { length, least_gain, ..Relaxation::default() }, &Control::default()).unwrap()

@@ -1,5 +1,5 @@
 use super::*;
-use crate::error::Error;
+use crate::Error;
 use crate::surface::mesh::shapes;
 use crate::tests::flipped as turned_over;
 

@@ -2,16 +2,11 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::Error;
-use crate::control::Control;
-use crate::geodesic::graph::GeodesicGraph;
-use crate::geodesic::path::{
-    Site,
-    checks::{assert_on_surface, bumpy},
-    length,
-};
-use crate::geodesic::solver::Solver;
+use crate::geodesic::path::checks::{assert_on_surface, bumpy};
+use crate::geodesic::path::{Site, length};
+use crate::geodesic::{graph::GeodesicGraph, solver::Solver};
 use crate::surface::mesh::{BORDER, next, previous, shapes};
+use crate::{Control, Error};
 
 fn row(surface: &Surface, source: u32) -> Vec<f64> {
     row_within(surface, source, Reach::default())

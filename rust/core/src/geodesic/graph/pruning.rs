@@ -10,8 +10,7 @@ use rayon::prelude::*;
 
 use super::view::{Seen, View};
 use crate::adjacency::{Arc, starts_of};
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// A link is dropped if two others are together at most this factor longer (docs/decisions/0007).
 pub(super) const DETOUR: f32 = 1.0005;

@@ -1,8 +1,7 @@
 use super::*;
 use crate::orient::map_area;
-use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
 use crate::tests::flipped;
 use proptest::prelude::*;
 

@@ -4,11 +4,10 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::paths::Network;
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::topology::{Loop, Topology};
+use crate::{Control, Result};
 
 /// The maximum number of edges of a hole to fill; the time grows with its cube.
 pub const MOST_EDGES: usize = 500;

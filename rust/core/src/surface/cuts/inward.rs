@@ -1,9 +1,8 @@
 //! Shortest paths from the boundary of a surface to its interior.
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{EdgeSearch, Network};
+use crate::{Control, Result};
 
 /// The shortest paths along edges from the boundary to every vertex.
 #[derive(Debug)]

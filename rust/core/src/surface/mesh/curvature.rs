@@ -2,10 +2,9 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::diffusion::{Stiffness, masses};
+use crate::{Control, Result};
 
 /// The number of diffusion steps; with three, the kernel is close to a Gaussian.
 const STEPS: usize = 3;

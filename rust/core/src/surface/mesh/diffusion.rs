@@ -4,9 +4,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
+use crate::{Control, Result};
 
 /// The relative residual at which conjugate gradients end; they also end after the maximum number of steps.
 const SMALL: f64 = 3e-3;

@@ -14,8 +14,8 @@ pub mod triangles;
 use nalgebra::Vector3;
 
 use crate::adjacency::Components;
-use crate::error::{Error, Result};
 use crate::scales::{SHORTEST_EDGE, SMALLEST, is_near};
+use crate::{Error, Result};
 
 /// Marks a half-edge with no face on its other side.
 pub const BORDER: u32 = u32::MAX;
@@ -23,15 +23,7 @@ pub const BORDER: u32 = u32::MAX;
 /// An oriented 2-manifold of triangles, with or without a boundary.
 ///
 /// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`. Faces run counterclockwise as seen from
-/// outside. # Examples
-/// ```
-/// use voxflat::surface::Surface;
-///
-/// let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-/// let (tetrahedron, repairs) = Surface::from_triangles(&points, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
-/// assert_eq!((tetrahedron.edges().count(), tetrahedron.boundary().len(), repairs.turned), (6, 0, 0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// outside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
     points: Vec<Vector3<f64>>,
@@ -356,7 +348,7 @@ fn finite(mut points: impl Iterator<Item = [f64; 3]>) -> Result<()> {
 mod tests {
     use super::shapes::assert_sound;
     use super::*;
-    use crate::error::Error;
+    use crate::Error;
     use crate::surface::topology::Topology;
     use proptest::prelude::*;
 

@@ -4,9 +4,9 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::{Error, Result, check_points};
+use crate::error::check_points;
 use crate::surface::mesh::{BORDER, Surface};
+use crate::{Control, Error, Result};
 
 const NONE: u32 = u32::MAX;
 

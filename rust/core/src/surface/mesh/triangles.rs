@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::repair::{Repair, at_one_place, duplicates, has_no_area, is_soup};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
 use crate::adjacency::distinct;
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 
 /// The repairs that were made to a mesh.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

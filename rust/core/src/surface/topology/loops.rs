@@ -15,12 +15,11 @@ use std::collections::BinaryHeap;
 use nalgebra::Vector3;
 
 use crate::adjacency::distinct;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::paths::{EdgeSearch, length};
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::topology::Topology;
 use crate::surface::topology::homology::{Homology, Shrunk};
+use crate::{Control, Result};
 
 /// The cost of a path through a boundary loop, as a share of the loop's length: that of its longest way around.
 pub(crate) const TOLL: f64 = 0.5;

@@ -6,10 +6,9 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{EdgeSearch, Network};
+use crate::{Control, Result};
 
 /// The maximum cosine between the normals of opposite sides.
 const AWAY: f64 = -0.5;

@@ -3,9 +3,8 @@
 //! A sheet that can be flattened has Euler characteristic χ = 1 (a disk). The surface of a solid has χ = 2 and encloses
 //! an interior. Every handle, hole, or contact of two banks reduces χ by one.
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface, neighbours};
+use crate::{Control, Result};
 
 /// The smallest share of the surface that must line one cavity for the surface to count as closed. A smaller cavity is
 /// a pocket inside a thick sheet, which still has an edge and can be flattened.

@@ -2,8 +2,7 @@
 
 use super::{VertexGrid, VoxelSurface, neighbours};
 use crate::adjacency::{Arc, Links};
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// A stored arc: 29 bits for the neighbour, 3 for the kind of link. Distance rows are memory-bound; half the bytes make
 /// them about half again as fast.

@@ -15,9 +15,8 @@ pub mod voxelmesh;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::volume::{Affine, Mask};
+use crate::{Control, Error, Result};
 
 /// The offsets to the six direct neighbours.
 pub(crate) const DIRECT: [[i64; 3]; 6] = [[-1, 0, 0], [0, -1, 0], [0, 0, -1], [0, 0, 1], [0, 1, 0], [1, 0, 0]];

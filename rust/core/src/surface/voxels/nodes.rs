@@ -11,10 +11,9 @@ use std::collections::HashSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::voxels::surfels::Surfels;
+use crate::{Control, Error, Result};
 
 /// The assignment of surfels to nodes.
 #[derive(Debug, Clone)]

@@ -13,8 +13,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The neighbours of each node, in compressed rows.
 #[derive(Debug, Clone, Default)]

@@ -33,10 +33,9 @@ use self::distances::distances;
 use self::grid::{BATCH, Grid, look};
 use self::runs::{EDGES, FACES, Runs};
 use self::simple::{AROUND, is_simple, neighbourhood};
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::voxels::neighbours;
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// The depth in voxels that equals the certainty of being on one side, or of having only neighbours on it.
 const LIKELY: f32 = 2.0;
@@ -67,18 +66,6 @@ pub struct Repaired {
 /// clamped to 0 to 1; NaN counts as 0. Voxels outside the volume are background and remain so.
 /// Errors: [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::voxels::repair::to_genus_zero;
-/// use voxflat::volume::Mask;
-///
-/// let ring = Mask::from_fn([7, 7, 3], |[i, j, k]| k == 1 && (1..6).contains(&i) && (1..6).contains(&j) && [i, j] != [3, 3])?;
-/// let repaired = to_genus_zero(&ring, [1.0; 3], None, &Control::default())?;
-/// assert_eq!((repaired.handles, repaired.filled), (1, vec![[3, 3, 1]])); // the hole is closed
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn to_genus_zero(
     mask: &Mask,
     spacing: [f64; 3],

@@ -17,12 +17,11 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::voxels::graph::VoxelGraph;
 use crate::surface::voxels::surfels::{Surfels, moved};
 use crate::surface::voxels::{VoxelSurface, neighbours};
 use crate::volume::Mask;
+use crate::{Control, Result};
 
 /// The largest share of a sheet's foreground voxels without background neighbours. Ball-like labels of more than a few
 /// voxels have more, and real solids more than half.
@@ -189,10 +188,8 @@ mod tests {
     use super::*;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::patch::largest_piece;
-    use crate::surface::Surface;
-    use crate::surface::mesh::shapes::assert_sound;
-    use crate::surface::topology::Topology;
     use crate::surface::voxels::voxelmesh::{Kind, VoxelMesh};
+    use crate::surface::{Surface, mesh::shapes::assert_sound, topology::Topology};
     use crate::tests::{masks, row};
     use crate::volume::Affine;
     use nalgebra::Rotation3;

@@ -4,11 +4,10 @@
 //! paired determines the surface there ([`Touching`]). Corners are only united across glued edges, so the result is
 //! always a closed, oriented, abstract surface: χ = corners − surfels.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::mesh::BORDER;
 use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface};
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// How foreground voxels that touch only along an edge are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,16 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::mesh::Surface;
-use crate::surface::voxels::VoxelSurface;
-use crate::surface::voxels::level::Level;
-use crate::surface::voxels::nodes::Nodes;
 use crate::surface::voxels::positions::{self, Neighbours, Places};
-use crate::surface::voxels::sheets;
 use crate::surface::voxels::surfels::{Surfels, Touching, moved};
+use crate::surface::voxels::{VoxelSurface, level::Level, nodes::Nodes, sheets};
 use crate::volume::{Affine, Mask};
+use crate::{Control, Error, Result};
 
 /// The number of fits of a solid's surface; each one smooths the steps between voxels further (docs/decisions/0006).
 const SOLID_FITS: usize = 2;

@@ -2,11 +2,8 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::geodesic::exact::Exact;
-use crate::geodesic::path::{
-    checks::{assert_on_surface, bumpy},
-    length,
-};
+use crate::geodesic::path::checks::{assert_on_surface, bumpy};
+use crate::geodesic::{exact::Exact, path::length};
 use crate::surface::mesh::shapes;
 
 /// The relative excess length of each vertex's path over the exact one. Every path is checked.

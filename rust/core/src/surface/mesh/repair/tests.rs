@@ -1,10 +1,8 @@
 use proptest::prelude::*;
 
-use crate::error::Error;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
-use crate::surface::mesh::shapes::assert_sound;
-use crate::surface::mesh::triangles::Repairs;
+use crate::Error;
+use crate::surface::mesh::shapes::{self, assert_sound};
+use crate::surface::{Surface, mesh::triangles::Repairs};
 
 type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 

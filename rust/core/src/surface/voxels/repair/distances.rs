@@ -1,8 +1,7 @@
 //! Euclidean distance transform of a grid.
 
 use super::grid::Grid;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// Returns the Euclidean distance of every cell to the nearest site, by squared distances along one axis after the
 /// other (Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions). `scale` separates neighbours.

@@ -1,8 +1,7 @@
 //! A box of cells, and connected components in it.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// The number of steps between two checks for cancellation.
 pub(super) const BATCH: usize = 1 << 12;
