@@ -47,7 +47,6 @@ pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector
     normals.into_iter().map(|normal| if normal == Vector3::zeros() { undefined } else { normal }).collect()
 }
 
-/// Returns the mean over a point and its neighbours.
 fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> Vector3<f64> {
     let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
     let (sum, count): (Vector3<f64>, f64) = graph.arcs(vertex as u32).fold((normals[vertex], 1.0), add);
@@ -77,7 +76,7 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 /// least squares (Procrustes; Schönemann 1966). The means coincide afterwards. Returns the angle in radians,
 /// counterclockwise; 0 if the positions do not determine it. Panics if the numbers of positions differ.
 pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) -> f64 {
-    assert_eq!(places.len(), onto.len(), "one place for each other");
+    assert_eq!(places.len(), onto.len(), "one target per position");
     if places.is_empty() {
         return 0.0;
     }

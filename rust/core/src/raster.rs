@@ -206,7 +206,6 @@ mod tests {
         Raster::draw(uv, &faces, pixel_size, &Control::default()).unwrap()
     }
 
-    /// (u, v) of a pixel's centre.
     fn centre(raster: &Raster, pixel: usize) -> [f64; 2] {
         let (row, column) = (pixel / raster.width, pixel % raster.width);
         [raster.origin[0] + column as f64 * raster.pixel_size, raster.origin[1] - row as f64 * raster.pixel_size]

@@ -70,7 +70,6 @@ pub fn voxels(
     Ok(found)
 }
 
-/// Finds the voxels of one column.
 fn column(
     triangle: u32,
     inner: &[Vector3<f64>; 3],
@@ -130,7 +129,6 @@ mod tests {
     use crate::surface::mesh::shapes;
     use proptest::prelude::*;
 
-    /// A sheet of triangles over a square, at a height above it.
     fn sheet(height: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
         let (points, faces) = shapes::sheet(4, 4);
         let points = points.iter().map(|[x, y, _]| [3.0 * x + 0.13, 3.0 * y + 0.17, height]).collect();

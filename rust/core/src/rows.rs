@@ -82,7 +82,7 @@ impl DistanceRows {
     /// Creates rows from known distances, `columns` per row, one row after the other.
     /// Panics if the number of rows differs from the number of sources.
     pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
-        assert_eq!(data.len(), sources.len() * columns, "one row a source");
+        assert_eq!(data.len(), sources.len() * columns, "one row per source");
         Self { sources, columns, data }
     }
 
@@ -226,7 +226,6 @@ mod tests {
         (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect()
     }
 
-    /// Computes each row by a separate search.
     fn searched(graph: &VoxelGraph, sources: &[u32]) -> Vec<f32> {
         sources.iter().flat_map(|&source| row(graph, source)).collect()
     }

@@ -200,7 +200,7 @@ mod tests {
         let graph = bent_sheet();
         let control = Control::default();
         let choose = |sources: Sources| sources.choose(&graph, &control).unwrap();
-        for count in [3, 10, graph.len()] {
+        for count in [3, 10, graph.vertices()] {
             for seed in [0, 1] {
                 let random = choose(Sources::Random { count, seed });
                 assert_eq!(random, choose(Sources::Random { count, seed }));

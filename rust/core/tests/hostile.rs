@@ -1,6 +1,6 @@
-//! Small inputs of any kind give a valid map or an error, never a panic, at any size within the scales.
+//! Small inputs of any kind and size give a valid map or an error, never a panic.
 //!
-//! `VOXFLAT_CASES=100000 cargo test --release --test hostile` tries as many of each.
+//! `VOXFLAT_CASES=100000 cargo test --release --test hostile` runs 100,000 cases of each test.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
@@ -52,7 +52,7 @@ fn watched(
 
 type Soup = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
-/// A coordinate: on a small grid, so that places and lines coincide; or any; or of any size; rarely none.
+/// Generates coordinates: small integers, so that points coincide; ordinary, tiny and huge numbers; rarely NaN.
 fn coordinate() -> impl Strategy<Value = f64> {
     prop_oneof![
         8 => (0..4).prop_map(f64::from),
@@ -62,7 +62,7 @@ fn coordinate() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Arbitrary triangles.
+/// Generates arbitrary triangles.
 fn soup() -> impl Strategy<Value = Soup> {
     (3usize..12).prop_flat_map(|count| {
         let faces = prop::collection::vec(prop::array::uniform3(-1..count as i64 + 1), 0..24);
@@ -70,8 +70,8 @@ fn soup() -> impl Strategy<Value = Soup> {
     })
 }
 
-/// A sheet, a ball or a ring, some of whose vertices were moved anywhere and some of whose triangles were taken out,
-/// turned or doubled.
+/// Generates sheets, balls and rings, some of whose vertices are displaced, and some of whose triangles are removed,
+/// reversed or duplicated.
 fn spoiled() -> impl Strategy<Value = Soup> {
     let whole = prop::sample::select(vec![0, 1, 2]).prop_map(|kind| match kind {
         0 => shapes::sheet(5, 4),
@@ -118,7 +118,7 @@ fn all_maps(surface: &Surface, control: &Control) -> Result<Vec<Result<FlatMap>>
     ])
 }
 
-/// A map of finite places, as many as it says; figures that are numbers, or undefined.
+/// Checks that the positions of a map are finite, and that its figures are numbers or undefined.
 fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
     prop_assert!(map.uv.iter().flatten().all(|x| x.is_finite()), "{:?}", map.uv);
     prop_assert!(map.normals.iter().all(|n| n.iter().all(|x| x.is_nan()) || n.norm() < 1.0 + 1e-9));
@@ -130,7 +130,7 @@ fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Calls all functions on triangles; each returns an error if it is not possible.
+/// Calls all functions on triangles; each of them may return an error.
 fn worked_through((points, faces): &Soup, control: &Control) -> std::result::Result<(), TestCaseError> {
     let defects = Surface::defects(points, faces);
     for made in [Surface::from_triangles(points, faces), Surface::repaired(points, faces)] {

@@ -55,8 +55,8 @@ impl Inner {
 
 #[pymethods]
 impl Surface {
-    /// Creates a surface from points (N, 3) in mm and triangles (F, 3), with its repairs; defects are errors unless
-    /// `mend`.
+    /// Create a surface from points (N, 3) in mm and triangles (F, 3); also return its repairs. Defects are errors unless
+    /// `mend` is true.
     #[staticmethod]
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
@@ -82,8 +82,8 @@ impl Surface {
         Ok((surface.into(), dict))
     }
 
-    /// Creates a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K)
-    /// and its value on the surface; `sheet` is whether it is a voxel sheet. Also returns the voxel of each vertex (N,
+    /// Create a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K) and
+    /// its value on the surface; `sheet` is whether the label is a voxel sheet. Also return the voxel of each vertex (N,
     /// 3) and details.
     #[staticmethod]
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
@@ -125,7 +125,7 @@ impl Surface {
         convert::array(py, &points)
     }
 
-    /// Unit normals (N, 3) of the vertices, means of those of their faces.
+    /// Unit normals (N, 3) of the vertices: the means of the normals of their faces.
     #[getter]
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let normals = self.run(py, Some(1), &None, move |inner, _| Ok(convert::plain(&inner.surface.normals())))?;

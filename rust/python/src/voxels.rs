@@ -66,7 +66,7 @@ impl VoxelSurface {
         })
     }
 
-    /// Return the part to flatten: that of a mask, a geodesic disk, or the largest component.
+    /// Return the part to flatten: the voxels in a mask, a geodesic disk, or the largest component.
     #[pyo3(signature = (keep=None, seed_point=None, radius=None, progress=None))]
     fn cut_out(
         &self,
@@ -112,7 +112,7 @@ impl VoxelSurface {
     #[getter]
     fn csr<'py>(&self, py: Python<'py>) -> Csr<'py> {
         let graph = &self.0.graph;
-        let arcs = || (0..graph.len() as u32).flat_map(|vertex| graph.arcs(vertex));
+        let arcs = || (0..graph.vertices() as u32).flat_map(|vertex| graph.arcs(vertex));
         let (neighbours, lengths): (Vec<u32>, Vec<f32>) = py.detach(|| arcs().map(|arc| (arc.to, arc.length)).unzip());
         (graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
     }

@@ -66,7 +66,7 @@ pub fn run<T: Send + 'static>(
     })
 }
 
-/// Does the same for work on a shared value.
+/// Runs `work` on a shared value, as [`run`] does.
 pub fn run_on<I: Send + Sync + 'static, T: Send + 'static>(
     value: &Arc<I>,
     py: Python<'_>,

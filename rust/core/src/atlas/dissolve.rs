@@ -64,7 +64,7 @@ pub(super) fn dissolved(
 }
 
 impl Parts<'_, '_> {
-    /// Returns a new patch for each facet of a patch; none if one of them has none.
+    /// Returns a new patch for every facet of a patch, or none if one of the facets has no new patch.
     fn ways_out(&self, number: u32) -> Option<Vec<Move>> {
         let mut left = self.regions[number as usize].facets.clone();
         let mut moves: Vec<Move> = Vec::new();

@@ -61,7 +61,7 @@ pub struct Piece {
 }
 
 /// The outcome of gluing. Lengths are on the surface in mm; each seam counts once.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Seams {
     /// The length of all seams between the patches.
     pub length: f64,
@@ -109,7 +109,10 @@ impl Atlas {
 /// The pieces do not depend on the numbering of vertices and triangles.
 /// Panics if the number of labels or of corner positions differs from the number of faces.
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
-    assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
+    assert!(
+        labels.len() == surface.faces().len() && flat.len() == labels.len(),
+        "one label and three positions per face"
+    );
     check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
@@ -117,11 +120,8 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     let before = all.iter().map(|&facet| worst(&patches, facet)).fold(1.0, f64::max);
     if !are_within(&patches, &all, bound) {
         let [least, most] = ANGLES;
-        return Err(Error::PatchesBeyondBound {
-            bound,
-            before,
-            angle: bound.recip().acos().to_degrees().clamp(least, most),
-        });
+        let angle = bound.recip().acos().to_degrees().clamp(least, most);
+        return Err(Error::PatchesBeyondBound { bound, before, angle });
     }
     let mut gluing = Gluing::new(patches.clone(), bound, control);
     gluing.merge()?;
@@ -138,11 +138,7 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
         }
         control.advance();
     }
-    let mut glued = collected(&layout);
-    glued.seams = seams(&layout, &reasons);
-    glued.patches = patches.members.len();
-    glued.before = before;
-    Ok(glued)
+    Ok(Glued { seams: seams(&layout, &reasons), patches: patches.members.len(), before, ..collected(&layout) })
 }
 
 /// Checks that patches can be glued within this bound on C.
@@ -184,8 +180,7 @@ fn collected(layout: &Layout<'_>) -> Glued {
         piece.faces.iter().for_each(|&face| labels[face as usize] = number);
         pieces.push(piece);
     }
-    let seams = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
-    Glued { labels, pieces, stretch, seams, patches: 0, before: 1.0 }
+    Glued { labels, pieces, stretch, seams: Seams::default(), patches: 0, before: 1.0 }
 }
 
 fn measured(layout: &Layout<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
@@ -221,7 +216,7 @@ fn measured(layout: &Layout<'_>, members: &[u32], area: f64, stretch: &mut [[f64
 }
 
 fn seams(layout: &Layout<'_>, reasons: &[Option<Obstacle>]) -> Seams {
-    let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
+    let mut found = Seams::default();
     for (side, twin) in (0..).zip(&layout.twins).filter(|&(side, &twin)| layout.seams[side as usize] && side < twin) {
         let length = layout.lengths[side as usize];
         let is_one = layout.piece[side as usize / 3] == layout.piece[*twin as usize / 3];

@@ -107,7 +107,7 @@ pub fn measure_faces(
     uv: &[[f64; 2]],
     control: &Control,
 ) -> Result<FaceDistortion> {
-    assert_eq!(points.len(), uv.len(), "one place a vertex");
+    assert_eq!(points.len(), uv.len(), "one position per vertex");
     check_points(faces.iter().flatten().copied(), points.len())?;
     control.begin("measuring triangles", 7);
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
@@ -157,7 +157,7 @@ pub fn measure_faces(
 /// Returns the factor by which a map must be multiplied to have the area of the surface: √(Σ A_surface / Σ A_flat). NaN
 /// if the map has no area. Panics if the numbers of points and of positions differ.
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
-    assert_eq!(points.len(), uv.len(), "one place a vertex");
+    assert_eq!(points.len(), uv.len(), "one position per vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
     let on_surface: f64 = faces.iter().map(|face| doubled(face.map(|vertex| points[vertex as usize]))).sum();

@@ -46,12 +46,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let noise = total.sqrt() * ROUNDING;
     let mut positive: Vec<usize> = order.iter().copied().filter(|&k| values[k] > noise).collect();
     positive.sort_by(|&p, &q| values[q].total_cmp(&values[p]));
-    let [first, second] = match positive[..] {
-        [first, second, ..] => [first, second],
-        _ => {
-            return Err(Error::NotPlanar { positive: positive.len() });
-        }
-    };
+    let [first, second, ..] = positive[..] else { return Err(Error::NotPlanar { positive: positive.len() }) };
     let axis = |k: usize| {
         let column = vectors.col(k);
         // the sign of an eigenvector is arbitrary: the entry with the largest magnitude becomes positive

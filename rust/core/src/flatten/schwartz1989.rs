@@ -60,8 +60,7 @@ pub fn schwartz1989(
 ) -> Result<Mapped> {
     check_disk(surface)?;
     let sources = Sources::Given(options.sources.iter().map(|&v| v as usize).collect()).choose(graph, control)?;
-    let (pairs, rows) =
-        Neighbourhoods::measure_with_rows(surface, options.rings, &sources, options.keep_rows, control)?;
+    let (pairs, rows) = Neighbourhoods::measure(surface, options.rings, &sources, options.keep_rows, control)?;
     let rows = rows.map(|rows| DistanceRows::new(sources.clone(), surface.len(), rows));
     let (eigenvalues, planarity) = spectrum(&pairs, &sources)?;
     let (best, stresses) = best_of_starts(surface, &pairs, options, control)?;

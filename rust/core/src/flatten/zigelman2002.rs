@@ -109,7 +109,7 @@ fn sample<'a>(
             Ok((sources, Rest::Reinserted(Box::new(decimation))))
         }
         Sampling::Grid { pixels, spacing, count } => {
-            assert_eq!(pixels.len(), points, "one pixel a vertex");
+            assert_eq!(pixels.len(), points, "one pixel per vertex");
             let lattice = Lattice::new(pixels, spacing, checked(count)?)?;
             Ok((lattice.sources().to_vec(), Rest::Between(lattice)))
         }

@@ -20,13 +20,13 @@ use crate::{Control, Result};
 /// The maximum number of sources of a bundle: their distances fill a cache line.
 pub const MOST_SOURCES: usize = 16;
 
-/// The minimum number of sources that are bundled, because fewer are too far apart,
+/// The minimum number of sources for bundling; fewer sources are too far apart.
 const FEWEST_SOURCES: usize = 96;
 
-/// unless the surface has at most this number of vertices, so that all distances of a bundle fit into the cache;
+/// The maximum number of vertices of a small surface, on which all distances of a bundle fit into the cache.
 const CACHED: usize = 1 << 12;
 
-/// then the minimum is this.
+/// The minimum number of sources for bundling on a small surface.
 const FEWEST_CACHED: usize = 32;
 
 /// The size of a window in square roots of the number of vertices, such that its data fit into the cache.
@@ -272,7 +272,7 @@ impl<G: Links> Visits<'_, G> {
         Ok(left)
     }
 
-    /// Does the same from the last position to the first.
+    /// Visits the positions in reverse order; returns where vertices wait afterwards.
     #[inline(always)]
     fn backward(&mut self, places: Range<usize>) -> Result<Range<usize>> {
         let start = places.start;
@@ -350,12 +350,10 @@ mod tests {
     use crate::tests::row;
     use proptest::prelude::*;
 
-    /// Computes each row by a separate search.
     fn searched(graph: &impl Links, sources: &[u32]) -> Vec<Vec<f32>> {
         sources.iter().map(|&source| row(graph, source)).collect()
     }
 
-    /// Computes the rows of sources in one bundle, to the targets or to all vertices.
     fn bundled(graph: &impl Links, sources: &[u32], targets: Option<&[u32]>) -> Vec<Vec<f32>> {
         let columns = targets.map_or(graph.vertices(), <[u32]>::len);
         let mut rows = vec![vec![f32::NAN; columns]; sources.len()];

@@ -188,7 +188,6 @@ mod tests {
         (errors.iter().sum::<f64>() / n, (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt())
     }
 
-    /// The RMS error predicted by the derivation.
     fn expected_rms(spacing: [f64; 3], weights: &ChainWeights) -> f64 {
         let weights = SVector::<f64, 7>::from_column_slice(&weights.lengths()[1..]);
         let squared = |u| (expected_links(u, spacing).dot(&weights) - 1.0).powi(2);

@@ -63,20 +63,15 @@ impl GeodesicGraph {
         Self::in_layers(surface, crossed, 1, control)
     }
 
-    /// Creates the graph whose links are evaluated in this number of layers.
     fn in_layers(surface: &Surface, crossed: u32, layers: usize, control: &Control) -> Result<Self> {
         control.begin("building the graph", surface.len() as u64);
         let needed = Needed::of(View::new(surface, crossed), surface.len(), layers, control)?;
         let (starts, arcs) = needed.joined()?;
-        Ok(Self::from_rows(starts, arcs))
-    }
-
-    fn from_rows(starts: Vec<u32>, arcs: Vec<Arc>) -> Self {
         let most_links = starts.windows(2).map(|row| row[1] - row[0]).max().unwrap_or(0) as usize;
         let lengths = || arcs.par_iter().with_min_len(BATCH).map(|arc| arc.length);
         let longest = lengths().reduce(|| 0.0, f32::max);
         let extremes = [lengths().reduce(|| longest, f32::min), longest];
-        Self { starts, arcs, most_links, extremes }
+        Ok(Self { starts, arcs, most_links, extremes })
     }
 
     fn links_of(&self, vertex: u32) -> &[Arc] {

@@ -23,7 +23,7 @@ pub struct Near {
     pub distance: f32,
 }
 
-/// For each vertex, those at known distances, in ascending order. The relation and the distances are symmetric.
+/// For each vertex, the vertices at known distances, in ascending order. The relation and the distances are symmetric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neighbourhoods {
     starts: Vec<usize>,
@@ -34,13 +34,9 @@ pub struct Neighbourhoods {
 impl Neighbourhoods {
     /// Measures exact distances from every vertex within `rings` (everywhere if None), and from `sources` to all.
     ///
-    /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used.
-    pub fn measure(surface: &Surface, rings: Option<u32>, sources: &[u32], control: &Control) -> Result<Self> {
-        Ok(Self::measure_with_rows(surface, rings, sources, false, control)?.0)
-    }
-
-    /// Does the same, and optionally also returns the rows from the sources to all vertices, as measured.
-    pub fn measure_with_rows(
+    /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used. With
+    /// `keep_rows`, also returns the rows from the sources to all vertices, as measured.
+    pub fn measure(
         surface: &Surface,
         rings: Option<u32>,
         sources: &[u32],
@@ -128,14 +124,8 @@ impl Neighbourhoods {
         Ok(())
     }
 
-    /// Returns the number of vertices.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         self.starts.len() - 1
-    }
-
-    /// Returns whether there are no vertices.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Returns the number of pairs of vertices.

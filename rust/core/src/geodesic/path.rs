@@ -67,7 +67,6 @@ pub(super) mod checks {
         shapes::surface((points.into_iter().map(&mut shake).collect(), faces))
     }
 
-    /// Returns the faces that touch a point of a path.
     fn faces_of(surface: &Surface, site: Site) -> Vec<u32> {
         match site {
             Site::Vertex(v) => {

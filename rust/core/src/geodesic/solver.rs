@@ -1,4 +1,5 @@
-//! The common trait of all solvers. Every graph with [`Links`] is one: by searches, or by bundles for many sources.
+//! The common trait of all solvers. Every graph with [`Links`] implements it with single searches, or with
+//! bundles for many sources.
 
 use super::bundle::{self, BundleScratch};
 use crate::adjacency::Links;

@@ -6,7 +6,7 @@ mod voxels;
 
 pub use disk::disk;
 pub use polygon::polygon;
-pub use voxels::{Disk, Selection, cut_out, geodesic_disk, keep, largest_component};
+pub use voxels::{Disk, Selection, cut_out};
 
 use crate::surface::{Surface, topology::Topology};
 

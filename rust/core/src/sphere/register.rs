@@ -78,7 +78,7 @@ impl Template {
     /// Panics if values are missing for a vertex or a scale.
     pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
         assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
-        assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value a vertex");
+        assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value per vertex");
         let of = |axis: usize| slopes(&sphere, &places.iter().map(|p| p[axis]).collect::<Vec<_>>());
         let place_slopes = [of(0), of(1), of(2)];
         let depth_slopes = depths.iter().map(|depth| slopes(&sphere, depth)).collect();
@@ -405,7 +405,6 @@ fn located(locator: &Locator<'_>, of: &[u32], places: &[Vector3<f64>]) -> Vec<Lo
     of.iter().map(|&v| locator.locate(&places[v as usize])).collect()
 }
 
-/// Returns the weighted correlation of pairs.
 fn correlation(pairs: impl Iterator<Item = [f64; 2]>, weights: &[f64]) -> f64 {
     let mut sums = [0.0; 6];
     for ([x, y], w) in pairs.zip(weights) {

@@ -10,7 +10,6 @@ use super::register::{Template, register};
 use crate::surface::{Surface, mesh::shapes};
 use crate::{Control, Error};
 
-/// A sphere whose points are moved by a function.
 fn bent(times: usize, by: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Surface {
     let (points, faces) = shapes::sphere(times);
     shapes::surface((points.into_iter().map(|p| by(p.into()).into()).collect(), faces))

@@ -130,7 +130,6 @@ fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Dict<'_>> {
     ))
 }
 
-/// Returns the outcome of gluing by name.
 pub(super) fn seams_dict<'py>(py: Python<'py>, seams: &Seams) -> PyResult<Dict<'py>> {
     Ok(dict!(
         py,

@@ -92,7 +92,6 @@ pub fn locate_on_sphere<'py>(
     Ok((found.iter().map(|one| one.face).collect::<Vec<_>>().into_pyarray(py), convert::array(py, &weights)?))
 }
 
-/// Returns a triangulation of the sphere.
 fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult<CoreSurface> {
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;

@@ -1,5 +1,5 @@
 //! Pieces are united along their common boundaries, first those that share the largest part of the boundary of one of
-//! them. (With the length alone, large pieces would grow on, with long boundaries that do not fit later.)
+//! them. (If only the length counted, large pieces would keep growing, with long boundaries that do not fit later.)
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

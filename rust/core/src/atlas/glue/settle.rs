@@ -22,7 +22,7 @@ const LOOKS: usize = 8;
 /// The attempt is abandoned if more than this share of the excess remains between two checks.
 const REMAINS: f64 = 0.7;
 
-/// The triangles around a place on the boundary fill less than a full turn by this angle.
+/// The triangles around a place on the boundary must leave this angle of a full turn free, in radians.
 const SLIT: f64 = 1e-9;
 
 /// The moving part of a layout; the rest is fixed.

@@ -190,7 +190,6 @@ impl Objective for Strain<'_> {
 }
 
 impl Strain<'_> {
-    /// Returns whether a triangle is within the bound after a step.
     fn is_within(&self, rest: &Rest, uv: &[Place], direction: &[Place], step: f64) -> bool {
         let place = |n: u32| match uv.get(n as usize) {
             Some(place) => place + direction[n as usize] * step,

@@ -73,7 +73,6 @@ fn most_change(glued: &Glued) -> f64 {
     glued.stretch.iter().flatten().map(|sigma| (sigma - 1.0).abs()).fold(0.0, f64::max)
 }
 
-/// A grid with a hole, bent and with random displacements.
 fn with_hole(shake: &[[f64; 3]], size: f64) -> Mesh {
     let (points, faces) = shaken(9, shake, size);
     let kept = |face: &[i64; 3]| !face.iter().all(|&v| (3..=6).contains(&(v / 10)) && (3..=6).contains(&(v % 10)));

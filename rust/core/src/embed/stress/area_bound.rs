@@ -29,7 +29,7 @@ pub fn bounded(
     let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
     let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
-    assert_eq!(uv.len(), levels.finest().len(), "one place a vertex");
+    assert_eq!(uv.len(), levels.finest().len(), "one position per vertex");
     level.check_unfolded(&uv)?;
     let is_apart = level.outline.crossings(&uv, control)? == 0;
     let most = max_area.ln();

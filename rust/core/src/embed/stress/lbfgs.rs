@@ -79,7 +79,6 @@ impl History {
     }
 }
 
-/// Returns the products of vectors with another vector.
 fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Place]) -> Vec<f64> {
     let of_batch = |(n, by): (usize, &[Place])| {
         let vectors: Vec<&[Vector2<f32>]> = of.iter().map(|one| &one[n * BATCH..]).collect();

@@ -134,7 +134,7 @@ pub fn flatten(
     if is_map { Ok((uv, convergence)) } else { Err(Error::Uneven) }
 }
 
-/// Does the same with given weights, and accepts any final energy.
+/// Returns a map like [`flatten`], but with given weights and with any final energy.
 pub(crate) fn unfold(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -327,7 +327,7 @@ impl Level {
         self.descend(uv, &self.outline.inside(uv.len()), dials, Some((&self.outline, APART)), stage, control)
     }
 
-    /// Does the same from a coarser map, while the outline is kept apart.
+    /// Optimises the refinement of a coarser map, while the outline is kept apart.
     fn settle(&self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control) -> Result<Convergence> {
         self.ease_tiny(uv, dials.shape, control)?;
         ease(&self.triangles, dials.shape, &self.outline.inside(uv.len()), uv, control)?;

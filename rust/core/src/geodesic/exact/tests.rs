@@ -23,7 +23,6 @@ fn assert_near(found: f64, expected: f64, relative: f64) {
     assert!((found - expected).abs() <= relative * expected.abs(), "{found} instead of {expected}");
 }
 
-/// Checks the distances between all pairs of vertices.
 fn assert_all(surface: &Surface, relative: f64, expected: impl Fn(Vector3<f64>, Vector3<f64>) -> Option<f64>) {
     for source in 0..surface.len() as u32 {
         for (&point, found) in surface.points().iter().zip(row(surface, source)) {
@@ -109,6 +108,14 @@ fn look(
     faces.pop();
 }
 
+fn assert_agrees_with_every_unfolding(surface: &Surface) {
+    for (source, expected) in (0..).zip(unfolded(surface)) {
+        for (found, expected) in row(surface, source).into_iter().zip(expected) {
+            assert_near(found, expected, 1e-12);
+        }
+    }
+}
+
 #[test]
 fn a_plane_is_euclidean() {
     assert_all(&shapes::surface(shapes::sheet(9, 7)), 1e-13, |a, b| Some((a - b).norm()));
@@ -174,11 +181,8 @@ fn a_cube_unfolds() {
     let surface = cube(5);
     let corner = surface.points().iter().position(|p| *p == Vector3::zeros()).unwrap() as u32;
     for (p, found) in surface.points().iter().zip(row(&surface, corner)) {
-        let sorted = {
-            let mut sorted = [p.x, p.y, p.z];
-            sorted.sort_by(f64::total_cmp);
-            sorted
-        };
+        let mut sorted = [p.x, p.y, p.z];
+        sorted.sort_by(f64::total_cmp);
         // flat on the three faces of the corner; beyond, over the shortest of the edges in between
         let [least, middle, most] = sorted;
         let over = |a: f64, b: f64, c: f64| (a + b).hypot(c);
@@ -290,24 +294,14 @@ proptest! {
 
     #[test]
     fn tiny_surfaces_agree_with_every_unfolding(seed in any::<u64>(), m in 1usize..4, n in 1usize..4) {
-        let surface = bumpy(m, n, seed);
-        for (source, expected) in (0..).zip(unfolded(&surface)) {
-            for (found, expected) in row(&surface, source).into_iter().zip(expected) {
-                assert_near(found, expected, 1e-12);
-            }
-        }
+        assert_agrees_with_every_unfolding(&bumpy(m, n, seed));
     }
 
     #[test]
     fn closed_surfaces_agree_with_every_unfolding(heights in prop::collection::vec(0.3f64..2.0, 18)) {
         let (points, faces) = shapes::sphere(1);
         let points = points.iter().zip(heights).map(|(p, h)| p.map(|x| h * x)).collect();
-        let surface = shapes::surface((points, faces));
-        for (source, expected) in (0..).zip(unfolded(&surface)) {
-            for (found, expected) in row(&surface, source).into_iter().zip(expected) {
-                assert_near(found, expected, 1e-12);
-            }
-        }
+        assert_agrees_with_every_unfolding(&shapes::surface((points, faces)));
     }
 
     #[test]

@@ -108,13 +108,8 @@ pub struct Removal<'a> {
 
 impl Removals {
     /// Returns the number of removed vertices.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.vertices.len()
-    }
-
-    /// Returns whether no vertex was removed.
-    pub fn is_empty(&self) -> bool {
-        self.vertices.is_empty()
     }
 
     /// Iterates in the order of removal; in reverse, all neighbours of each vertex are known.

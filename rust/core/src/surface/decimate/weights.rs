@@ -17,7 +17,6 @@ const WIDEST: f64 = PI - 1e-6;
 /// The widest fan of a vertex on the boundary after unfolding.
 const WIDEST_FAN: f64 = 0.95 * TAU;
 
-/// Returns the weights of the ring around an apex.
 pub(super) fn weights(apex: Vector3<f64>, ring: &[Vector3<f64>], is_closed: bool) -> Vec<[f64; 2]> {
     let spokes: Vec<Vector3<f64>> = ring.iter().map(|p| p - apex).collect();
     let found = if is_closed { within(&spokes) } else { beside(&spokes) };

@@ -88,7 +88,7 @@ impl Surface {
     /// Returns the faces for which `keep` is true, with their vertices.
     /// Panics if the number of values differs from the number of faces.
     pub fn part(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.faces.len(), "one value a face");
+        assert_eq!(keep.len(), self.faces.len(), "one value per face");
         let mut number = vec![BORDER; keep.len()];
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&f| keep[f as usize]).collect();
         kept.iter().enumerate().for_each(|(n, &f)| number[f as usize] = n as u32);
@@ -105,7 +105,7 @@ impl Surface {
     /// Returns the faces whose three corners are vertices for which `keep` is true.
     /// Panics if the number of values differs from the number of vertices.
     pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.points.len(), "one value a vertex");
+        assert_eq!(keep.len(), self.points.len(), "one value per vertex");
         let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
         self.part(&faces)
     }
@@ -125,7 +125,7 @@ impl Surface {
     /// Returns the same surface with other vertex positions, at which distances are then measured.
     /// Panics if the number of points differs from the number of vertices.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
-        assert_eq!(points.len(), self.points.len(), "one point a vertex");
+        assert_eq!(points.len(), self.points.len(), "one point per vertex");
         finite(points.iter().map(|p| (*p).into()))?;
         let moved = Self { points, ..self.clone() };
         moved.check_size()?;

@@ -240,7 +240,7 @@ pub fn path_to_any(
     control: &Control,
 ) -> Result<Vec<u32>> {
     check_points([from], surface.len())?;
-    assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one word on each vertex");
+    assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one flag and one factor per vertex");
     let network = factored(surface, factors)?;
     let mut search = EdgeSearch::new(surface.len());
     search.seed(from);
@@ -258,7 +258,7 @@ pub fn path_to_any(
 
 /// Returns the network of a surface, where the cost of an edge is its length times the mean of the factors of its ends.
 fn factored(surface: &Surface, factors: &[f64]) -> Result<Network> {
-    assert_eq!(factors.len(), surface.len(), "one factor a vertex");
+    assert_eq!(factors.len(), surface.len(), "one factor per vertex");
     if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {
         return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
     }

@@ -81,7 +81,7 @@ impl Surface {
         Ok((surface, repaired))
     }
 
-    /// Does the same, but repairs all defects that have exactly one right correction. Triangles without area are
+    /// Creates a surface, and repairs all defects that have exactly one valid correction. Triangles without area are
     /// dropped or flipped away, and vertices merged for it, of which the lowest one keeps its number as id. Duplicates
     /// are dropped. Every fan around a vertex gets its own vertex. For valid triangles, the surface is bit-identical to
     /// that of [`Surface::from_triangles`].

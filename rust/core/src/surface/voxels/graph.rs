@@ -60,16 +60,6 @@ impl VoxelGraph {
         4 * links as u64 + 4 * vertices as u64
     }
 
-    /// Returns the number of vertices.
-    pub fn len(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    /// Returns whether there are no vertices.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Returns the number of links, counted from both of their ends.
     pub fn links(&self) -> usize {
         self.arcs.len()
@@ -83,7 +73,7 @@ impl VoxelGraph {
 
 impl Links for VoxelGraph {
     fn vertices(&self) -> usize {
-        self.len()
+        self.starts.len() - 1
     }
 
     #[inline]

@@ -57,7 +57,7 @@ impl VoxelSurface {
 
     /// Returns the voxels for which `keep` is true. Panics if the number of values differs from the number of voxels.
     pub fn subset(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.voxels.len(), "one value a voxel");
+        assert_eq!(keep.len(), self.voxels.len(), "one value per voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
         Self {
             shape: self.shape,

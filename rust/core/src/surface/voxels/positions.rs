@@ -169,7 +169,6 @@ impl Places {
     }
 }
 
-/// Averages normals with their neighbours'.
 fn averaged(mut normals: Vec<Vector3<f64>>, neighbours: &Neighbours) -> Vec<Vector3<f64>> {
     for _ in 0..AVERAGED {
         let mean = |node: usize| {

@@ -18,15 +18,15 @@ const SHEET_FITS: usize = 4;
 /// How far fitted nodes are moved away from the mean of their neighbours ([`Places::sharpen`]).
 const SHARPENING: f64 = 0.65;
 
-/// The same for nodes that were placed by an image with a level.
+/// How far nodes that were placed by an image with a level are moved in this way.
 const LEVEL_SHARPENING: f64 = 0.25;
 
 /// The kind of a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// It has an interior, whose boundary is the surface.
+    /// The label has an interior, whose boundary is the surface.
     Solid,
-    /// It has background on both sides, and is itself the surface.
+    /// The label has background on both sides, and is itself the surface.
     Sheet,
 }
 
@@ -212,7 +212,7 @@ mod tests {
         VoxelMesh::of_solid(mask, &Affine::from_spacing([1.0; 3]).unwrap(), None, &Control::default()).unwrap()
     }
 
-    /// A closed manifold with the surfels' χ, whose vertices are the surface voxels and which passes as a mesh from a file.
+    /// Checks that a mesh is a closed manifold with the surfels' χ, whose vertices are the surface voxels.
     fn assert_sound(mask: &Mask, mesh: &VoxelMesh) {
         crate::surface::mesh::shapes::assert_sound(&mesh.surface);
         let half_edges = 0..3 * mesh.surface.faces().len() as u32;

@@ -43,7 +43,6 @@ fn split(mesh: &mut Mesh, vertex: i64, from: usize, to: usize) {
     mesh.1.extend([[vertex, twin, ring[n]], [twin, vertex, ring[m]]]);
 }
 
-/// The neighbours of an inner vertex, counterclockwise.
 fn ring(faces: &[[i64; 3]], vertex: i64) -> Vec<i64> {
     let after = |v: i64| {
         let turned = |face: &[i64; 3]| {

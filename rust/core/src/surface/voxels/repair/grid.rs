@@ -40,7 +40,6 @@ impl Grid {
         self.shape.iter().product()
     }
 
-    /// Returns the distances in memory between neighbours along each axis.
     pub(super) fn strides(&self) -> [usize; 3] {
         [self.shape[1] * self.shape[2], self.shape[2], 1]
     }

@@ -82,7 +82,6 @@ fn assert_sphere(mask: &Mask) {
     assert_eq!((seen.len(), surfels.euler()), (surfels.len(), 2));
 }
 
-/// Checks that the lists contain every change exactly once.
 fn assert_lists(mask: &Mask, repaired: &Repaired) {
     let set = |lists: [&Vec<[u32; 3]>; 2]| -> Voxels {
         let all: Vec<_> = lists.into_iter().flatten().map(|v| v.map(i64::from)).collect();
