@@ -12,9 +12,7 @@ use crate::Result;
 /// woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself, because it runs
 /// outside the pool. Errors: The first error of `work`, after which no further item is started.
 pub(crate) fn in_turn<I, T>(
-    items: I,
-    scratch: impl Fn() -> T + Sync,
-    work: impl Fn(&mut T, I::Item) -> Result<()> + Sync,
+    items: I, scratch: impl Fn() -> T + Sync, work: impl Fn(&mut T, I::Item) -> Result<()> + Sync,
 ) -> Result<()>
 where
     I: ExactSizeIterator + Send,

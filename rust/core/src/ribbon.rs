@@ -39,12 +39,7 @@ pub struct InColumn {
 /// - `numbers`: The identity of each vertex; the two sides of a cut share it.
 /// - `shape`: The shape of the volume.
 pub fn voxels(
-    inner: &[[f64; 3]],
-    outer: &[[f64; 3]],
-    faces: &[[u32; 3]],
-    numbers: &[i64],
-    shape: [usize; 3],
-    middle: f64,
+    inner: &[[f64; 3]], outer: &[[f64; 3]], faces: &[[u32; 3]], numbers: &[i64], shape: [usize; 3], middle: f64,
     control: &Control,
 ) -> Result<Vec<InColumn>> {
     control.begin("finding voxels of the ribbon", faces.len().div_ceil(CHUNK) as u64);
@@ -71,11 +66,7 @@ pub fn voxels(
 }
 
 fn column(
-    triangle: u32,
-    inner: &[Vector3<f64>; 3],
-    outer: &[Vector3<f64>; 3],
-    numbers: &[i64; 3],
-    shape: [usize; 3],
+    triangle: u32, inner: &[Vector3<f64>; 3], outer: &[Vector3<f64>; 3], numbers: &[i64; 3], shape: [usize; 3],
     found: &mut Vec<InColumn>,
 ) {
     if !inner.iter().chain(outer).flatten().all(|x| x.is_finite()) {

@@ -58,10 +58,7 @@ impl DistanceRows {
 
     /// Computes rows from every source to the other sources, and complete rows if these are to be kept.
     pub(crate) fn among_sources<S: Solver>(
-        solver: &S,
-        sources: &[u32],
-        keep: bool,
-        control: &Control,
+        solver: &S, sources: &[u32], keep: bool, control: &Control,
     ) -> Result<(Self, Option<Self>)> {
         if keep {
             let rows = Self::compute(solver, sources, control)?;
@@ -161,11 +158,7 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
 
 /// Computes the rows of sources, one after the other in `data`. Threads take bundles in turn.
 fn measure<S: Solver>(
-    solver: &S,
-    sources: &[u32],
-    targets: Option<&[u32]>,
-    data: &mut [f32],
-    control: &Control,
+    solver: &S, sources: &[u32], targets: Option<&[u32]>, data: &mut [f32], control: &Control,
 ) -> Result<()> {
     let bundles = solver.bundles(sources, rayon::current_num_threads(), control)?;
     let columns = data.len() / sources.len().max(1);
@@ -185,13 +178,8 @@ fn measure<S: Solver>(
 
 /// Fills the rows of a bundle of sources, and counts them if all distances are finite.
 pub(crate) fn fill<S: Solver>(
-    solver: &S,
-    sources: &[u32],
-    bundle: &[u32],
-    targets: Option<&[u32]>,
-    rows: &mut [&mut [f32]],
-    scratch: &mut S::Scratch,
-    control: &Control,
+    solver: &S, sources: &[u32], bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]],
+    scratch: &mut S::Scratch, control: &Control,
 ) -> Result<()> {
     let members: Vec<u32> = bundle.iter().map(|&number| sources[number as usize]).collect();
     solver.rows(&members, targets, rows, scratch, control)?;

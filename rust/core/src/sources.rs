@@ -88,11 +88,7 @@ pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
 }
 
 fn farthest(
-    graph: &impl Links,
-    count: usize,
-    seed: u64,
-    weights: Option<&[f32]>,
-    control: &Control,
+    graph: &impl Links, count: usize, seed: u64, weights: Option<&[f32]>, control: &Control,
 ) -> Result<Vec<u32>> {
     control.begin("choosing sources", count as u64);
     let mut search = Search::new(graph);

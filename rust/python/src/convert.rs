@@ -81,8 +81,7 @@ pub fn plain<V: Copy + Into<[f64; 3]>>(vectors: &[V]) -> Vec<[f64; 3]> {
 
 /// Creates a two-dimensional array from rows of a fixed width.
 pub fn array<'py, T: numpy::Element + Copy, const W: usize>(
-    py: Python<'py>,
-    rows: &[[T; W]],
+    py: Python<'py>, rows: &[[T; W]],
 ) -> PyResult<Table<'py, T>> {
     table(py, rows.as_flattened().to_vec(), W)
 }
@@ -117,9 +116,7 @@ pub fn vertices(array: &Given<'_, u32>, points: usize) -> PyResult<Vec<u32>> {
 
 /// Returns a three-dimensional view of a table.
 pub fn image<'py, T: numpy::Element>(
-    table: Table<'py, T>,
-    height: usize,
-    width: usize,
+    table: Table<'py, T>, height: usize, width: usize,
 ) -> PyResult<Bound<'py, numpy::PyArray3<T>>> {
     let depth = table.shape()[1];
     table.reshape([height, width, depth])

@@ -53,14 +53,8 @@ impl NearestFinder {
 #[pyfunction]
 #[pyo3(signature = (inner, outer, faces, numbers, shape, middle, progress=None))]
 pub fn ribbon_voxels<'py>(
-    py: Python<'py>,
-    inner: GivenTable<'py, f64>,
-    outer: GivenTable<'py, f64>,
-    faces: GivenTable<'py, u32>,
-    numbers: Given<'py, i64>,
-    shape: [usize; 3],
-    middle: f64,
-    progress: Progress<'py>,
+    py: Python<'py>, inner: GivenTable<'py, f64>, outer: GivenTable<'py, f64>, faces: GivenTable<'py, u32>,
+    numbers: Given<'py, i64>, shape: [usize; 3], middle: f64, progress: Progress<'py>,
 ) -> PyResult<Columns<'py>> {
     let inner = convert::rows::<_, 3>(&inner, "inner")?;
     let outer = convert::rows::<_, 3>(&outer, "outer")?;

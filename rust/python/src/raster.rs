@@ -20,11 +20,7 @@ type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 
 #[pyfunction]
 #[pyo3(signature = (uv, faces, torn, pixel_size, progress=None))]
 pub fn draw<'py>(
-    py: Python<'py>,
-    uv: GivenTable<'py, f64>,
-    faces: GivenTable<'py, u32>,
-    torn: Given<'py, bool>,
-    pixel_size: f64,
+    py: Python<'py>, uv: GivenTable<'py, f64>, faces: GivenTable<'py, u32>, torn: Given<'py, bool>, pixel_size: f64,
     progress: Progress<'py>,
 ) -> PyResult<Pixels<'py>> {
     let uv = convert::rows::<_, 2>(&uv, "uv")?;

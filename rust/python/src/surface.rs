@@ -60,10 +60,7 @@ impl Surface {
     #[staticmethod]
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
-        py: Python<'py>,
-        points: GivenTable<'py, f64>,
-        faces: GivenTable<'py, i64>,
-        mend: bool,
+        py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>, mend: bool,
     ) -> PyResult<(Self, Dict<'py>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
@@ -88,13 +85,8 @@ impl Surface {
     #[staticmethod]
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
     fn from_mask<'py>(
-        py: Python<'py>,
-        mask: GivenImage<'py, bool>,
-        affine: [[f64; 4]; 4],
-        level: Option<(GivenImage<'py, f32>, f64)>,
-        sheet: Option<bool>,
-        threads: Threads,
-        progress: Progress<'py>,
+        py: Python<'py>, mask: GivenImage<'py, bool>, affine: [[f64; 4]; 4],
+        level: Option<(GivenImage<'py, f32>, f64)>, sheet: Option<bool>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<FromMask<'py>> {
         let affine = Affine::new(affine).map_err(to_python)?;
         let mask = convert::mask(&mask)?;
@@ -161,12 +153,7 @@ impl Surface {
     /// Return the geodesic disk around a vertex, and the number of enclosed faces that were filled in.
     #[pyo3(signature = (seed, radius, threads=None, progress=None))]
     fn disk(
-        &self,
-        py: Python<'_>,
-        seed: u32,
-        radius: f64,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, seed: u32, radius: f64, threads: Threads, progress: Progress<'_>,
     ) -> PyResult<(Self, usize)> {
         let (part, filled) = self.run(py, threads, &progress, move |inner, control| {
             let graph = inner.graph(control)?;
@@ -178,10 +165,7 @@ impl Surface {
     /// Return the smaller side of the closed shortest path along edges through vertices, and the vertices of that path.
     #[pyo3(signature = (corners, progress=None))]
     fn polygon<'py>(
-        &self,
-        py: Python<'py>,
-        corners: Given<'py, u32>,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, corners: Given<'py, u32>, progress: Progress<'py>,
     ) -> PyResult<(Self, Values<'py, u32>)> {
         let corners = convert::values(&corners);
         let (part, path) =
@@ -215,10 +199,7 @@ impl Surface {
     }
 
     fn run<T: Send + 'static>(
-        &self,
-        py: Python<'_>,
-        threads: Threads,
-        progress: &Progress<'_>,
+        &self, py: Python<'_>, threads: Threads, progress: &Progress<'_>,
         work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
     ) -> PyResult<T> {
         run_on(&self.0, py, threads, progress, work)
@@ -228,9 +209,7 @@ impl Surface {
 /// Return area-weighted unit normals (N, 3) of the vertices of triangles (F, 3) at points (N, 3); NaN if undefined.
 #[pyfunction]
 pub fn vertex_normals<'py>(
-    py: Python<'py>,
-    points: GivenTable<'py, f64>,
-    faces: GivenTable<'py, u32>,
+    py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, u32>,
 ) -> PyResult<Table<'py, f64>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
@@ -272,10 +251,7 @@ pub fn is_sheet(py: Python<'_>, mask: GivenImage<'_, bool>) -> PyResult<bool> {
 #[pyfunction]
 #[pyo3(signature = (mask, spacing, probability=None, progress=None))]
 pub fn repair<'py>(
-    py: Python<'py>,
-    mask: GivenImage<'py, bool>,
-    spacing: [f64; 3],
-    probability: Option<GivenImage<'py, f32>>,
+    py: Python<'py>, mask: GivenImage<'py, bool>, spacing: [f64; 3], probability: Option<GivenImage<'py, f32>>,
     progress: Progress<'py>,
 ) -> PyResult<(Bound<'py, PyArray3<bool>>, Dict<'py>)> {
     let mask = convert::mask(&mask)?;

@@ -49,11 +49,7 @@ impl VoxelSurface {
     #[staticmethod]
     #[pyo3(signature = (mask, affine, link_lengths, progress=None))]
     fn from_mask(
-        py: Python<'_>,
-        mask: GivenImage<'_, bool>,
-        affine: [[f64; 4]; 4],
-        link_lengths: &str,
-        progress: Progress<'_>,
+        py: Python<'_>, mask: GivenImage<'_, bool>, affine: [[f64; 4]; 4], link_lengths: &str, progress: Progress<'_>,
     ) -> PyResult<Self> {
         let lengths = self::link_lengths(link_lengths)?;
         let affine = Affine::new(affine).map_err(to_python)?;
@@ -69,11 +65,7 @@ impl VoxelSurface {
     /// Return the part to flatten: the voxels in a mask, a geodesic disk, or the largest component.
     #[pyo3(signature = (keep=None, seed_point=None, radius=None, progress=None))]
     fn cut_out(
-        &self,
-        py: Python<'_>,
-        keep: Option<GivenImage<'_, bool>>,
-        seed_point: Option<[i64; 3]>,
-        radius: Option<f64>,
+        &self, py: Python<'_>, keep: Option<GivenImage<'_, bool>>, seed_point: Option<[i64; 3]>, radius: Option<f64>,
         progress: Progress<'_>,
     ) -> PyResult<Self> {
         let keep = keep.as_ref().map(convert::mask).transpose()?;
@@ -157,12 +149,7 @@ impl VoxelSurface {
     /// Choose sources: "farthest" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(
-        &self,
-        py: Python<'py>,
-        sampling: &str,
-        count: usize,
-        seed: u64,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sampling: &str, count: usize, seed: u64, progress: Progress<'py>,
     ) -> PyResult<Values<'py, u32>> {
         let sources = convert::sources(sampling, count, seed, "'farthest' or 'random' for a voxel surface")?;
         let chosen = self.run(py, Some(1), &progress, move |inner, control| sources.choose(&inner.graph, control))?;
@@ -172,11 +159,7 @@ impl VoxelSurface {
     /// Return distance rows (m, N) in mm from sources (vertices).
     #[pyo3(signature = (sources, threads=None, progress=None))]
     fn rows<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Table<'py, f32>> {
         let sources = self.vertices(&sources)?;
         let rows = self.run(py, threads, &progress, move |inner, control| {
@@ -195,12 +178,7 @@ impl VoxelSurface {
     /// rows.
     #[pyo3(signature = (directory, identity, sources, threads=None, progress=None))]
     fn store_rows(
-        &self,
-        py: Python<'_>,
-        directory: PathBuf,
-        identity: String,
-        sources: Given<'_, u32>,
-        threads: Threads,
+        &self, py: Python<'_>, directory: PathBuf, identity: String, sources: Given<'_, u32>, threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let sources = self.vertices(&sources)?;
@@ -226,12 +204,7 @@ impl VoxelSurface {
     /// Flatten by the method of Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
     #[pyo3(signature = (sources, seed, keep_rows=false, threads=None, progress=None))]
     fn grossmann2002<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        seed: u64,
-        keep_rows: bool,
-        threads: Threads,
+        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, keep_rows: bool, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
@@ -244,10 +217,7 @@ impl VoxelSurface {
     /// Return the faces (F, 3) that join the positions (N, 2) of a flat map, and which of them are torn (F).
     #[pyo3(signature = (uv, progress=None))]
     fn map_faces<'py>(
-        &self,
-        py: Python<'py>,
-        uv: GivenTable<'py, f64>,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, uv: GivenTable<'py, f64>, progress: Progress<'py>,
     ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
         convert::check_length(uv.len(), self.0.surface.len(), "uv", "point")?;
@@ -262,10 +232,7 @@ impl VoxelSurface {
     }
 
     fn run<T: Send + 'static>(
-        &self,
-        py: Python<'_>,
-        threads: Threads,
-        progress: &Progress<'_>,
+        &self, py: Python<'_>, threads: Threads, progress: &Progress<'_>,
         work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
     ) -> PyResult<T> {
         run_on(&self.0, py, threads, progress, work)

@@ -31,10 +31,7 @@ struct Move {
 /// Dissolves patches, the smallest first, if all their facets fit into adjacent patches, which are rotated if
 /// necessary. The other patches only grow, and remain connected.
 pub(super) fn dissolved(
-    facets: &Facets<'_>,
-    regions: Vec<Region>,
-    least: f64,
-    control: &Control,
+    facets: &Facets<'_>, regions: Vec<Region>, least: f64, control: &Control,
 ) -> Result<Vec<Region>> {
     let mut owner = vec![NONE; facets.len()];
     for (number, region) in (0..).zip(&regions) {

@@ -155,11 +155,7 @@ pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control)
 }
 
 fn grown(
-    facets: &Facets<'_>,
-    certificate: &Certificate,
-    seeds: Seeds,
-    order: &[u32],
-    control: &Control,
+    facets: &Facets<'_>, certificate: &Certificate, seeds: Seeds, order: &[u32], control: &Control,
 ) -> Result<Vec<Projected>> {
     let least = certificate.angle.to_radians().cos();
     control.begin("growing patches", facets.len() as u64);
@@ -182,8 +178,7 @@ fn grown(
 
 /// Returns the patches with the smallest angle, by bisection, that gives at most this number of patches.
 fn at_most(
-    count: usize,
-    grow: impl Fn(&Certificate) -> Result<Vec<Projected>>,
+    count: usize, grow: impl Fn(&Certificate) -> Result<Vec<Projected>>,
 ) -> Result<(Certificate, Vec<Projected>)> {
     let [mut least, mut most] = ANGLES;
     let certificate = Certificate::of_angle(most)?;
@@ -206,10 +201,7 @@ fn at_most(
 
 /// Returns the measured patches by decreasing area.
 fn finished(
-    facets: &Facets<'_>,
-    mut grown: Vec<Projected>,
-    certificate: Certificate,
-    control: &Control,
+    facets: &Facets<'_>, mut grown: Vec<Projected>, certificate: Certificate, control: &Control,
 ) -> Result<Atlas> {
     control.begin("measuring patches", grown.len() as u64);
     grown.iter_mut().for_each(|(_, facets)| facets.sort_unstable());

@@ -102,10 +102,7 @@ pub struct Flipped {
 /// Measures a flat map of triangles: `points` (mm) on the surface and `uv` (mm) in the plane are positions of the same
 /// vertices. Panics if the numbers of points and of positions differ.
 pub fn measure_faces(
-    points: &[Vector3<f64>],
-    faces: &[[u32; 3]],
-    uv: &[[f64; 2]],
-    control: &Control,
+    points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control,
 ) -> Result<FaceDistortion> {
     assert_eq!(points.len(), uv.len(), "one position per vertex");
     check_points(faces.iter().flatten().copied(), points.len())?;

@@ -91,9 +91,7 @@ pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Resu
 }
 
 fn pass<'a, R: Rows>(
-    maps: &mut [Evaluated<'a>],
-    rows: &R,
-    control: &Control,
+    maps: &mut [Evaluated<'a>], rows: &R, control: &Control,
     take: impl Fn(&mut Evaluated<'a>, &Block, &Control) -> Result<()>,
 ) -> Result<()> {
     let columns = rows.columns().max(1);

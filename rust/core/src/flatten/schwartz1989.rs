@@ -53,10 +53,7 @@ pub struct Mapped {
 /// few sources, and Newton steps along each coordinate, from random starts, to the map with the smallest stress. All
 /// vertices take part. Panics if the number of starts is 0.
 pub fn schwartz1989(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    options: &Options<'_>,
-    control: &Control,
+    surface: &Surface, graph: &GeodesicGraph, options: &Options<'_>, control: &Control,
 ) -> Result<Mapped> {
     check_disk(surface)?;
     let sources = Sources::Given(options.sources.iter().map(|&v| v as usize).collect()).choose(graph, control)?;
@@ -76,10 +73,7 @@ pub fn schwartz1989(
 
 /// Optimises from every start, and returns the result with the smallest stress and the stresses of all starts.
 fn best_of_starts(
-    surface: &Surface,
-    pairs: &Neighbourhoods,
-    options: &Options<'_>,
-    control: &Control,
+    surface: &Surface, pairs: &Neighbourhoods, options: &Options<'_>, control: &Control,
 ) -> Result<(Descended, Vec<f64>)> {
     let side = surface.areas().iter().sum::<f64>().sqrt();
     let mut best: Option<Descended> = None;
@@ -149,11 +143,7 @@ const WAVE_BYTES: u64 = 400;
 
 /// Returns the maximum memory in bytes of [`schwartz1989`] beside the surface's input. Neighbourhoods are sampled.
 pub fn memory_need(
-    surface: &Surface,
-    rings: Option<u32>,
-    sources: usize,
-    threads: usize,
-    control: &Control,
+    surface: &Surface, rings: Option<u32>, sources: usize, threads: usize, control: &Control,
 ) -> Result<u64> {
     let points = surface.len();
     let near = match rings {

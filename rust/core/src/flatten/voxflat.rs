@@ -20,12 +20,8 @@ use crate::{Control, Result, store};
 /// the graph; levels and rows are dropped before.
 /// Errors: Those of [`check_disk`], [`check_enough`] and the stages, including [`flatten_from`].
 pub fn voxflat(
-    mut levels: Levels,
-    rows: DistanceRows,
-    &Options { weighting, start, max_area, scale }: &Options,
-    graph: &GeodesicGraph,
-    seed: u64,
-    control: &Control,
+    mut levels: Levels, rows: DistanceRows, &Options { weighting, start, max_area, scale }: &Options,
+    graph: &GeodesicGraph, seed: u64, control: &Control,
 ) -> Result<FlatMap> {
     let surface = levels.finest();
     check_disk(surface)?;

@@ -53,12 +53,7 @@ enum Rest<'a> {
 /// Vertices that decimation cannot remove without harm to the surface also become sources. The map optionally keeps the
 /// distance rows. Panics if the number of pixels differs from the number of vertices.
 pub fn zigelman2002(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    sampling: &Sampling<'_>,
-    wave: Wave,
-    seed: u64,
-    keep_rows: bool,
+    surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'_>, wave: Wave, seed: u64, keep_rows: bool,
     control: &Control,
 ) -> Result<FlatMap> {
     check_disk(surface)?;
@@ -81,10 +76,7 @@ pub fn zigelman2002(
 }
 
 fn sample<'a>(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    sampling: &Sampling<'a>,
-    control: &Control,
+    surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'a>, control: &Control,
 ) -> Result<(Vec<u32>, Rest<'a>)> {
     let points = surface.len();
     let checked = |count: usize| {
@@ -118,11 +110,7 @@ fn sample<'a>(
 
 /// Returns the positions of all vertices, given those of the sources, which are the vertices that decimation left.
 fn reinserted(
-    decimation: &Decimation,
-    points: usize,
-    sources: &[u32],
-    places: &[[f64; 2]],
-    control: &Control,
+    decimation: &Decimation, points: usize, sources: &[u32], places: &[[f64; 2]], control: &Control,
 ) -> Result<Vec<[f64; 2]>> {
     let mut uv = vec![[f64::NAN; 2]; points];
     sources.iter().zip(places).for_each(|(&source, &place)| uv[source as usize] = place);

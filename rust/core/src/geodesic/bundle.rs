@@ -91,11 +91,7 @@ impl BundleScratch {
     /// Writes the distances from each source of a bundle, its centre first, to every vertex or to the targets: one row
     /// per source. Panics if there are more sources than a bundle can have.
     pub fn rows(
-        &mut self,
-        graph: &impl Links,
-        bundle: &[u32],
-        targets: Option<&[u32]>,
-        rows: &mut [&mut [f32]],
+        &mut self, graph: &impl Links, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]],
         control: &Control,
     ) -> Result<()> {
         assert!(bundle.len() <= MOST_SOURCES, "a bundle has {MOST_SOURCES} sources at most");
@@ -125,12 +121,7 @@ impl BundleScratch {
 
     /// Writes the distances from one source to every vertex, or to the targets.
     fn alone(
-        &mut self,
-        graph: &impl Links,
-        source: u32,
-        targets: Option<&[u32]>,
-        row: &mut [f32],
-        control: &Control,
+        &mut self, graph: &impl Links, source: u32, targets: Option<&[u32]>, row: &mut [f32], control: &Control,
     ) -> Result<()> {
         let Some(targets) = targets else { return self.row(graph, source, row, control) };
         self.from_midst.resize(graph.vertices(), 0.0);
@@ -213,12 +204,7 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
 
 /// Writes the distances from a source to every vertex that is closer than a radius; elsewhere, the radius.
 fn search(
-    search: &mut Search,
-    graph: &impl Links,
-    source: u32,
-    radius: f32,
-    row: &mut [f32],
-    control: &Control,
+    search: &mut Search, graph: &impl Links, source: u32, radius: f32, row: &mut [f32], control: &Control,
 ) -> Result<()> {
     row.fill(radius);
     row[source as usize] = 0.0;

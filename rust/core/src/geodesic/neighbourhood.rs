@@ -37,11 +37,7 @@ impl Neighbourhoods {
     /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used. With
     /// `keep_rows`, also returns the rows from the sources to all vertices, as measured.
     pub fn measure(
-        surface: &Surface,
-        rings: Option<u32>,
-        sources: &[u32],
-        keep_rows: bool,
-        control: &Control,
+        surface: &Surface, rings: Option<u32>, sources: &[u32], keep_rows: bool, control: &Control,
     ) -> Result<(Self, Option<Vec<f32>>)> {
         control.begin("measuring neighbourhoods", surface.len() as u64);
         let everywhere = Exact::new(surface);

@@ -28,11 +28,7 @@ pub trait Solver: Sync {
 
     /// Writes the distances in mm from the sources of a bundle to every vertex or the targets; infinity if unreachable.
     fn rows(
-        &self,
-        bundle: &[u32],
-        targets: Option<&[u32]>,
-        rows: &mut [&mut [f32]],
-        scratch: &mut Self::Scratch,
+        &self, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]], scratch: &mut Self::Scratch,
         control: &Control,
     ) -> Result<()> {
         let mut whole = Vec::new();
@@ -87,11 +83,7 @@ impl<G: Links> Solver for G {
     }
 
     fn rows(
-        &self,
-        bundle: &[u32],
-        targets: Option<&[u32]>,
-        rows: &mut [&mut [f32]],
-        scratch: &mut BundleScratch,
+        &self, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]], scratch: &mut BundleScratch,
         control: &Control,
     ) -> Result<()> {
         scratch.rows(self, bundle, targets, rows, control)

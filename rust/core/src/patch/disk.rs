@@ -15,11 +15,7 @@ const MOST_FILLED: f64 = 0.1;
 /// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] if no face lies within the
 /// radius, [`Error::DiskEncloses`] if a large piece is enclosed, [`Error::Cancelled`].
 pub fn disk(
-    surface: &Surface,
-    graph: &impl Links,
-    seed: u32,
-    radius: f64,
-    control: &Control,
+    surface: &Surface, graph: &impl Links, seed: u32, radius: f64, control: &Control,
 ) -> Result<(Surface, usize)> {
     if !(radius > 0.0 && radius.is_finite()) {
         return Err(Error::RadiusNotPositive { radius });

@@ -66,10 +66,7 @@ fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface
 /// Errors: [`Error::ShapeMismatch`] and [`Error::EmptyPatch`] for the mask, [`Error::RadiusNotPositive`] and
 /// [`Error::SeedOffSurface`] for the disk; [`Error::Disconnected`] if a selected patch is not connected.
 pub fn cut_out(
-    surface: &VoxelSurface,
-    selection: &Selection<'_>,
-    lengths: LinkLengths,
-    control: &Control,
+    surface: &VoxelSurface, selection: &Selection<'_>, lengths: LinkLengths, control: &Control,
 ) -> Result<(VoxelSurface, VoxelGraph)> {
     control.begin("extracting the patch", 1);
     let mut part = match selection.keep {

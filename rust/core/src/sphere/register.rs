@@ -117,10 +117,7 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
 /// Registers a surface to the template whose pattern agrees better after a rotation, or to the `named` one.
 /// Panics if there is no template, or if the named one does not exist.
 pub fn register(
-    surface: &Surface,
-    templates: &[Template],
-    named: Option<usize>,
-    control: &Control,
+    surface: &Surface, templates: &[Template], named: Option<usize>, control: &Control,
 ) -> Result<Registration> {
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
@@ -342,11 +339,7 @@ impl<'a> Subject<'a> {
     }
 
     fn warp(
-        &self,
-        template: &Template,
-        locator: &Locator<'_>,
-        places: &mut [Vector3<f64>],
-        control: &Control,
+        &self, template: &Template, locator: &Locator<'_>, places: &mut [Vector3<f64>], control: &Control,
     ) -> Result<()> {
         let faces = template.sphere.faces();
         let metric = Metric::new(&self.surface.moved(places.to_vec())?);

@@ -58,10 +58,7 @@ impl Surface {
     /// Cut the surface open along a short loop around each handle; return it and the loops.
     #[pyo3(signature = (threads=None, progress=None))]
     fn cut_handles<'py>(
-        &self,
-        py: Python<'py>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
         let (cut, found) =
             self.run(py, threads, &progress, move |inner, control| cut_handles(&inner.surface, control))?;
@@ -77,10 +74,7 @@ impl Surface {
     /// Cut the surface open to a disk; return it and the cuts: vertices, length (mm) and reason.
     #[pyo3(signature = (threads=None, progress=None))]
     fn open_to_disk<'py>(
-        &self,
-        py: Python<'py>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
         let opened =
             self.run(py, threads, &progress, move |inner, control| cuts::open_to_disk(&inner.surface, control))?;
@@ -92,14 +86,8 @@ impl Surface {
     /// of existing cuts. Also returns the cuts, and the error of a coarse map without and with them.
     #[pyo3(signature = (length=None, least_relief=0.0, bearable=0.0, within=None, threads=None, progress=None))]
     fn relax<'py>(
-        &self,
-        py: Python<'py>,
-        length: Option<f64>,
-        least_relief: f64,
-        bearable: f64,
-        within: Option<f64>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, length: Option<f64>, least_relief: f64, bearable: f64, within: Option<f64>,
+        threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>, [f64; 2])> {
         let relaxation = match length {
             None => Relaxation { least_relief, bearable, ..Relaxation::default() },
@@ -126,11 +114,7 @@ impl Surface {
     /// thickness.
     #[pyo3(signature = (thickness, threads=None, progress=None))]
     fn thin_places(
-        &self,
-        py: Python<'_>,
-        thickness: f64,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, thickness: f64, threads: Threads, progress: Progress<'_>,
     ) -> PyResult<(usize, Option<(u32, f64)>)> {
         let thin =
             self.run(py, threads, &progress, move |inner, control| thin_places(&inner.surface, thickness, control))?;

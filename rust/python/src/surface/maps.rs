@@ -35,20 +35,9 @@ impl Surface {
     /// possible.
     #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
     fn voxflat<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        seed: u64,
-        geodesic: &str,
-        weighting: f64,
-        scale: &str,
-        keep_rows: bool,
-        threads: Threads,
-        progress: Progress<'py>,
-        store: Option<(PathBuf, String)>,
-        start: Option<GivenTable<'py, f64>>,
-        patience: u32,
-        max_area: Option<f64>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, geodesic: &str, weighting: f64, scale: &str,
+        keep_rows: bool, threads: Threads, progress: Progress<'py>, store: Option<(PathBuf, String)>,
+        start: Option<GivenTable<'py, f64>>, patience: u32, max_area: Option<f64>,
     ) -> PyResult<Dict<'py>> {
         ensure!(patience > 0, "patience is 0. Give at least 1");
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
@@ -87,15 +76,8 @@ impl Surface {
     /// columns in mm. `wave` is "circle" or "plane".
     #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", keep_rows=false, threads=None, progress=None))]
     fn zigelman2002<'py>(
-        &self,
-        py: Python<'py>,
-        count: usize,
-        seed: u64,
-        vertices: Option<Given<'py, u32>>,
-        grid: Option<(GivenTable<'py, u32>, [f64; 2])>,
-        wave: &str,
-        keep_rows: bool,
-        threads: Threads,
+        &self, py: Python<'py>, count: usize, seed: u64, vertices: Option<Given<'py, u32>>,
+        grid: Option<(GivenTable<'py, u32>, [f64; 2])>, wave: &str, keep_rows: bool, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let wave = convert::one_of("wave", wave, &[("circle", Wave::Circle), ("plane", Wave::Plane)])?;
@@ -126,15 +108,8 @@ impl Surface {
     /// sources (vertices), from several random starts.
     #[pyo3(signature = (rings, sources, starts, seed, keep_rows=false, threads=None, progress=None))]
     fn schwartz1989<'py>(
-        &self,
-        py: Python<'py>,
-        rings: Option<u32>,
-        sources: Given<'py, u32>,
-        starts: u32,
-        seed: u64,
-        keep_rows: bool,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, rings: Option<u32>, sources: Given<'py, u32>, starts: u32, seed: u64, keep_rows: bool,
+        threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         ensure!(starts > 0, "starts is 0. Give at least 1");
         let sources = convert::values(&sources);
@@ -157,12 +132,7 @@ impl Surface {
     /// Return the maximum memory in bytes for flattening by the method of Schwartz et al.
     #[pyo3(signature = (rings, sources, threads, progress=None))]
     fn schwartz1989_memory_need(
-        &self,
-        py: Python<'_>,
-        rings: Option<u32>,
-        sources: usize,
-        threads: usize,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, rings: Option<u32>, sources: usize, threads: usize, progress: Progress<'_>,
     ) -> PyResult<u64> {
         self.run(py, None, &progress, move |inner, control| {
             flatten::schwartz1989::memory_need(&inner.surface, rings, sources, threads, control)
@@ -173,12 +143,7 @@ impl Surface {
     /// returns the surface as it is cut open, to which the map belongs, and the outcome of gluing.
     #[pyo3(signature = (bound, seed, threads=None, progress=None))]
     fn saucan2006<'py>(
-        &self,
-        py: Python<'py>,
-        bound: f64,
-        seed: u64,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, bound: f64, seed: u64, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let found = self.run(py, threads, &progress, move |inner, control| {
             saucan2006::saucan2006(&inner.surface, bound, seed, control)
@@ -204,10 +169,7 @@ impl Surface {
 /// 2); also return the angle in radians.
 #[pyfunction]
 pub fn turn_onto<'py>(
-    py: Python<'py>,
-    uv: GivenTable<'py, f64>,
-    places: GivenTable<'py, f64>,
-    onto: GivenTable<'py, f64>,
+    py: Python<'py>, uv: GivenTable<'py, f64>, places: GivenTable<'py, f64>, onto: GivenTable<'py, f64>,
 ) -> PyResult<(Table<'py, f64>, f64)> {
     let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);

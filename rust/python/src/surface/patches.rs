@@ -14,13 +14,7 @@ impl Surface {
     /// Return certified flat patches, limited by "angle" (degrees), "bound" (on C) or "count" (their number).
     #[pyo3(signature = (limit, value, seeds, seed, threads=None, progress=None))]
     fn patches<'py>(
-        &self,
-        py: Python<'py>,
-        limit: &str,
-        value: f64,
-        seeds: &str,
-        seed: u64,
-        threads: Threads,
+        &self, py: Python<'py>, limit: &str, value: f64, seeds: &str, seed: u64, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let limits =
@@ -37,12 +31,7 @@ impl Surface {
     /// Glue patches within a bound on C: `labels` of the faces; each row of `flat` holds u, v of a face's corners.
     #[pyo3(signature = (labels, flat, bound, threads=None, progress=None))]
     fn glue<'py>(
-        &self,
-        py: Python<'py>,
-        labels: Given<'py, u32>,
-        flat: GivenTable<'py, f64>,
-        bound: f64,
-        threads: Threads,
+        &self, py: Python<'py>, labels: Given<'py, u32>, flat: GivenTable<'py, f64>, bound: f64, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let labels = labels.as_array().to_vec();

@@ -29,14 +29,8 @@ impl Surface {
     /// Register the vertices to one of several templates, which share a sphere of points (N, 3) and faces (F, 3).
     #[pyo3(signature = (points, faces, templates, named=None, threads=None, progress=None))]
     fn register<'py>(
-        &self,
-        py: Python<'py>,
-        points: GivenTable<'py, f64>,
-        faces: GivenTable<'py, i64>,
-        templates: Vec<TemplateValues<'py>>,
-        named: Option<usize>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>,
+        templates: Vec<TemplateValues<'py>>, named: Option<usize>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let sphere = sphere(&points, &faces)?;
         let mut made = Vec::new();
@@ -77,10 +71,7 @@ impl Surface {
 /// 3).
 #[pyfunction]
 pub fn locate_on_sphere<'py>(
-    py: Python<'py>,
-    points: GivenTable<'py, f64>,
-    faces: GivenTable<'py, i64>,
-    places: GivenTable<'py, f64>,
+    py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>, places: GivenTable<'py, f64>,
 ) -> PyResult<Located<'py>> {
     let sphere = sphere(&points, &faces)?;
     let places = convert::rows::<_, 3>(&places, "places")?;

@@ -85,11 +85,7 @@ impl Around {
     /// Moves the free places until every facet is within the bound, and then reduces distortion for a number of steps.
     /// Returns the previous positions; if the bound is not reached, returns nothing and moves nothing.
     pub fn settle(
-        &self,
-        layout: &mut Layout<'_>,
-        bound: f64,
-        steps: usize,
-        control: &Control,
+        &self, layout: &mut Layout<'_>, bound: f64, steps: usize, control: &Control,
     ) -> Result<Option<Vec<Place>>> {
         let before = self.read(layout);
         if self.come_within(layout, bound, control)? {

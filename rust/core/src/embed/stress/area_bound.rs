@@ -19,12 +19,7 @@ const WITHIN: f64 = 0.98;
 /// maximum change is returned, and marked as not converged.
 /// Panics like [`flatten`](super::levels::flatten), or if the number of positions differs from the number of vertices.
 pub fn bounded(
-    levels: &Levels,
-    rows: &DistanceRows,
-    uv: &[[f64; 2]],
-    weighting: f64,
-    max_area: f64,
-    control: &Control,
+    levels: &Levels, rows: &DistanceRows, uv: &[[f64; 2]], weighting: f64, max_area: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;

@@ -30,10 +30,7 @@ pub(super) enum Fault {
 
 /// Repairs a map; if this fails, returns the defect of the given map.
 pub(super) fn repair(
-    triangles: &TriangleEnergy,
-    outline: &Outline,
-    uv: &mut [Place],
-    control: &Control,
+    triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], control: &Control,
 ) -> Result<Option<Fault>> {
     let folded = triangles.folded(uv);
     if folded > 0 && !unfold(triangles, outline, uv, control)? {

@@ -56,11 +56,7 @@ impl Start<'_> {
 /// cannot be repaired on any level, or makes no progress; and those of [`flatten`](super::levels::flatten). Panics like
 /// [`flatten`](super::levels::flatten).
 pub fn flatten_from(
-    levels: &mut Levels,
-    rows: &DistanceRows,
-    start: Start,
-    weighting: f64,
-    control: &Control,
+    levels: &mut Levels, rows: &DistanceRows, start: Start, weighting: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let places = start.counterclockwise(levels.finest())?;
     let dials = Dials { patience: start.patience, ..weighted(weighting) };
@@ -97,11 +93,7 @@ pub fn flatten_from(
 impl Level {
     /// Optimises a known map that does not overlap itself.
     fn settle_again(
-        &self,
-        uv: &mut Vec<Place>,
-        dials: Dials,
-        stage: &'static str,
-        control: &Control,
+        &self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
         let apart = Some((&self.outline, APART));
         self.scale(uv, dials, apart, control)?;

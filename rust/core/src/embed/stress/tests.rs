@@ -23,10 +23,7 @@ fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -
 
 /// The slope of an energy with respect to one coordinate.
 fn slope(
-    uv: &[Vector2<f64>],
-    (vertex, axis): (usize, usize),
-    step: f64,
-    energy: impl Fn(&[Vector2<f64>]) -> f64,
+    uv: &[Vector2<f64>], (vertex, axis): (usize, usize), step: f64, energy: impl Fn(&[Vector2<f64>]) -> f64,
 ) -> f64 {
     let moved = |by: f64| {
         let mut uv = uv.to_vec();

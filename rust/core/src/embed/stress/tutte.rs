@@ -37,11 +37,7 @@ const NARROWEST: f64 = 0.005;
 
 /// Returns the map of a disk whose vertices have approximate positions, which may fold.
 pub fn spread(
-    surface: &Surface,
-    places: &[Place],
-    triangles: &TriangleEnergy,
-    springs: &Springs,
-    control: &Control,
+    surface: &Surface, places: &[Place], triangles: &TriangleEnergy, springs: &Springs, control: &Control,
 ) -> Result<Vec<Place>> {
     let mut ground = vec![0.0; surface.len()];
     let mut forces = vec![Vector2::zeros(); surface.len()];

@@ -76,11 +76,7 @@ fn unfolded(surface: &Surface) -> Vec<Vec<f64>> {
 }
 
 fn look(
-    surface: &Surface,
-    row: &mut [f64],
-    faces: &mut Vec<u32>,
-    half_edge: u32,
-    [right, left]: [Vector2<f64>; 2],
+    surface: &Surface, row: &mut [f64], faces: &mut Vec<u32>, half_edge: u32, [right, left]: [Vector2<f64>; 2],
     [low, high]: [Vector2<f64>; 2],
 ) {
     let twin = surface.twins()[half_edge as usize];

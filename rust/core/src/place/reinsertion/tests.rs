@@ -12,10 +12,7 @@ fn decimated(surface: &Surface, vertices: usize) -> Decimation {
 
 /// Extends a map of the survivors to all vertices; returns it with the number of flipped triangles.
 fn carried(
-    found: &Decimation,
-    vertices: usize,
-    map: impl Fn(u32) -> [f64; 2],
-    is_mirrored: bool,
+    found: &Decimation, vertices: usize, map: impl Fn(u32) -> [f64; 2], is_mirrored: bool,
 ) -> (Vec<[f64; 2]>, usize) {
     let mut uv = vec![[f64::NAN; 2]; vertices];
     found.survivors.iter().for_each(|&v| uv[v as usize] = map(v));

@@ -52,10 +52,7 @@ pub(crate) fn from_sides(surface: &Surface, control: &Control) -> Result<Vec<f64
 
 /// Returns allowed vertices inside a surface, each the farthest one from the boundary and from the previous ones.
 pub(crate) fn spread(
-    surface: &Surface,
-    count: usize,
-    is_allowed: impl Fn(u32) -> bool,
-    control: &Control,
+    surface: &Surface, count: usize, is_allowed: impl Fn(u32) -> bool, control: &Control,
 ) -> Result<Vec<u32>> {
     let mut from = Inward::of(surface, control)?;
     let mut nearest = vec![f64::INFINITY; surface.len()];

@@ -55,12 +55,7 @@ impl Stiffness {
 
     /// Takes one backward Euler step: solves (M + t L) y = b, M = diag(`mass`), from an initial guess y.
     pub(crate) fn solve(
-        &self,
-        mass: &[f64],
-        time: f64,
-        b: &[Vector3<f64>],
-        y: &mut [Vector3<f64>],
-        control: &Control,
+        &self, mass: &[f64], time: f64, b: &[Vector3<f64>], y: &mut [Vector3<f64>], control: &Control,
     ) -> Result<()> {
         // conjugate gradients with a diagonal preconditioner, for three columns at a time
         let diagonal: Vec<f64> =

@@ -232,12 +232,7 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 /// vertices that `may_pass`: a simple path that meets `to` only at its end. The cost of an edge is its length times the
 /// mean of its ends' factors. Panics if the number of factors or flags differs from the number of vertices.
 pub fn path_to_any(
-    surface: &Surface,
-    from: u32,
-    to: &[bool],
-    may_pass: &[bool],
-    factors: &[f64],
-    control: &Control,
+    surface: &Surface, from: u32, to: &[bool], may_pass: &[bool], factors: &[f64], control: &Control,
 ) -> Result<Vec<u32>> {
     check_points([from], surface.len())?;
     assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one flag and one factor per vertex");

@@ -111,11 +111,7 @@ impl Surface {
     }
 
     fn joined(
-        points: &[[f64; 3]],
-        faces: &[[u32; 3]],
-        twins: Vec<u32>,
-        defects: Defects,
-        repair: Repair,
+        points: &[[f64; 3]], faces: &[[u32; 3]], twins: Vec<u32>, defects: Defects, repair: Repair,
     ) -> (Self, Repairs) {
         let points: Vec<Vector3<f64>> = points.iter().map(|&p| p.into()).collect();
         let ids: Vec<u32> = (0..points.len() as u32).collect();

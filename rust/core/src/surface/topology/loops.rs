@@ -257,12 +257,7 @@ impl Across {
 
     /// Returns the half-edges that are crossed on a path from one face to another.
     fn path(
-        &mut self,
-        surface: &Surface,
-        from: u32,
-        to: u32,
-        is_open: impl Fn(u32) -> bool,
-        control: &Control,
+        &mut self, surface: &Surface, from: u32, to: u32, is_open: impl Fn(u32) -> bool, control: &Control,
     ) -> Result<Option<Vec<u32>>> {
         self.round += 1;
         self.seen[from as usize] = (self.round, u32::MAX);

@@ -79,11 +79,7 @@ pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Resu
 
 /// Computes distances along edges up to a radius.
 fn search_around(
-    search: &mut EdgeSearch,
-    network: &Network,
-    vertex: u32,
-    radius: f64,
-    control: &Control,
+    search: &mut EdgeSearch, network: &Network, vertex: u32, radius: f64, control: &Control,
 ) -> Result<()> {
     search.clear();
     search.seed(vertex);

@@ -45,9 +45,7 @@ impl Nodes {
     /// returns the positions of nodes (mm), by which diagonals are chosen. It is called for the final nodes, and before
     /// only for the centres of surfels.
     pub fn triangulate(
-        surfels: &Surfels,
-        centres: &[Vector3<f64>],
-        place: impl FnOnce(&Self) -> Result<Vec<Vector3<f64>>>,
+        surfels: &Surfels, centres: &[Vector3<f64>], place: impl FnOnce(&Self) -> Result<Vec<Vector3<f64>>>,
         control: &Control,
     ) -> Result<(Self, Surface)> {
         let mut apart = not_a_disk(surfels);

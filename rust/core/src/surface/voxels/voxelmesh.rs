@@ -50,11 +50,7 @@ pub struct VoxelMesh {
 impl VoxelMesh {
     /// Extracts the surface of a label of the given kind, or of the kind that is detected.
     pub fn of(
-        mask: &Mask,
-        affine: &Affine,
-        kind: Option<Kind>,
-        level: Option<&Level>,
-        control: &Control,
+        mask: &Mask, affine: &Affine, kind: Option<Kind>, level: Option<&Level>, control: &Control,
     ) -> Result<Self> {
         match kind.unwrap_or_else(|| if sheets::is_sheet(mask) { Kind::Sheet } else { Kind::Solid }) {
             Kind::Solid => Self::of_solid(mask, affine, level, control),

@@ -77,12 +77,7 @@ impl Grid {
     ///
     /// The rim needs no check: a step out of the box leads to the rim on its opposite side, or beyond all cells.
     pub(super) fn flood(
-        &self,
-        first: usize,
-        offsets: &[[i64; 3]],
-        enter: impl Fn(usize) -> bool,
-        seen: &mut [bool],
-        control: &Control,
+        &self, first: usize, offsets: &[[i64; 3]], enter: impl Fn(usize) -> bool, seen: &mut [bool], control: &Control,
     ) -> Result<Vec<usize>> {
         let steps: Vec<isize> = offsets.iter().map(|&offset| self.step(offset)).collect();
         let mut reached = vec![first];
@@ -103,10 +98,7 @@ impl Grid {
 
     /// Returns the connected components of a set of inner cells, in the order of their first cells.
     pub(super) fn pieces(
-        &self,
-        offsets: &[[i64; 3]],
-        is_in: impl Fn(usize) -> bool,
-        control: &Control,
+        &self, offsets: &[[i64; 3]], is_in: impl Fn(usize) -> bool, control: &Control,
     ) -> Result<Vec<Vec<usize>>> {
         let mut seen = vec![false; self.len()];
         let mut pieces = Vec::new();
