@@ -63,7 +63,7 @@ pub enum Error {
     )]
     TooAnisotropic { longest: f64, shortest: f64, most: f64 },
 
-    #[error("no voxel of the volume (shape {shape:?}) is foreground. Choose another label or threshold")]
+    #[error("the volume (shape {shape:?}) has no foreground voxels. Choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 
     #[error("the affine contains {value} at row {row}, column {column}. Give a finite affine or spacing")]
@@ -114,7 +114,9 @@ pub enum Error {
     #[error("voxel {voxel:?} is not on the surface. Give a surface voxel; the nearest one is {nearest:?}")]
     NotOnSurface { voxel: [i64; 3], nearest: [u32; 3] },
 
-    #[error("point {vertex} does not exist: the surface has {points} points, counted from 0")]
+    #[error(
+        "point {vertex} does not exist: the surface has {points} points, counted from 0. Give the number of a point"
+    )]
     NoSuchPoint { vertex: usize, points: usize },
 
     #[error("point {vertex} appears more than once among the sources. Give each source once")]
@@ -210,7 +212,10 @@ pub enum Error {
     #[error("the angle is {angle}°. Give an angle from {least}° to {most}°")]
     AngleOutOfRange { angle: f64, least: f64, most: f64 },
 
-    #[error("the bound C is {bound}. Give a bound from {least} (an angle of 0.01°) to {most} (80°); 1 is an isometry")]
+    #[error(
+        "the bound C is {bound}. Give a bound from {least} (an angle of 0.01°) to {most} (80°); a bound of 1 means an \
+         isometry"
+    )]
     BoundOutOfRange { bound: f64, least: f64, most: f64 },
 
     #[error("patches cannot be glued within a bound of {bound} on C. Give a bound from {least} to {most}, such as 1.5")]
@@ -271,7 +276,10 @@ pub enum Error {
     )]
     EdgeTooShort { a: usize, b: usize, length: f64, size: f64 },
 
-    #[error("triangle {face} refers to vertex {corner}, but the mesh has {points} vertices, counted from 0")]
+    #[error(
+        "triangle {face} refers to vertex {corner}, but the mesh has {points} vertices, counted from 0. Correct the \
+         triangle"
+    )]
     CornerOutOfRange { face: usize, corner: i64, points: usize },
 
     #[error(
@@ -297,7 +305,7 @@ pub enum Error {
 
     #[error(
         "the component of triangle {face} has only one side, like a Möbius strip, so it has no outside and cannot be \
-         flattened. Cut it first"
+         flattened. Cut the component first"
     )]
     OneSided { face: usize },
 

@@ -43,21 +43,18 @@ pub fn voxels(
     control: &Control,
 ) -> Result<Vec<InColumn>> {
     control.begin("finding voxels of the ribbon", faces.len().div_ceil(CHUNK) as u64);
-    let parts: Vec<Vec<InColumn>> = faces
-        .par_chunks(CHUNK)
-        .enumerate()
-        .map(|(part, faces)| {
-            control.check()?;
-            let mut found = Vec::new();
-            for (triangle, face) in ((part * CHUNK) as u32..).zip(faces) {
-                let place = |surface: &[[f64; 3]]| face.map(|vertex| Vector3::from(surface[vertex as usize]));
-                let numbers = face.map(|vertex| numbers[vertex as usize]);
-                column(triangle, &place(inner), &place(outer), &numbers, shape, &mut found);
-            }
-            control.advance();
-            Ok(found)
-        })
-        .collect::<Result<_>>()?;
+    let of_chunk = |(part, faces): (usize, &[[u32; 3]])| {
+        control.check()?;
+        let mut found = Vec::new();
+        for (triangle, face) in ((part * CHUNK) as u32..).zip(faces) {
+            let place = |surface: &[[f64; 3]]| face.map(|vertex| Vector3::from(surface[vertex as usize]));
+            let numbers = face.map(|vertex| numbers[vertex as usize]);
+            column(triangle, &place(inner), &place(outer), &numbers, shape, &mut found);
+        }
+        control.advance();
+        Ok(found)
+    };
+    let parts: Vec<Vec<InColumn>> = faces.par_chunks(CHUNK).enumerate().map(of_chunk).collect::<Result<_>>()?;
     let mut found = parts.concat();
     let off = |of: &InColumn| (of.fraction - middle).abs();
     found.par_sort_by(|a, b| a.voxel.cmp(&b.voxel).then(off(a).total_cmp(&off(b))).then(a.triangle.cmp(&b.triangle)));

@@ -163,13 +163,11 @@ fn measure<S: Solver>(
     let bundles = solver.bundles(sources, rayon::current_num_threads(), control)?;
     let columns = data.len() / sources.len().max(1);
     let mut rows: Vec<_> = data.chunks_exact_mut(columns.max(1)).collect();
-    let turns: Vec<_> = bundles
-        .into_iter()
-        .map(|bundle| {
-            let own: Vec<_> = bundle.iter().map(|&number| std::mem::take(&mut rows[number as usize])).collect();
-            (bundle, own)
-        })
-        .collect();
+    let with_rows = |bundle: Vec<u32>| {
+        let own = bundle.iter().map(|&number| std::mem::take(&mut rows[number as usize])).collect();
+        (bundle, own)
+    };
+    let turns: Vec<(Vec<u32>, Vec<&mut [f32]>)> = bundles.into_iter().map(with_rows).collect();
     let fill_next = |scratch: &mut S::Scratch, (bundle, mut rows): (Vec<u32>, Vec<&mut [f32]>)| {
         fill(solver, sources, &bundle, targets, &mut rows, scratch, control)
     };

@@ -119,7 +119,7 @@ fn random_disk(rng: &mut ChaCha8Rng, control: &Control) -> Result<Surface> {
 
 fn moved((mut points, faces): Triangles, rng: &mut ChaCha8Rng) -> Result<Surface> {
     stretch(&mut points, rng);
-    let size = 10f64.powf(rng.random_range(-1.0..1.5)); // some mm, or a hundred of them: bands of distances end at 10 and 30
+    let size = 10f64.powf(rng.random_range(-1.0..1.5)); // bands of distances end at 10 and 30 mm
     points.iter_mut().flatten().for_each(|x| *x *= size);
     Ok(Surface::repaired(&points, &faces)?.0)
 }

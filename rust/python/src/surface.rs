@@ -55,8 +55,8 @@ impl Inner {
 
 #[pymethods]
 impl Surface {
-    /// Create a surface from points (N, 3) in mm and triangles (F, 3); also return its repairs. Defects are errors unless
-    /// `mend` is true.
+    /// Create a surface from points (N, 3) in mm and triangles (F, 3); also return its repairs. Defects are errors
+    /// unless `mend` is true.
     #[staticmethod]
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
@@ -79,9 +79,9 @@ impl Surface {
         Ok((surface.into(), dict))
     }
 
-    /// Create a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K) and
-    /// its value on the surface; `sheet` is whether the label is a voxel sheet. Also return the voxel of each vertex (N,
-    /// 3) and details.
+    /// Create a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K)
+    /// and its value on the surface; `sheet` is whether the label is a voxel sheet. Also return the voxel of each vertex
+    /// (N, 3) and details.
     #[staticmethod]
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
     fn from_mask<'py>(

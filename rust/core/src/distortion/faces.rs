@@ -38,8 +38,8 @@ pub struct FaceDistortion {
     /// The share of the surface, by area, in triangles whose area changes by more than each of [`AREA_FACTORS`] in
     /// either direction, at that scale. A triangle without area in the plane exceeds all factors. NaN without a scale.
     pub area_beyond: [f64; 3],
-    /// |l_flat / l_surface − 1| over the edges; each edge counts once. (Workbench's `-edge-method` gives, for each vertex, the
-    /// mean of |log2(l_flat / l_surface)| over its edges.) Edges of length 0 mm on the surface are undefined.
+    /// |l_flat / l_surface − 1| over the edges; each edge counts once. (Workbench's `-edge-method` gives, for each
+    /// vertex, the mean of |log2(l_flat / l_surface)| over its edges.) Edges of length 0 mm on the surface are undefined.
     pub edge: Summary,
     /// The number of edges, including undefined ones.
     pub edges: usize,

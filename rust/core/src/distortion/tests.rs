@@ -172,7 +172,7 @@ impl Rows for Few<'_> {
     }
 }
 
-/// Bit by bit; NaN equals NaN.
+/// Compares figures bit by bit; NaN equals NaN.
 fn same(a: &Distortion, b: &Distortion) -> bool {
     format!("{a:?}") == format!("{b:?}")
 }

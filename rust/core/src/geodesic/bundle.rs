@@ -109,10 +109,10 @@ impl BundleScratch {
                 let row = &mut row[some.clone()];
                 match targets {
                     None => row.iter_mut().zip(&distances[some.clone()]).for_each(|(to, from)| *to = from.0[lane]),
-                    Some(targets) => row
-                        .iter_mut()
-                        .zip(&targets[some.clone()])
-                        .for_each(|(to, &target)| *to = distances[target as usize].0[lane]),
+                    Some(targets) => {
+                        let distance = |&target: &u32| distances[target as usize].0[lane];
+                        row.iter_mut().zip(&targets[some.clone()]).for_each(|(to, target)| *to = distance(target));
+                    }
                 }
             }
         }

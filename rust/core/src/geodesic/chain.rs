@@ -151,7 +151,7 @@ mod tests {
         Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
     }
 
-    /// The length of a chain of voxels by the weights; its links must join 26-neighbours.
+    /// Returns the length of a chain of voxels by the weights; its links must join 26-neighbours.
     fn chain_length(chain: &[[i64; 3]], weights: &ChainWeights) -> f64 {
         let link = |pair: &[[i64; 3]]| {
             let kind = (0..3).map(|axis| ((pair[1][axis] - pair[0][axis]).unsigned_abs() as usize) << axis);
@@ -161,9 +161,9 @@ mod tests {
         chain.windows(2).map(link).sum()
     }
 
-    /// Relative errors for random directions, each the mean over lines with `shifts` random places in the grid, 500 links
-    /// long: a line is cut by the planes of voxel centres across the axis along which it advances fastest, and the other
-    /// two coordinates are rounded.
+    /// Returns the relative errors for random directions, each the mean over `shifts` lines of 500 links at random
+    /// places in the grid. A line is cut by the planes of voxel centres across the axis along which it advances
+    /// fastest, and the other two coordinates are rounded.
     fn line_errors(spacing: [f64; 3], weights: &ChainWeights, directions: usize, shifts: usize) -> Vec<f64> {
         const LINKS: i64 = 500;
         let mut rng = ChaCha8Rng::seed_from_u64(7);

@@ -112,7 +112,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A surface, and one whose vertices lie elsewhere by chance: no two of its links are equally long.
+    /// Returns a surface, and a copy with random displacements, in which no two links are equally long.
     fn even_and_uneven(surface: &Surface) -> [Surface; 2] {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let by = 0.3 * surface.length(0);
@@ -180,11 +180,8 @@ mod tests {
 
     #[test]
     fn links_are_the_same_in_any_number_of_layers() {
-        for surface in [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)]
-            .map(shapes::surface)
-            .iter()
-            .flat_map(even_and_uneven)
-        {
+        let surfaces = [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)].map(shapes::surface);
+        for surface in surfaces.iter().flat_map(even_and_uneven) {
             let graph = |layers| GeodesicGraph::in_layers(&surface, 9, layers, &Control::default()).unwrap();
             let once = graph(1);
             assert!(once.links() > 20 * surface.len());

@@ -185,7 +185,7 @@ mod tests {
     use crate::volume::Mask;
     use proptest::prelude::*;
 
-    /// Distances by relaxing every arc until nothing changes (Bellman, Ford).
+    /// Returns distances by relaxing every arc until nothing changes (Bellman, Ford).
     fn relaxed(graph: &impl Links, sources: &[u32]) -> Vec<f32> {
         let mut distance = vec![f32::INFINITY; graph.vertices()];
         sources.iter().for_each(|&source| distance[source as usize] = 0.0);

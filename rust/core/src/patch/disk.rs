@@ -86,7 +86,7 @@ mod tests {
         assert!(part.areas().iter().sum::<f64>() > 0.75 * std::f64::consts::PI * 36.0);
     }
 
-    /// A sphere with a bump: a disk around the bump's foot reaches around it before it reaches its top.
+    /// Returns a sphere with a bump. A disk at the foot of the bump surrounds it before it reaches its top.
     fn bumpy(height: f64) -> Surface {
         let sphere = shapes::surface(shapes::sphere(5));
         let bump = |p: &Vector3<f64>| {

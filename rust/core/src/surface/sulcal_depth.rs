@@ -97,7 +97,7 @@ mod tests {
         sulcal_depth(surface, 70.0, &Control::default()).unwrap()
     }
 
-    /// A sphere whose radius waves around the axis: r = 50 + a cos(16 φ) sin⁴ θ, mm.
+    /// Returns a sphere with waves around the axis: r = 50 + a cos(16 φ) sin⁴ θ, in mm.
     fn waved(times: usize, a: f64) -> Surface {
         let sphere = shapes::surface(shapes::sphere(times));
         let wave = |p: &Vector3<f64>| {

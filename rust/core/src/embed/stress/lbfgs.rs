@@ -148,7 +148,7 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
     }
 
-    /// The published recursion (Nocedal, Wright, algorithm 7.4).
+    /// Computes the published recursion (Nocedal, Wright, algorithm 7.4).
     fn two_loops(gradient: &Vectors, steps: &[(Vectors, Vectors)], factor: &Factor) -> Vectors {
         let mut turned = gradient.clone();
         let mut shares = Vec::new();

@@ -36,7 +36,8 @@ impl Start<'_> {
             return Err(Error::StartNotFinite { vertex });
         }
         let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
-        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny positions would overflow
+        // products of huge or tiny positions would overflow
+        let small = |x: f64| if largest > 0.0 { x / largest } else { x };
         let places: Vec<Place> = self.places.iter().map(|place| place.map(small).into()).collect();
         let centre = places.iter().sum::<Place>() / places.len() as f64;
         let double = |face: &[u32; 3]| {

@@ -48,7 +48,7 @@ pub(crate) struct Rest {
 }
 
 impl Rest {
-    /// Creates a triangle with corners at `points` that is at least `thinnest` times as high as its longest side is long.
+    /// Creates a triangle at `points` whose height is at least `thinnest` times the length of its longest side.
     pub(crate) fn of(points: [Vector3<f64>; 3], face: [u32; 3], thinnest: f64) -> Self {
         let sides = [0, 1, 2].map(|n| points[(n + 1) % 3] - points[n]);
         let longest = (0..3).max_by(|&a, &b| sides[a].norm_squared().total_cmp(&sides[b].norm_squared())).unwrap_or(0);

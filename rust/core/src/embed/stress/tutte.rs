@@ -85,12 +85,11 @@ fn on_ellipse(outline: &[Place], lengths: &[f64]) -> Vec<Place> {
     } else {
         axes.eigenvectors
     };
-    let ellipse: Vec<Place> = (0..PLACES)
-        .map(|n| {
-            let (sin, cos) = (n as f64 / PLACES as f64 * TAU).sin_cos();
-            turn * Vector2::new(extents.x * cos, extents.y * sin)
-        })
-        .collect();
+    let place = |n: usize| {
+        let (sin, cos) = (n as f64 / PLACES as f64 * TAU).sin_cos();
+        turn * Vector2::new(extents.x * cos, extents.y * sin)
+    };
+    let ellipse: Vec<Place> = (0..PLACES).map(place).collect();
     let mut along = vec![0.0];
     for n in 0..PLACES {
         along.push(along[n] + (ellipse[(n + 1) % PLACES] - ellipse[n]).norm());

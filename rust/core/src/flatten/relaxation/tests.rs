@@ -10,14 +10,14 @@ fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
     relax(surface, Relaxation { length, least_gain, ..Relaxation::default() }, &Control::default()).unwrap()
 }
 
-/// The part of a sphere below a height: more than half if it is positive.
+/// Returns the part of a sphere below a height, which is more than half of it for a positive height.
 fn cap(height: f64) -> Surface {
     let sphere = shapes::surface(shapes::sphere(4));
     let below: Vec<bool> = sphere.points().iter().map(|p| p.z < height).collect();
     sphere.part_of_vertices(&below)
 }
 
-/// The same disk, cut along the reported cuts.
+/// Checks that the result is the given disk, cut along the reported cuts.
 fn assert_cut(surface: &Surface, relaxed: &Relaxed) {
     assert!(Topology::of(&relaxed.surface).is_disk());
     let paths: Vec<Vec<u32>> = relaxed.cuts.iter().map(|cut| cut.vertices.clone()).collect();

@@ -33,7 +33,7 @@ fn assert_all(surface: &Surface, relative: f64, expected: impl Fn(Vector3<f64>, 
     }
 }
 
-/// Distances along the edges alone (Bellman, Ford).
+/// Returns the distances along the edges only (Bellman, Ford).
 fn along_edges(surface: &Surface, source: u32) -> Vec<f64> {
     let mut row = vec![f64::INFINITY; surface.len()];
     row[source as usize] = 0.0;
@@ -50,8 +50,8 @@ fn along_edges(surface: &Surface, source: u32) -> Vec<f64> {
     }
 }
 
-/// The shortest of all lines that run straight through some sequence of faces, none of them twice, and of chains of
-/// such lines: what a shortest path is, by definition.
+/// Returns the lengths of shortest paths by their definition: of all lines that run straight through a sequence of
+/// different faces, and of all chains of such lines, the shortest.
 fn unfolded(surface: &Surface) -> Vec<Vec<f64>> {
     let n = surface.len();
     let mut rows = vec![vec![f64::INFINITY; n]; n];
@@ -146,7 +146,7 @@ fn paths_bend_at_the_end_of_a_slit() {
     });
 }
 
-/// The surface of the cube from 0 to `n`, in squares of side 1.
+/// Returns the surface of the cube from 0 to `n`, in squares of side 1.
 fn cube(n: i64) -> Surface {
     let mut points = Vec::new();
     let mut number = std::collections::HashMap::new();

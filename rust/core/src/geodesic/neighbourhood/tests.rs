@@ -8,7 +8,7 @@ fn torus() -> Surface {
     shapes::surface(shapes::torus(18, 11))
 }
 
-/// The vertices within a number of rings of each vertex, found by repeated passes over all faces.
+/// Returns the vertices within a number of rings of each vertex, by repeated passes over all faces.
 fn by_brute_force(surface: &Surface, rings: u32) -> Vec<BTreeSet<u32>> {
     let grown = |inside: &BTreeSet<u32>| {
         let touching = surface.faces().iter().filter(|face| face.iter().any(|v| inside.contains(v)));
@@ -47,7 +47,7 @@ fn neighbourhoods_have_the_sizes_that_are_told() {
     }
 }
 
-/// The shorter of both directions' exact distances.
+/// Returns the shorter of the exact distances in both directions.
 fn exact(surface: &Surface) -> Vec<Vec<f32>> {
     let rows: Vec<_> = (0..surface.len() as u32).map(|vertex| row(&Exact::new(surface), vertex)).collect();
     let count = surface.len();

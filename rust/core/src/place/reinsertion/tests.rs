@@ -21,7 +21,7 @@ fn carried(
     (uv, turned)
 }
 
-/// A plane grid in space whose inner vertices are moved at random, without flipping a triangle.
+/// Returns a plane grid in space whose inner vertices are moved at random, without flipping a triangle.
 fn jittered(side: usize, moves: &[[f64; 2]]) -> Surface {
     let (points, faces) = shapes::sheet(side, side);
     let moved = points.iter().zip(moves).map(|(&[x, y, _], [dx, dy])| {

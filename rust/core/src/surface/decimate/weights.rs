@@ -71,7 +71,7 @@ mod tests {
         weights.iter().zip(places).map(|(&[re, im], place)| Complex::new(re, im) * place).sum()
     }
 
-    /// A ring around a vertex of the plane that it sees, by its steps of angle and its lengths.
+    /// Returns a ring in the plane that is visible from its vertex, given its angular steps and lengths.
     fn ring(steps: &[f64], lengths: &[f64], turn: f64) -> Vec<Complex<f64>> {
         let mut direction = 0.0;
         let at = |(step, &length): (&f64, &f64)| {

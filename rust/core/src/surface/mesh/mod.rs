@@ -153,13 +153,9 @@ impl Surface {
         if let Some(far) = self.points.iter().position(|p| !p.iter().all(|&x| is_near(x))) {
             return Err(Error::PointTooFar { vertex: self.ids[far] as usize, at: self.points[far].into() });
         }
-        let ends = self
-            .points
-            .iter()
-            .fold([Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)], |[l, h], p| {
-                [l.inf(p), h.sup(p)]
-            });
-        let size = (ends[1] - ends[0]).max();
+        let low = self.points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
+        let high = self.points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+        let size = (high - low).max();
         if size < SMALLEST && !self.is_empty() { Err(Error::SurfaceTooSmall { size }) } else { Ok(size) }
     }
 

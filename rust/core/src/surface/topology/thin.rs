@@ -130,7 +130,7 @@ mod tests {
         thin_places(surface, thickness, &Control::default()).unwrap()
     }
 
-    /// A ball pressed flat.
+    /// Returns a flattened ball.
     fn disc(height: f64) -> Surface {
         let sphere = shapes::surface(shapes::sphere(5));
         sphere.moved(sphere.points().iter().map(|p| [5.0 * p.x, 5.0 * p.y, height * p.z].into()).collect()).unwrap()

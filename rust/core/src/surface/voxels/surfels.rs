@@ -213,7 +213,7 @@ mod tests {
         (surface, surfels)
     }
 
-    /// The ends of an edge in doubled coordinates, from corner q − 1 to corner q.
+    /// Returns the ends of an edge in doubled coordinates, from corner q − 1 to corner q.
     fn ends(surface: &VoxelSurface, surfels: &Surfels, edge: u32) -> [[i64; 3]; 2] {
         let s = edge / 4;
         let d = usize::from(surfels.direction[s as usize]);

@@ -12,7 +12,7 @@ fn repaired(mesh: &Mesh) -> (Surface, Repairs) {
     (surface, repaired)
 }
 
-/// The triangles by the numbers that their corners had, each from its lowest corner on, sorted.
+/// Returns the triangles with the original numbers of their corners, the lowest first, in sorted order.
 fn by_numbers(surface: &Surface) -> Vec<[u32; 3]> {
     let turned = |face: &[u32; 3]| {
         let [a, b, c] = face.map(|v| surface.ids()[v as usize]);
