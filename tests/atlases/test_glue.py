@@ -5,9 +5,9 @@ import json
 import composed
 import numpy as np
 import pytest
-from hard_shapes import sheet
+from hard_shapes import sheet, signed_areas
 from refusals import refused
-from textures import areas
+from textures import areas, side_counts
 from triangle_meshes import singular_values
 
 import voxflat
@@ -34,10 +34,8 @@ def glued(atlas):
 
 def check(atlas, glued):
     """Check what is promised by what is returned alone."""
-    flat = glued.uv[glued.uv_faces]
-    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
-    most, least = singular_values(glued.points[glued.faces], flat).T
+    assert (signed_areas(glued.uv, glued.uv_faces) > 0).all()
+    most, least = singular_values(glued.points[glued.faces], glued.uv[glued.uv_faces]).T
     assert np.maximum(most, 1 / least).max() <= glued.bound * (1 + 1e-9)
     np.testing.assert_allclose(glued.stretch, np.stack([most, least], axis=1), rtol=1e-6)
     assert np.array_equal(glued.vertex_ids[glued.uv_faces], glued.faces)
@@ -119,17 +117,14 @@ class TestGluedAtlas:
             voxflat.load_atlas(tmp_path / "nowhere.npz")
 
     def test_the_outline_is_where_pieces_end(self, glued):
-        places = glued.uv[glued.outline]
         boundary = np.linalg.norm(np.diff(glued.points[glued.vertex_ids[glued.outline]], axis=1)[:, 0], axis=1).sum()
-        edges = np.sort(np.stack([glued.faces, np.roll(glued.faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-        ends, uses = np.unique(edges, axis=0, return_counts=True)
+        ends, uses = side_counts(glued.faces)
         rim = np.linalg.norm(np.diff(glued.points[ends[uses == 1]], axis=1)[:, 0], axis=1).sum()
         assert boundary == pytest.approx(rim + 2 * glued.seams.cuts)
-        assert np.isfinite(places).all()
+        assert np.isfinite(glued.uv[glued.outline]).all()
 
     def test_pieces_have_a_page_without_overlap(self, glued, tmp_path):
-        a, b, c = np.moveaxis(glued.layout()[glued.uv_faces], 1, 0)
-        drawn = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+        drawn = np.abs(signed_areas(glued.layout(), glued.uv_faces))
         np.testing.assert_allclose(drawn, glued.areal * areas(glued.points, glued.faces), rtol=1e-6)
         figures.save(figures.atlas_page(glued), tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 10_000

@@ -1,12 +1,14 @@
 """Quasi-isometric patches after Appleboim, Saucan and Zeevi (2006)."""
 
 import itertools
+import sys
 
 import composed
 import numpy as np
 import pytest
 import shapes
 import triangle_meshes
+from hard_shapes import signed_areas
 from refusals import refused
 from triangle_meshes import singular_values
 
@@ -39,10 +41,8 @@ def check(atlas):
         assert np.linalg.det(frame) > 0
         projected = (atlas.points[patch.vertex_ids] - plane.origin) @ plane.axes.T
         np.testing.assert_allclose(patch.uv, projected, atol=1e-9)
-        corners = patch.uv[patch.faces]
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
-        most, least = singular_values(atlas.points[atlas.faces[patch.face_ids]], corners).T
+        assert (signed_areas(patch.uv, patch.faces) > 0).all()
+        most, least = singular_values(atlas.points[atlas.faces[patch.face_ids]], patch.uv[patch.faces]).T
         assert np.maximum(most, 1 / least).max() == pytest.approx(patch.isometric, rel=1e-6)
         assert (most / least).max() == pytest.approx(patch.quasi_conformal, rel=1e-6)
         assert np.maximum(most, 1 / least).max() <= certificate.c * (1 + 1e-9)
@@ -89,9 +89,8 @@ class TestPatches:
         assert sheet[0].isometric == pytest.approx(1, abs=1e-9)
         check(sheet)
 
-    @pytest.mark.parametrize(
-        ("options", "message"),
-        [
+    def test_wrong_arguments_are_named(self, torus):
+        for options, message in (
             ({"max_angle": 0}, "the angle is 0°"),
             ({"max_angle": float("nan")}, "the angle is NaN°"),
             ({"max_angle": "steep"}, "max_angle is 'steep'. Pass a number"),
@@ -103,10 +102,8 @@ class TestPatches:
             ({"seed": -1}, "the seed is -1"),
             ({"threads": 0}, "threads"),
             ({"label": 3}, "label does not apply"),
-        ],
-    )
-    def test_wrong_arguments_are_named(self, torus, options, message):
-        refused(message, composed.patches, torus, **options)
+        ):
+            refused(message, composed.patches, torus, **options)
 
     def test_triangles_so_thin_that_rounding_counts_are_told(self, caplog):
         points = np.array([[0, 0, 0], [1e6, 0.3, 0.7], [3e5, 0.09, 0.21 + 1e-9], [2e5, -1e5, 4e4]]) + 1e3
@@ -158,11 +155,9 @@ class TestFlatAtlas:
     def test_pictures(self, atlas, tmp_path, monkeypatch):
         figures.save(figures.atlas_page(atlas), tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 10_000
-        picture = figures.atlas_3d(atlas, size=300)
-        assert picture.shape == (300, 300, 3)
-        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
-        monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
-        drawn = figures.atlas_3d(atlas, size=300)
-        assert drawn.shape == (300, 300, 3)
-        assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
+        by_pyvista = figures.atlas_3d(atlas, size=300)
+        monkeypatch.setitem(sys.modules, "pyvista", None)
+        for picture in (by_pyvista, figures.atlas_3d(atlas, size=300)):
+            assert picture.shape == (300, 300, 3)
+            assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
         refused("towards", figures.atlas_3d, atlas, towards=(0, 0, 0))

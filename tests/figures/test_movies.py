@@ -44,11 +44,6 @@ def film(flat_map, along):
     return composed.movie(flat_map, values, **look, interpolation="nearest", time_step=0.75, rate=8, size=320)
 
 
-def coloured(picture):
-    """Return which pixels of an image, except the strip below, are not grey."""
-    return np.ptp(picture[: round(0.8 * len(picture))].astype(int), axis=2) > 8
-
-
 def test_each_frame_shows_its_values_where_they_lie(film):
     height, width = film.size
     assert width == 320
@@ -57,7 +52,7 @@ def test_each_frame_shows_its_values_where_they_lie(film):
     for n in range(FRAMES):
         picture = film[n]
         assert (picture.shape, picture.dtype) == ((height, width, 3), np.uint8)
-        shown = coloured(picture)
+        shown = np.ptp(picture[: round(0.8 * height)].astype(int), axis=2) > 8  # not grey; without the strip below
         expected = np.array(colormaps["magma"]((n + 1) / 6, bytes=True)[:3], dtype=int)
         inner = shown[1:-1, 1:-1] & shown[2:, 1:-1] & shown[:-2, 1:-1] & shown[1:-1, 2:] & shown[1:-1, :-2]
         colours = picture[: len(shown)][1:-1, 1:-1][inner]

@@ -108,8 +108,7 @@ def test_labels_and_means(m, values):
 def test_memory_stays_below_the_bound(m):
     """The array would take 64 GB, a chunk 8 MiB; 140,000 places. A block of places' weights takes 20 MiB more."""
     data = Endless((4000, 2000, 1000), (128, 128, 64))
-    affine = np.diag([0.007, 0.015, 0.028, 1.0])
-    affine[:3, 3] = -14
+    affine = nib.affines.from_matvec(np.diag([0.007, 0.015, 0.028]), [-14, -14, -14])
     raster = m.raster(0.05)
     stack = m.images(Volume(data, affine), 0.05, fraction=(0.2, 0.8), interpolation="linear")
     places = 2 * raster.corners[..., 0].size
@@ -161,11 +160,8 @@ def ome(path, values, version=0.4, **changes):
     return path
 
 
-WRONG_SCALES = ([500, np.inf, 500], [np.nan, 500, 500], [1e300, 500, 500])
-
-
-def scaled(scale):
-    return {"datasets": [{"path": "0", "coordinateTransformations": 2 * [{"type": "scale", "scale": scale}]}]}
+SCALES = ([1, 500, np.inf, 500], [1, np.nan, 500, 500], [1, 1e300, 500, 500])
+SCALED = [{"path": "0", "coordinateTransformations": 2 * [{"type": "scale", "scale": scale}]} for scale in SCALES]
 
 
 class TestOmeZarr:
@@ -208,7 +204,7 @@ class TestOmeZarr:
             ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "has the transformation 'affine'"),
             ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
             ({"datasets": []}, "has no image"),
-            *((scaled([1, *scale]), "has scale .*Use finite numbers") for scale in WRONG_SCALES),
+            *(({"datasets": [scaled]}, "has scale .*Use finite numbers") for scaled in SCALED),
         ],
     )
     def test_what_cannot_be_placed(self, m, values, tmp_path, changes, message):

@@ -153,9 +153,8 @@ class TestSeveral:
 
 
 class TestRefusals:
-    @pytest.mark.parametrize(
-        ("how", "message"),
-        [
+    def test_what_is_no_depth(self, shells):
+        for how, message in (
             ({"fraction": 1.2}, r"fraction is 1.2. Pass numbers from 0"),
             ({"fraction": float("nan")}, r"fraction is nan. Pass a finite number"),
             ({"fraction": ()}, r"fraction is empty"),
@@ -164,10 +163,8 @@ class TestRefusals:
             ({"depth": 1.0, "fraction": 0.5}, r"Pass only one"),
             ({"fraction": 0.5, "layering": "laplace"}, r"layering is 'laplace'; give 'equivolume' or 'equidistant'"),
             ({"depth": float("inf")}, r"depth is inf"),
-        ],
-    )
-    def test_what_is_no_depth(self, shells, how, message):
-        refused(message, shells.image, volume_of(lambda x, y, z: x), 1.0, **how)
+        ):
+            refused(message, shells.image, volume_of(lambda x, y, z: x), 1.0, **how)
 
     def test_what_has_no_depth(self, shells, tmp_path):
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)

@@ -37,8 +37,7 @@ def grid(m):
     turned = np.array([[0.0, -0.5, 0], [0.5, 0, 0], [0, 0, 0.5]])
     corners = np.concatenate([m.white_points, m.pial_points])
     low, high = (corners @ np.linalg.inv(turned).T).min(axis=0) - 4, (corners @ np.linalg.inv(turned).T).max(axis=0) + 4
-    affine = np.eye(4)
-    affine[:3, :3], affine[:3, 3] = turned, turned @ np.floor(low)
+    affine = nib.affines.from_matvec(turned, turned @ np.floor(low))
     return Volume(np.zeros(np.ceil(high - low).astype(int), np.uint8), affine)
 
 
@@ -142,8 +141,7 @@ class TestVoxels:
 
     def test_far_and_coarse_grids_are_told(self, m):
         regions = m.regions(drawn(m))
-        far = np.eye(4)
-        far[:3, 3] = 500
+        far = nib.affines.from_matvec(np.eye(3), [500, 500, 500])
         for volume in (Volume(np.zeros((5, 5, 5)), far), Volume(np.zeros((2, 2, 2)), np.diag([100.0, 100, 100, 1]))):
             refused(r"no region contains the centre of a voxel", regions.volume, volume)
 
@@ -194,7 +192,7 @@ class TestFiles:
         assert image.labeltable.get_labels_as_dict() == {0: "???", 1: "V1"}
         assert image.meta["AnatomicalStructurePrimary"] == "CortexLeft"
         assert json.loads(image.meta["Provenance"])["function"] == "regions"
-        workbench(*["-gifti-label-to-roi", "lh.rois.label.gii", "roi.func.gii", "-name", "V1"])
+        workbench("-gifti-label-to-roi", "lh.rois.label.gii", "roi.func.gii", "-name", "V1")
         np.testing.assert_array_equal(nib.load("roi.func.gii").agg_data(), regions.vertex_labels)
 
     def test_volume(self, m, grid, tmp_path):
@@ -321,19 +319,16 @@ class TestDrawings:
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 
-    @pytest.mark.parametrize(
-        ("given", "message"),
-        [
+    def test_what_is_no_region(self, m):
+        for given, message in (
             ({"a": [[0, 0], [1, 1]]}, "a: not a polygon .* at least 3 corners"),
             ({"a": [[0, 0], [1, 1], [np.nan, 3]]}, "a: corner 2 is not finite"),
             ({"a": [[900, 0], [901, 1], [900, 1]]}, "a lies outside the map: its centre is at u = 900"),
             ({}, "there are no regions"),
             (3, "cannot read regions from int. Pass polygons"),
             ("rois.xcf", "Pass regions as .svg, .json"),
-        ],
-    )
-    def test_what_is_no_region(self, m, given, message):
-        refused(message, m.regions, given)
+        ):
+            refused(message, m.regions, given)
 
 
 class TestPoints:

@@ -17,24 +17,20 @@ from voxflat.io.meshes import read_mesh
 from voxflat.methods import Voxflat
 
 
-def coordinate_volume(path, affine, axis):
-    """Write a volume whose value is the x, y or z of scanner RAS: linear, so that interpolation gives it everywhere."""
-    ijk = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1)
-    nib.save(nib.MGHImage(nib.affines.apply_affine(affine, ijk)[..., axis].astype(np.float32), affine), path)
-    return path
-
-
 def flat(path):
     return voxflat.surface(path).disk(0, 25.0).flatten(Voxflat(sources=20))
 
 
 @pytest.fixture(scope="module")
 def volumes(tmp_path_factory):
+    """Write volumes of x, y and z of scanner RAS: linear, so that interpolation gives them everywhere."""
     folder = tmp_path_factory.mktemp("volumes")
-    return {
-        name: [coordinate_volume(folder / f"{name}{axis}.mgz", affine, axis) for axis in range(3)]
-        for name, affine in AFFINES.items()
-    }
+    paths = {name: [folder / f"{name}_{axis}.mgz" for axis in "xyz"] for name in AFFINES}
+    for name, affine in AFFINES.items():
+        xyz = nib.affines.apply_affine(affine, np.moveaxis(np.indices((60, 60, 60)), 0, -1)).astype(np.float32)
+        for axis, path in enumerate(paths[name]):
+            nib.save(nib.MGHImage(xyz[..., axis], affine), path)
+    return paths
 
 
 def agrees(m, volumes, scanner, depth=0.0):

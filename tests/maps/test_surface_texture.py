@@ -190,18 +190,15 @@ def test_the_command_writes_it(mesh, flat_map, tmp_path):
 
 
 class TestRefusals:
-    @pytest.mark.parametrize(
-        ("map_kd", "told"),
-        [
+    def test_materials(self, mesh, flat_map, tmp_path):
+        for map_kd, told in (
             ("Kd 1 1 1", "face.obj: has no texture. Add texture coordinates"),
             ("map_Kd a.png\nnewmtl skin2\nKd 1 1 1", "its material 'skin2' has no picture, but others do. Bake all"),
             ("map_Kd a.png\nnewmtl skin2\nmap_Kd b.png", r"has 2 pictures \(a.png, b.png\). Bake them into one"),
-        ],
-    )
-    def test_materials(self, mesh, flat_map, tmp_path, map_kd, told):
-        path = save_obj(tmp_path, mesh, chessboard(), map_kd=map_kd)
-        path.write_text(path.read_text() + "usemtl skin2\n")
-        refused(told, flat_map.image, path)
+        ):
+            path = save_obj(tmp_path, mesh, chessboard(), map_kd=map_kd)
+            path.write_text(path.read_text() + "usemtl skin2\n")
+            refused(told, flat_map.image, path)
 
     @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}, {"period": 360}])
     def test_options_of_volumes(self, mesh, flat_map, tmp_path, options):
