@@ -131,8 +131,7 @@ def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
     far = flat_map.points[:, 1] > flat_map.points[:, 1].mean()
     uneven = with_errors(flat_map, np.where(far, 0.1, 0.0))
     picture = figures.patch_3d(uneven, solid() if in_place else None, size=(300, 200))
-    assert picture.shape == (200, 300, 3)
-    assert picture.dtype == np.uint8
+    assert (picture.shape, picture.dtype) == ((200, 300, 3), np.uint8)
     bright, dark = bright_and_dark(scene(picture))
     middle = bright.shape[1] / 2
     assert min(bright.sum(), dark.sum()) > 2000

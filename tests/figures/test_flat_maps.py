@@ -379,18 +379,15 @@ def test_an_svg_has_layers_and_its_text_is_text(flat_map, tmp_path):
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     root = ElementTree.parse(tmp_path / "a.svg").getroot()
     ink = "{http://www.inkscape.org/namespaces/inkscape}"
-    groups = [child for child in root if child.get(f"{ink}groupmode") == "layer"]
-    names = [group.get(f"{ink}label") for group in groups]
-    assert names == ["background", "curvature", "data", "parcels", "names", "marks"]
-    by_name = dict(zip(names, groups, strict=True))
+    layers = {child.get(f"{ink}label"): child for child in root if child.get(f"{ink}groupmode") == "layer"}
+    assert list(layers) == ["background", "curvature", "data", "parcels", "names", "marks"]
     tag = "{http://www.w3.org/2000/svg}"
-    assert [text.text for text in by_name["names"].iter(f"{tag}text")] == ["front", "back"]
-    assert len(list(by_name["curvature"].iter(f"{tag}image"))) == 1
-    assert list(by_name["parcels"].iter(f"{tag}path"))
+    assert [text.text for text in layers["names"].iter(f"{tag}text")] == ["front", "back"]
+    assert len(list(layers["curvature"].iter(f"{tag}image"))) == 1
+    assert list(layers["parcels"].iter(f"{tag}path"))
     ids = re.findall(r'\bid="([^"]+)"', (tmp_path / "a.svg").read_text())
     assert len(ids) == len(set(ids))
-    used = set(re.findall(r"url\(#([^)]+)\)", (tmp_path / "a.svg").read_text()))
-    assert used <= set(ids)
+    assert set(re.findall(r"url\(#([^)]+)\)", (tmp_path / "a.svg").read_text())) <= set(ids)
     figures.save(figures.scatter(flat_map), tmp_path / "c.svg")
     assert "inkscape" not in (tmp_path / "c.svg").read_text()
 

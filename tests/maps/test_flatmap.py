@@ -147,8 +147,7 @@ class TestImage:
     def test_heat_map(self, ball_map):
         image = ball_map.heat_map(0.3)
         raster = ball_map.raster(0.3)
-        inside = raster.inside
-        corners = ball_map.distortion.per_point[raster.corners[inside]]
+        inside, corners = raster.inside, ball_map.distortion.per_point[raster.corners[raster.inside]]
         assert (image.data[inside] >= corners.min(axis=1) - 1e-6).all()
         assert (image.data[inside] <= corners.max(axis=1) + 1e-6).all()
         assert np.isnan(image.data[~inside]).all()
@@ -156,8 +155,7 @@ class TestImage:
 
     def test_the_affine_places_pixels_in_the_plane(self, ball_map):
         image = ball_map.heat_map(0.5)
-        row, column = 3, 7
-        place = image.affine @ [row, column, 0, 1]
+        place = image.affine @ [3, 7, 0, 1]  # of row 3, column 7
         np.testing.assert_allclose(place[:2], [image.origin[0] + 3.5, image.origin[1] - 1.5])
         left, right, bottom, top = image.extent
         np.testing.assert_allclose([right - left, top - bottom], np.array(image.data.shape)[::-1] * 0.5)
@@ -175,8 +173,7 @@ class TestTexture:
 
     def test_types_are_kept(self, sheet_map):
         found = sheet_map.texture(np.full((20, 30, 3), 77, dtype=np.uint8))
-        assert found.dtype == np.uint8
-        assert found.shape == (len(sheet_map), 3)
+        assert (found.dtype, found.shape) == (np.uint8, (len(sheet_map), 3))
         assert (found == 77).all()
         assert sheet_map.texture(np.ones((4, 4), dtype=np.float32)).shape == (len(sheet_map),)
 

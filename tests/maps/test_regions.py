@@ -103,16 +103,14 @@ class TestVoxels:
         found = m.regions(box).volume(grid).data
         xyz = nib.affines.apply_affine(grid.affine, np.moveaxis(np.indices(grid.data.shape), 0, -1))
         radius = np.linalg.norm(xyz, axis=-1)
-        assert radius[found > 0].min() > INNER - 0.01
-        assert radius[found > 0].max() <= OUTER
+        assert INNER - 0.01 < radius[found > 0].min() <= radius[found > 0].max() <= OUTER
         axis = m.points[np.argmin(np.linalg.norm(m.ids[:, None] - 0, axis=1))]
         angle = np.arccos(xyz @ axis / radius / np.linalg.norm(axis))
         rim = np.arccos(m.points @ axis / np.linalg.norm(m.points, axis=1) / np.linalg.norm(axis)).max()
         well_within = (angle < rim - 0.08) & (radius > INNER) & (radius < OUTER - 0.02)
         assert found[well_within].all()
-        volume = np.count_nonzero(found) * 0.125
         solid = pv.PolyData.from_regular_faces(m.points, m.faces).area / ((INNER + OUTER) / 2) ** 2
-        assert volume == pytest.approx(solid / 3 * (OUTER**3 - INNER**3), rel=0.01)
+        assert np.count_nonzero(found) * 0.125 == pytest.approx(solid / 3 * (OUTER**3 - INNER**3), rel=0.01)
 
     @pytest.mark.slow
     def test_along_normals_where_no_pial_surface_is_known(self, grid):
@@ -120,8 +118,7 @@ class TestVoxels:
         regions = white.regions(circle(*white.uv.mean(axis=0), 10.0))
         found = regions.volume(grid, depth=(0.5, 2.0)).data
         radius = np.linalg.norm(nib.affines.apply_affine(grid.affine, np.argwhere(found)), axis=1)
-        assert radius.min() > INNER + 0.49
-        assert radius.max() < INNER + 2.0
+        assert INNER + 0.49 < radius.min() <= radius.max() < INNER + 2.0
         assert np.count_nonzero(found) * 0.125 == pytest.approx(np.pi * 100 * 1.5 * (21.25 / 20) ** 2, rel=0.03)
         refused(r"has no pial surface. Pass depth", regions.volume, grid)
         refused(r"depth is 2 to 1 mm. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
@@ -170,8 +167,7 @@ class TestFiles:
     def test_points_of_a_label_are_tkras(self, tmp_path):
         (points, faces), of = ball(4), header()
         write_freesurfer(tmp_path / "lh.white", points, faces, of)
-        scanner = Mesh(to_scanner(points.astype(np.float64), of), faces.astype(np.int64))
-        write_mesh(tmp_path / "lh.surf.gii", scanner)
+        write_mesh(tmp_path / "lh.surf.gii", Mesh(to_scanner(points.astype(np.float64), of), faces.astype(np.int64)))
         for name in ("lh.white", "lh.surf.gii"):
             flat = voxflat.surface(tmp_path / name).disk(0, 25.0).flatten(Voxflat(sources=20))
             flat.regions(circle(*flat.uv.mean(axis=0), 8.0)).save(tmp_path / "lh.x.label")
@@ -289,8 +285,7 @@ class TestDrawings:
         round_ = ((-v - 3) / 1) ** 2 + ((u - 2) / 1.5) ** 2 < 1
         found = regions.at(np.column_stack([u, v]) + m.uv.mean(axis=0))
         assert np.mean(found != np.where(round_, 2, np.where(box, 1, 0))) < 0.001
-        layer = {"name": "l", "data": [np.zeros((2, 2))], "shape_type": ["line"], "features": {}}
-        line = SimpleNamespace(**layer, data_to_world=lambda corner: corner)
+        line = SimpleNamespace(name="l", data=[np.zeros((2, 2))], shape_type=["line"], features={}, data_to_world=tuple)
         refused("is a line, which encloses no area", m.regions, line)
 
     def test_label_images(self, m, tmp_path):

@@ -56,8 +56,7 @@ def test_each_pixel_shows_what_its_place_on_the_surface_shows(mesh, flat_map, tm
     ramp = np.arange(256, dtype=np.uint8)
     picture = np.dstack(np.broadcast_arrays(ramp[None, :], ramp[::-1, None], np.uint8(7)))
     image = flat_map.image(save_obj(tmp_path, mesh, picture), 0.06)  # finer than the picture, which is not averaged
-    assert image.is_colour
-    assert image.name == "face.obj"
+    assert (image.is_colour, image.name) == (True, "face.obj")
     raster = flat_map.raster(0.06)
     np.testing.assert_array_equal(image.data[..., 3], np.where(raster.inside, 255, 0))
     places = raster.interpolate(mesh[2][flat_map.ids])[raster.inside]
@@ -151,9 +150,8 @@ def test_a_picture_beside(mesh, flat_map, tmp_path, name):
 
 def test_a_finer_picture_than_pixels_is_averaged(mesh, flat_map, tmp_path):
     fine = chessboard(2048, 1)  # some hundred texels a pixel
-    image = flat_map.image(save_obj(tmp_path, mesh, fine), 1.0)
-    grey = image.data[image.data[..., 3] > 0][:, 0].astype(int)
-    assert np.abs(grey - 127.5).max() < 8
+    pixels = flat_map.image(save_obj(tmp_path, mesh, fine), 1.0).data
+    assert np.abs(pixels[pixels[..., 3] > 0][:, 0] - 127.5).max() < 8
 
 
 def test_what_textured_writes_shows_the_picture_again(flat_map, mesh, tmp_path):
@@ -161,16 +159,14 @@ def test_what_textured_writes_shows_the_picture_again(flat_map, mesh, tmp_path):
     picture = np.zeros((96, 96, 3), dtype=np.uint8)
     picture[..., 0], picture[..., 1] = np.mgrid[:96, :96] * 2
     textured = flat_map.textured(picture, texel_size=0.25)
-    order = np.argsort(flat_map.ids)
-    assert len(order) == len(mesh[0])
-    places = textured.texture_coordinates[order]
+    assert len(flat_map) == len(mesh[0])
+    places = textured.texture_coordinates[np.argsort(flat_map.ids)]
     image = flat_map.image(save_obj(tmp_path, (*mesh[:2], places), picture), 0.25)
     seen = image.data[..., 3] > 0
     # the map's pixels lie on multiples of their size, the picture's about its middle: so by less than a texel
     rows, columns = np.argwhere(seen).T
-    for channel, axis in ((0, rows), (1, columns)):
-        offset = image.data[seen][:, channel] / 2 - axis
-        assert np.ptp(offset) <= 0.51 + 0.02
+    for channel, axis in enumerate((rows, columns)):
+        assert np.ptp(image.data[seen][:, channel] / 2 - axis) <= 0.51 + 0.02
 
 
 def test_a_picture_goes_on_beyond_its_borders(mesh, flat_map, tmp_path):

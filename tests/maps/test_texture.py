@@ -263,7 +263,7 @@ class TestFiles:
         assert_allclose(read.active_texture_coordinates, np.column_stack([s, 1 - t]), atol=1e-6)
         data = (tmp_path / "face.glb").read_bytes()
         assert struct.unpack_from("<4sII", data) == (b"glTF", 2, len(data))
-        length = struct.unpack_from("<I", data, 12)[0]
+        (length,) = struct.unpack_from("<I", data, 12)
         view = json.loads(data[20 : 20 + length])["bufferViews"][3]
         (tmp_path / "inside.png").write_bytes(data[28 + length + view["byteOffset"] :][: view["byteLength"]])
         assert_array_equal(np.asarray(Image.open(tmp_path / "inside.png")), textured.picture)
