@@ -263,9 +263,8 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
 
 
 def test_radians_are_named_so_and_the_wheel_is_data(cut_map, tmp_path):
-    figure = figures.flat_map(
-        cut_map, figures.Overlay(np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
-    )
+    phases = figures.Overlay(np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
+    figure = figures.flat_map(cut_map, phases)
     numbers = [text.get_text() for text in texts(figure, "data")][:4]
     assert numbers == ["0", "π/2", "π", "3π/2"]
     figures.save(figure, tmp_path / "a.svg")

@@ -149,14 +149,13 @@ def ome(path, values, version=0.4, **changes):
     group = zarr.open_group(str(path), mode="w", zarr_format=2 if version == 0.4 else 3)
     for name, data in (("0", czyx), ("1", czyx[:, ::2, ::2, ::2])):
         group.create_array(name, data=data, chunks=(1, 20, 13, 16))
-    axes = [{"name": "c", "type": "channel"}]
-    axes += [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
+    spatial = [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
     shift = {"type": "translation", "translation": [0, -14000, -15000, -15000]}
     steps = {path: [{"type": "scale", "scale": [1] + 3 * [size]}, shift] for path, size in (("0", 500), ("1", 1000))}
     sets = [{"path": path, "coordinateTransformations": those} for path, those in steps.items()]
-    scales = {"axes": axes, "datasets": sets, **changes}
-    told = {"multiscales": [{**scales, "version": "0.4"}]} if version == 0.4 else {"ome": {"multiscales": [scales]}}
-    group.attrs.update(told)
+    scales = {"axes": [{"name": "c", "type": "channel"}, *spatial], "datasets": sets, **changes}
+    old, new = {"multiscales": [{**scales, "version": "0.4"}]}, {"ome": {"multiscales": [scales]}}
+    group.attrs.update(old if version == 0.4 else new)
     return path
 
 

@@ -187,9 +187,9 @@ def test_by_the_command_line(shells, tmp_path):
     command = ["image", tmp_path / "m.npz", "--volume", volume, "--pixel-size", 0.6, "-o", out]
     succeed(*command, "--fraction", "0,0.5,1", "--layering", "equidistant")
     expected = shells.images(volume, 0.6, fraction=(0, 0.5, 1), layering="equidistant").data
-    np.testing.assert_allclose(np.load(out), expected, rtol=1e-6)
+    assert_allclose(np.load(out), expected, rtol=1e-6)
     succeed(*command, "--depth", "-1,1", "--average")
-    np.testing.assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
+    assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
     for wrong in (("--fraction", "0.5", "--depth", "1"), ("--layering", "equidistant"), ("--fraction", "half")):
         assert run(*command, *wrong).exit_code == 2
 

@@ -54,9 +54,8 @@ class TestRaster:
 
     def test_every_point_has_a_pixel_where_it_lies(self, sheet_map):
         raster = sheet_map.raster(0.1)
-        left, top = raster.origin
-        at = np.round((sheet_map.uv - [left, top]) / [0.1, -0.1]).astype(int)
-        found = raster.nearest[at[:, 1], at[:, 0]]
+        column, row = np.round((sheet_map.uv - raster.origin) / [0.1, -0.1]).astype(int).T
+        found = raster.nearest[row, column]
         hit = found == np.arange(len(sheet_map))
         rim = found < 0  # the pixel's centre lies just outside
         assert (hit | rim).all()
@@ -130,8 +129,7 @@ class TestImage:
         assert 0.3 < np.isnan(image.data[sheet_map.raster().inside]).mean() < 0.7
 
     def test_depth_goes_outward(self, ball, ball_map):
-        centre = (np.array(ball.shape) - 1) / 2
-        radius = np.linalg.norm(np.moveaxis(np.indices(ball.shape), 0, -1) - centre, axis=-1)
+        radius = np.linalg.norm(np.indices(ball.shape) - (ball.shape[0] - 1) / 2, axis=0)
         means = [np.nanmean(ball_map.image(radius, depth=depth).data) for depth in (-3, 0, 2)]
         np.testing.assert_allclose(np.diff(means), [3, 2], atol=0.1)
 
@@ -164,11 +162,8 @@ class TestImage:
 class TestTexture:
     def test_a_picture_is_laid_over_the_map(self, sheet_map):
         low, high = sheet_map.uv.min(axis=0), sheet_map.uv.max(axis=0)
-        side = (high - low).max()
-        y, x = np.mgrid[:400, :400]
-        found = sheet_map.texture(np.stack([x, y], axis=-1).astype(float))
-        centre = (low + high) / 2
-        expected = (sheet_map.uv - centre) * [1, -1] * 400 / side + 199.5
+        found = sheet_map.texture(np.stack(np.mgrid[:400, :400][::-1], axis=-1).astype(float))
+        expected = (sheet_map.uv - (low + high) / 2) * [1, -1] * 400 / (high - low).max() + 199.5
         np.testing.assert_allclose(found, np.clip(expected, 0, 399), atol=1e-6)
 
     def test_types_are_kept(self, sheet_map):
@@ -224,10 +219,8 @@ def test_torn_faces_are_those_that_the_surface_does_not_have():
 
 class TestWarnings:
     def test_what_the_user_should_know_is_logged_and_kept(self, caplog):
-        sheet = shapes.sheet((30, 30))
-        sheet[10:14, 10:14] = 0  # a hole
-        lonely = np.zeros((40, *sheet.shape[1:]), dtype=np.uint8)
-        lonely[:32] = sheet
+        lonely = np.pad(shapes.sheet((30, 30)), [(0, 8), (0, 0), (0, 0)])
+        lonely[10:14, 10:14] = 0  # a hole
         lonely[35:38, 5:9, 1] = 1  # and a second component
         components, holes = grossmann2002(lonely, sources=50).metadata["warnings"]
         assert components == "only the largest of 2 components is used (884 of 896 voxels)"
@@ -256,7 +249,7 @@ class TestWarnings:
 def test_undefined_figures_are_null_in_json_and_nan_in_python(tmp_path):
     flat = grossmann2002(shapes.sheet((6, 6)), spacing=(40, 40, 40), sources=10)  # no pair is nearer than 30 mm
     assert np.isnan(flat.distortion.raw.relative_error_30mm)
-    json.loads(json.dumps(flat.description(), allow_nan=False))
-    assert flat.description()["distortion"]["raw"]["relative_error_30mm"] is None
+    told = json.loads(json.dumps(flat.description(), allow_nan=False))
+    assert told["distortion"]["raw"]["relative_error_30mm"] is None
     flat.save(tmp_path / "map.npz")
     assert np.isnan(voxflat.load(tmp_path / "map.npz").distortion.raw.relative_error_30mm)
