@@ -3,7 +3,7 @@
 import importlib
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -108,10 +108,6 @@ class Atlas(FlatPieces, ABC):
         if isinstance(number, slice):
             return [self._piece(n) for n in range(*number.indices(len(self)))]
         return self._piece(range(len(self))[number])
-
-    def __iter__(self) -> Iterator[Any]:
-        """Yield the pieces."""
-        return (self._piece(n) for n in range(len(self)))
 
     @abstractmethod
     def _piece(self, n: int) -> Any:
@@ -372,12 +368,9 @@ class Atlas(FlatPieces, ABC):
     def _largest(self, columns: dict[str, str], measured: NDArray[np.float64]) -> list[str]:
         """Return a table of the largest pieces (number, triangles, figures); columns have a title and a format."""
         titles = (in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns.items())
-        lines = ["".join(titles)]
-        for n, values in enumerate(measured[:_SHOWN].tolist()):
-            lines.append("".join(map(format, (n, self._sizes[n], *values), columns.values())))
-        if len(self) > _SHOWN:
-            lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
-        return lines
+        rows = ((n, self._sizes[n], *values) for n, values in enumerate(measured[:_SHOWN].tolist()))
+        more = [f"{'...':>6}{len(self) - _SHOWN:>6} more"] if len(self) > _SHOWN else []
+        return ["".join(titles), *("".join(map(format, row, columns.values())) for row in rows), *more]
 
     # --------------------------------------------------------------------------------------- files
 
@@ -505,14 +498,12 @@ def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
 
 _LAYOUT = {
     "points": ("f8", "points 3"),
-    "faces": ("i8", "faces 3"),
-    "piece_ids": ("i8", "faces"),
-    "patch_ids": ("i8", "faces"),
+    **dict.fromkeys(("faces", "uv_faces"), ("i8", "faces 3")),
+    **dict.fromkeys(("piece_ids", "patch_ids"), ("i8", "faces")),
     "stretch": ("f8", "faces 2"),
     "starts": ("i8", "?"),
     "vertex_ids": ("i8", "rows"),
     "uv": ("f8", "rows 2"),
-    "uv_faces": ("i8", "faces 3"),
     "measured": ("f8", "pieces ?"),
     "planes": ("f8", "pieces 4 3"),
 }

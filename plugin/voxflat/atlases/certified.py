@@ -162,19 +162,13 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     _arrays = (*Atlas._arrays, "planes")
 
     def __repr__(self) -> str:
-        return (
-            f"<FlatAtlas of {len(self)} patches: {len(self.faces)} triangles, "
-            f"C ≤ {self.certificate.c:.4f}, K ≤ {self.certificate.k:.4f}>"
-        )
+        bounds = f"C ≤ {self.certificate.c:.4f}, K ≤ {self.certificate.k:.4f}"
+        return f"<FlatAtlas of {len(self)} patches: {len(self.faces)} triangles, {bounds}>"
 
     def _piece(self, n: int) -> FlatPatch:
         origin, normal, *axes = self.planes[n]
-        return FlatPatch(
-            **self._parts(n),
-            plane=Plane(origin, normal, np.stack(axes)),
-            certificate=self.certificate,
-            tilt=float(self.measured[n, 0]),
-        )
+        plane, tilt = Plane(origin, normal, np.stack(axes)), float(self.measured[n, 0])
+        return FlatPatch(**self._parts(n), plane=plane, certificate=self.certificate, tilt=tilt)
 
     @property
     def patches(self) -> list[FlatPatch]:

@@ -16,8 +16,8 @@ _TEXELS = 4  # texels of xatlas per gap; more texels are slow and do not make th
 
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
     """Return the default gap, mm, which is proportional to the typical size of the pieces."""
-    boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
-    return _GAP * float(np.sqrt(boxes.mean()))
+    sizes = np.maximum.reduceat(_turned(uv, starts), starts[:-1], axis=0)
+    return _GAP * float(np.sqrt(sizes.prod(axis=1).mean()))
 
 
 def lay_out(
@@ -32,7 +32,7 @@ def lay_out(
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"gap is {gap} mm. Pass a positive number")
     placed = _turned(uv, starts)
-    sizes = _sizes(placed, starts)
+    sizes = np.maximum.reduceat(placed, starts[:-1], axis=0)
     placed += np.repeat(_in_rows(sizes, gap), np.diff(starts), axis=0)
     if packing == "shapes":
         placed = _by_shape(placed, starts, faces, gap)
@@ -62,11 +62,6 @@ def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
     best = int(np.argmin(along * across))
     axis = sides[best]
     return axis if along[best] >= across[best] else np.array([-axis[1], axis[0]])
-
-
-def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the widths and heights of pieces whose lowest corners are (0, 0)."""
-    return np.asarray(np.maximum.reduceat(placed, starts[:-1], axis=0))
 
 
 def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:

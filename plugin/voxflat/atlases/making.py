@@ -57,9 +57,8 @@ def patches(
         },
     )
     if broken := int(atlas.broken.sum()):
-        atlas.metadata["warnings"].append(
-            f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
-        )
+        told = f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
+        atlas.metadata["warnings"].append(told)
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
     return atlas

@@ -166,9 +166,8 @@ def _span(maps: Sequence[Facts], name: str) -> str:
 def _errors(maps: Sequence[Facts], scale: str) -> str:
     """Return the relative errors of maps with their standard errors, one by one, or as a range for many maps."""
     if len(maps) <= _LISTED:
-        *others, last = (
-            f"{_percent(value)} (standard error {_percent(error)})" for value, error in (of[scale] for of in maps)
-        )
+        pairs = (map(_percent, one[scale]) for one in maps)
+        *others, last = (f"{value} (standard error {error})" for value, error in pairs)
         return f"{', '.join(others)} and {last}" if others else last
     values, errors = ([one[scale][of] for one in maps if one[scale][of] is not None] for of in (0, 1))
     ends = _percent(min(values, default=None)), _percent(max(values, default=None))

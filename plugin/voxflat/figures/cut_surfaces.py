@@ -9,6 +9,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from voxflat.maps.lines import edges_of
+
 if TYPE_CHECKING:
     from voxflat.surfaces.manifold import Manifold
 
@@ -25,7 +27,9 @@ def cut_surface_views(surface: Manifold) -> Figure:
     width, height = np.ptp(points[:, [across, up]], axis=0)
     scale = _VIEW / max(width, height)
     figure = Figure(figsize=(2 * scale * width + 0.3, scale * height + 0.3), dpi=110, layout="constrained")
-    normals, edges = _normals(points, faces), _boundary(faces)
+    normals = _normals(points, faces)
+    sides, _, counts = edges_of(faces, len(points))
+    edges = sides[counts == 1]  # the boundary
     spacing = np.sqrt(width * height / max(len(points) / 4, 1)) * scale * 72  # points
     for side, axes in zip((-1, 1), figure.subplots(1, 2), strict=True):
         seen = np.flatnonzero(side * normals[:, axis] > 0)
@@ -47,10 +51,3 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray
     normals = np.zeros(points.shape)
     np.add.at(normals, faces, np.cross(b - a, c - a)[:, None])
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
-
-
-def _boundary(faces: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the edges that belong to only one triangle, shape (E, 2)."""
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
-    found, counts = np.unique(edges, axis=0, return_counts=True)
-    return np.asarray(found[counts == 1])

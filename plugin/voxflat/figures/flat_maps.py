@@ -118,7 +118,11 @@ def flat_map(
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
         raise InputError("depth and fraction apply only to volumes, but no overlay or parcels are a volume. Omit them")
     full = _full(sides, shown_by)
-    colours = None if of is None else OverlayColours.of(*_pooled(sides), of)
+    colours = None
+    if of is not None:
+        pooled = _joined([side.image for side in sides])
+        assert pooled is not None
+        colours = OverlayColours.of(pooled, _joined([side.strength for side in sides]), of)
     for side in sides:
         under = folds(side.flat_map, side.raster, underlay)
         side.panel.image(under, side.raster, "curvature")
@@ -242,14 +246,8 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
     return full
 
 
-def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
-    """Return the overlay of all sides and its strength, each as one image, from which colours are chosen."""
-    image, strength = (_joined([getattr(side, name) for side in sides]) for name in ("image", "strength"))
-    assert image is not None
-    return image, strength
-
-
 def _joined(images: list[FlatImage | None]) -> FlatImage | None:
+    """Return the images of all sides as one image, from which colours are chosen."""
     first = images[0]
     if first is None or len(images) == 1:
         return first

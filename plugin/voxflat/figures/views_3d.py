@@ -139,10 +139,8 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
         return _by_matplotlib(atlas, colours, direction, size)
     mesh = pyvista.PolyData.from_regular_faces(atlas.points, atlas.faces)
     mesh.cell_data["colours"] = colours
-    material = {"scalars": "colours", "rgb": True, "ambient": 0.35, "diffuse": 0.75, "specular": 0.0}
-    return _drawn(
-        pyvista, [(mesh, material)], (size, size), lambda plotter: plotter.view_vector(direction, _up(direction))
-    )
+    meshes = [(mesh, {"scalars": "colours", "rgb": True, "ambient": 0.35, "diffuse": 0.75, "specular": 0.0})]
+    return _drawn(pyvista, meshes, (size, size), lambda plotter: plotter.view_vector(direction, _up(direction)))
 
 
 def drawn_from_both_sides(
@@ -236,9 +234,8 @@ def _by_matplotlib(
     shade = (0.35 + 0.65 * np.abs(facing))[:, None] * colours / 255
     figure = Figure(figsize=(size / 100, size / 100), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1), aspect="equal")
-    axes.add_collection(
-        PolyCollection(corners[order] @ axes_of_view.T, facecolor=shade[order], edgecolor=shade[order], linewidth=0.2)
-    )
+    places, shade = corners[order] @ axes_of_view.T, shade[order]
+    axes.add_collection(PolyCollection(places, facecolor=shade, edgecolor=shade, linewidth=0.2))
     axes.autoscale()
     axes.set_axis_off()
     return pixels_of(figure)[..., :3]

@@ -60,7 +60,10 @@ def match(whole: Manifold, flat: object) -> Matched:
     """Match a map, as accepted by `voxflat.measure`, with its surface."""
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
-        return _of_patch(whole, flat)
+        patch = read_patch(flat)
+        places = np.full((whole.count, 3), np.nan)
+        places[patch.vertex_ids] = patch.points
+        return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
     if isinstance(flat, FlatMap):
         return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
@@ -96,14 +99,6 @@ def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) 
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
-
-
-def _of_patch(whole: Manifold, path: Any) -> Matched:
-    patch = read_patch(path)
-    faces = whole.vertices[whole.faces[whole._in_patch(patch)]]
-    places = np.full((whole.count, 3), np.nan)
-    places[patch.vertex_ids] = patch.points
-    return _matched(whole, faces, places)
 
 
 def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:

@@ -22,7 +22,7 @@ from voxflat.io.reading import check_room, reading
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
-from voxflat.maps.plane import FlatTriangles, Planar
+from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
@@ -86,10 +86,6 @@ class Regions(Recorded):
         return f"<Regions: {', '.join(self.names)}>"
 
     @property
-    def _flat(self) -> FlatTriangles:
-        return self.of._triangles
-
-    @property
     def _surface(self) -> Sampler:
         return self.of._triangles.on_surface
 
@@ -138,7 +134,7 @@ class Regions(Recorded):
         >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
         (441,)
         """
-        return self.at(self._flat.uv)
+        return self.at(self.of._triangles.uv)
 
     @property
     def vertex_labels(self) -> NDArray[np.int64]:
@@ -328,7 +324,7 @@ class Regions(Recorded):
                 raise InputError(f"a .label file holds one region, not {len(self)}. Use .annot or .label.gii")
             vertices = np.flatnonzero(labels)
             rows = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
-            rows[self._surface.ids[::-1]] = np.arange(len(self._flat.uv))[::-1]
+            rows[self._surface.ids[::-1]] = np.arange(len(self._surface.ids))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
             write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
 

@@ -148,20 +148,11 @@ class WorstPlace:
         >>> sorted(worst.places[0].figures())[:2]
         ['area_mm2', 'cut_gain']
         """
-        at = {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
-        told: dict[str, Any] = {
-            "number": self.number,
-            "kind": self.kind,
-            "area_mm2": self.area,
-            "share": self.share,
-            "excess_mm2": self.excess,
-            "worst_ratio": self.worst_ratio,
-            "median_ratio": self.median_ratio,
-            **at,
-            "id": self.id.tolist(),
-            "parcel": self.parcel,
-        }
+        told: dict[str, Any] = {"number": self.number, "kind": self.kind, "area_mm2": self.area, "share": self.share}
+        told |= {"excess_mm2": self.excess, "worst_ratio": self.worst_ratio, "median_ratio": self.median_ratio}
+        told |= {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
         gain = None if self.cut is None or np.isnan(self.cut.gain) else self.cut.gain
+        told |= {"id": self.id.tolist(), "parcel": self.parcel}
         told |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
         suffix = "" if self.unit == "unknown" else "_" + self.unit.replace("µ", "u")
         return {re.sub("_mm(2?)$", rf"{suffix}\1" if suffix else "", name): value for name, value in told.items()}
@@ -382,7 +373,13 @@ class WorstPlaces(Recorded):
             return self._about
         names = ["", "area, mm²", "share, %", "worst ratio", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain"]
         rows = [[in_unit(name, self.flat_map.metadata) for name in names]]
-        rows += [_row(place) for place in self.places]
+        for place in self.places:
+            cut = ["–", "–"]
+            if place.cut is not None:
+                cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
+            ratios = [f"{number:.2f}" for number in (100 * place.share, place.worst_ratio, place.median_ratio)]
+            at = [", ".join(f"{value:.1f}" for value in point) for point in (place.point, place.uv)]
+            rows.append([f"{place.number} {place.kind}", f"{place.area:.1f}", *ratios, *at, *cut])
         if any(place.parcel is not None for place in self.places):
             for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):
                 row.append(parcel)
@@ -431,20 +428,6 @@ class WorstPlaces(Recorded):
             text = "\n".join("\t".join(row) for row in [columns, *cells])
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(text + "\n", encoding="utf-8", newline="\n")
-
-
-def _row(place: WorstPlace) -> list[str]:
-    cut = ["–", "–"]
-    if place.cut is not None:
-        cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
-    ratios = (f"{number:.2f}" for number in (100 * place.share, place.worst_ratio, place.median_ratio))
-    return [
-        f"{place.number} {place.kind}",
-        f"{place.area:.1f}",
-        *ratios,
-        *(", ".join(f"{value:.1f}" for value in at) for at in (place.point, place.uv)),
-        *cut,
-    ]
 
 
 def _cell(value: object) -> str:

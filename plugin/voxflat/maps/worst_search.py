@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_kind, checked_switch, checked_threads, is_whole, optional_number, shown
@@ -92,11 +93,10 @@ def worst_places(
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())
-    groups = [
-        (kind, group)
-        for kind, sign in (("stretched", 1), ("shrunk", -1))
-        for group in _touching(flat_map.faces, known & (sign * np.nan_to_num(logs) > np.log2(factor)), len(flat_map))
-    ]
+    groups = []
+    for kind, sign in (("stretched", 1), ("shrunk", -1)):
+        is_beyond = known & (sign * np.nan_to_num(logs) > np.log2(factor))
+        groups += [(kind, group) for group in _touching(flat_map.faces, is_beyond, len(flat_map))]
     held = [float((areas[group] * np.abs(logs[group])).sum()) for _, group in groups]
     order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
     named = parcels if parcels is None or isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
@@ -118,7 +118,7 @@ def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> lis
     corners = faces[numbers].astype(np.int64)
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
     links = scipy.sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
-    _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
+    _, group = connected_components(links, directed=False)
     _, which = np.unique(group[corners[:, 0]], return_inverse=True)
     order = np.argsort(which, kind="stable")
     return np.split(numbers[order], np.cumsum(np.bincount(which))[:-1])
@@ -148,21 +148,11 @@ def _place(
         known, which = np.unique(labels, return_inverse=True)
         most = int(known[np.argmax(np.bincount(which.reshape(-1), np.repeat(area, 3)))])
         parcel = parcels.names.get(most)
-    return WorstPlace(
-        number,
-        kind,
-        float(area.sum()),
-        float(area.sum()) / whole,
-        float(weights.sum()),
-        float(2.0 ** log[np.argmax(np.abs(log))]),
-        float(2.0**median),
-        flat_map.points[centre],
-        flat_map.uv[centre],
-        flat_map.ids[centre],
-        group,
-        parcel,
-        unit=flat_map.metadata.get("unit", "mm"),
-    )
+    total, excess = float(area.sum()), float(weights.sum())
+    ratios = float(2.0 ** log[np.argmax(np.abs(log))]), float(2.0**median)
+    at = flat_map.points[centre], flat_map.uv[centre], flat_map.ids[centre]
+    unit = flat_map.metadata.get("unit", "mm")
+    return WorstPlace(number, kind, total, total / whole, excess, *ratios, *at, group, parcel, unit=unit)
 
 
 class _Ways:
@@ -202,10 +192,8 @@ class _Ways:
         """Return the distance of vertices to the nearest source, and the previous vertex on the shortest path."""
         count = len(self.rows)
         graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(count, count))
-        found = scipy.sparse.csgraph.dijkstra(
-            graph, directed=False, indices=sources, min_only=True, return_predecessors=True
-        )
-        return found[0], found[1]
+        far, before, _ = dijkstra(graph, directed=False, indices=sources, min_only=True, return_predecessors=True)
+        return far, before
 
     def relieving(self, place: WorstPlace) -> RelievingCut | None:
         """Return the cut that reduces the distortion of a region."""

@@ -57,21 +57,15 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
     worst = np.where(steps > _LONGEST, np.inf, 0.0)
     for step in np.unique(steps[(steps > 1) & (steps <= _LONGEST)]).tolist():
-        weights = _lattice(step)
+        a, b = np.divmod(np.arange((step + 1) ** 2), step + 1)
+        lattice = np.column_stack([a, b, step - a - b])[a + b <= step]
+        weights = lattice / step  # barycentric coordinates of samples one texel apart, (P, 3)
         numbers, count = np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))
         for some in (numbers[first : first + count] for first in range(0, len(numbers), count)):
             ends = values_at(picture, corners[some], repeat)
             within = values_at(picture, weights @ corners[some], repeat)
             worst[some] = np.abs(within - weights @ ends).max(axis=(1, 2))
     return worst
-
-
-def _lattice(steps: int) -> NDArray[np.float64]:
-    """Return barycentric coordinates of a triangular lattice with the given steps on each side, shape (P, 3)."""
-    a, b = np.divmod(np.arange((steps + 1) ** 2), steps + 1)
-    inside = a + b <= steps
-    a, b = a[inside], b[inside]
-    return np.column_stack([a, b, steps - a - b]) / steps
 
 
 def _bisect(
@@ -113,12 +107,6 @@ def _pieces(corners: _Corners, middles: _Corners) -> _Corners:
     """Split triangles (a, b, c) at the middle of ab, and the halves at the middles of bc and ca unless these are −1."""
     (a, b, c), (ab, bc, ca) = corners.T, middles.T
     left, right = ca >= 0, bc >= 0
-    whole = [
-        np.column_stack([a, ab, c])[~left],
-        np.column_stack([ab, b, c])[~right],
-        np.column_stack([a, ab, ca])[left],
-        np.column_stack([ca, ab, c])[left],
-        np.column_stack([ab, b, bc])[right],
-        np.column_stack([ab, bc, c])[right],
-    ]
-    return np.concatenate(whole)
+    halves = [(~left, (a, ab, c)), (~right, (ab, b, c))]
+    quarters = [(left, (a, ab, ca)), (left, (ca, ab, c)), (right, (ab, b, bc)), (right, (ab, bc, c))]
+    return np.concatenate([np.column_stack(parts)[chosen] for chosen, parts in (*halves, *quarters)])
