@@ -94,7 +94,7 @@ API = {
     "sources off the surface": (
         sheet(),
         {"sources": [[0, 0, 2], [5, 9, 0], [20, 9, 2]]},
-        r"voxel \[5, 9, 0\] is not on the surface. The nearest surface voxel is \[5, 9, 2\]",
+        r"voxel \[5, 9, 0\] is not on the surface. Give a surface voxel; the nearest one is \[5, 9, 2\]",
     ),
     "sources outside": (sheet(), {"sources": [[0, 0, 2], [-1, 9, 2], [9, 9, 2]]}, r"\[-1, 9, 2\].*\[0, 9, 2\]"),
     "sources elsewhere": (
@@ -108,7 +108,7 @@ API = {
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},
-        r"2 separate pieces \(of 400, 200 voxels\). Keep one",
+        r"2 separate pieces \(400, 200 voxels\). Keep one",
     ),
     "mask of wrong shape": (
         sheet(),
@@ -126,7 +126,7 @@ API = {
     "seed point far off": (
         sheet(),
         {"seed_point": (1, 1, 90), "radius": 5},
-        r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), farther than the patch radius of 5 mm. Choose",
+        r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), which is farther than the patch radius of 5 mm. Choose",
     ),
     "seed point afar": (sheet(), {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5}, r"Choose a seed point on"),
     "seed point of two": (sheet(), {"seed_point": (1, 1), "radius": 5}, r"seed point must be .*\(2,\)"),

@@ -74,8 +74,9 @@ def test_a_globe_of_the_size_of_pyvistas_is_mapped_and_keeps_its_texture_coordin
 
 
 def test_a_volume_whose_far_corner_lies_beyond_is_refused():
-    message = r"voxel \[8, 0, 0\] of the volume lies at .* farther from the origin than 1e11 mm"
-    with pytest.raises(voxflat.InputError, match=message):
+    with pytest.raises(
+        voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume is at .* more than 1e11 mm from the origin"
+    ):
         voxflat.surface(SHEET, spacing=(2e10, 1e10, 1e10)).flatten(Voxflat(sources=9))
 
 

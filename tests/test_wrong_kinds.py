@@ -111,7 +111,7 @@ CALLS = {
         lambda s: figures.save_picture(ARRAY, "x.png"),
         r"\(3,\) and data type float64. Pass uint8",
     ),
-    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
+    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts has type ndarray. Pass a list of paths"),
     "number of a cut": (lambda s: s.cut(relax=False).title(0), "cut number is 0, but there are 0"),

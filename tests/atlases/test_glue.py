@@ -227,5 +227,5 @@ class TestOneMap:
     def test_several_pieces_are_refused(self):
         mesh = sheet(lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)), (20, 20), (21, 21))
         assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1
-        told = r"cannot be glued to one piece within C ≤ 1.02: \d+ pieces remain"
+        told = r"cannot be glued into one piece within C ≤ 1.02: \d+ pieces remain"
         refused(told, voxflat.flatten, mesh, method=Saucan2006(bound=1.02))

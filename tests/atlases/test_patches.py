@@ -196,7 +196,7 @@ class TestCommand:
         out = tmp_path / "atlas.npz"
         for arguments, message in (
             ((mesh, "-o", tmp_path / "atlas.stl"), "ends in .npz or .voxflat or .obj"),
-            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "--max-angle and count cannot be combined"),
+            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "--max-angle and --count cannot be combined"),
             ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
             ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "ends in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),

@@ -59,7 +59,7 @@ def test_a_polygon_of_voxels():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"polygon": [1, 2]}, "at least 3 corners, but 2 are given"),
+        ({"polygon": [1, 2]}, "the polygon has 2 corners, but at least 3 are needed"),
         ({"polygon": [1, 2, 3]}, "do not enclose a region"),
         ({"polygon": [1, 2, 999]}, "vertex 999 is not on the surface"),
         ({"polygon": [[1, 2, 3]]}, "must be vertex numbers"),

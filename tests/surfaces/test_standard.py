@@ -416,7 +416,7 @@ def test_a_turn_onto_places_is_rigid_and_the_best():
         off = (uv - uv.mean(axis=0)) @ [[c, s], [-s, c]] + uv.mean(axis=0)
         assert np.square(off - onto).sum() > np.square(uv - onto).sum()
     assert _core.turn_onto(uv, uv[:1], onto[:1])[1] == 0
-    refused("2 rows, but onto has 3", _core.turn_onto, uv, uv[:2], onto[:3])
+    refused("places and onto have \\[2, 3\\] rows", _core.turn_onto, uv, uv[:2], onto[:3])
 
 
 @pytest.mark.slow
