@@ -117,16 +117,9 @@ class Atlas(FlatPieces, ABC):
         """Return the fields of `Piece` for a piece."""
         rows = slice(self.starts[n], self.starts[n + 1])
         face_ids = self._faces_by_piece[n]
-        area, isometric, quasi_conformal = self.measured[n, -3:].tolist()
-        return {
-            "face_ids": face_ids,
-            "vertex_ids": self.vertex_ids[rows],
-            "uv": self.uv[rows],
-            "faces": self.uv_faces[face_ids] - self.starts[n],
-            "area": area,
-            "isometric": isometric,
-            "quasi_conformal": quasi_conformal,
-        }
+        figures = dict(zip(("area", "isometric", "quasi_conformal"), self.measured[n, -3:].tolist(), strict=True))
+        faces, vertex_ids = self.uv_faces[face_ids] - self.starts[n], self.vertex_ids[rows]
+        return {"face_ids": face_ids, "vertex_ids": vertex_ids, "uv": self.uv[rows], "faces": faces, **figures}
 
     @cached_property
     def _faces_by_piece(self) -> list[NDArray[np.int64]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page, Panel
+from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -111,10 +111,7 @@ def flat_map(
     shown_by = _opacity(opacity)
     strip = STRIP if of is None or of.period is None else WHEEL_STRIP
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
-    sides = [
-        _Side(panel, n, len(maps), page.pixel_size, of, shown_by, parcels, table, depths)
-        for n, panel in enumerate(page.panels)
-    ]
+    sides = [_Side(page, n, of, shown_by, parcels, table, depths) for n in range(len(maps))]
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
         raise InputError("depth and fraction apply only to volumes, but no overlay or parcels are a volume. Omit them")
     full = _full(sides, shown_by)
@@ -183,19 +180,11 @@ class _Side:
     """A map of the figure with its data."""
 
     def __init__(
-        self,
-        panel: Panel,
-        number: int,
-        count: int,
-        pixel_size: float,
-        overlay: Overlay | None,
-        opacity: Any,
-        parcels: object,
-        table: object,
-        depths: Depths,
+        self, page: Page, number: int, overlay: Overlay | None, opacity: Any, parcels: Any, table: Any, depths: Depths
     ) -> None:
-        self.panel, self.flat_map = panel, panel.flat_map
-        self.raster = self.flat_map.raster(pixel_size)
+        self.panel, count = page.panels[number], len(page.panels)
+        self.flat_map = self.panel.flat_map
+        self.raster = self.flat_map.raster(page.pixel_size)
         self.has_volume = False
         self._number, self._count, self._depths = number, count, depths
         self._sampler = self.flat_map._triangles.on_surface

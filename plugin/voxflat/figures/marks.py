@@ -47,11 +47,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
         if share >= _TELLING and length > 0:
             found.append(Direction(letter, float(fit[0]) / length, float(fit[1]) / length, share))
     found.sort(key=lambda one: -one.share)
-    chosen = found[:1]
-    for one in found[1:]:
-        if len(chosen) < 2 and abs(one.u * chosen[0].u + one.v * chosen[0].v) < _APART:
-            chosen.append(one)
-    return chosen
+    others = [one for one in found[1:] if abs(one.u * found[0].u + one.v * found[0].v) < _APART]
+    return found[:1] + others[:1]
 
 
 def side(flat_map: FlatMap) -> str | None:

@@ -291,11 +291,9 @@ class Regions(Recorded):
         with reading() as files:
             if not name.endswith(_VERTEX_ENDINGS):
                 made = self.volume(self._grid() if volume is None else volume, depth=depth)
-        record = {
-            **self.provenance,
-            "labels": {str(key): own for key, own in zip(self.keys, self.names, strict=True)},
-            "files": dict(sorted({**self.provenance.get("files", {}), **files}.items())),
-        }
+        labels = dict(zip(map(str, self.keys), self.names, strict=True))
+        inputs = dict(sorted({**self.provenance.get("files", {}), **files}.items()))
+        record = {**self.provenance, "labels": labels, "files": inputs}
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
                 write_volume(path, made.data, made.affine, record)
@@ -342,7 +340,10 @@ def _columns(
     else:
         if depth is None:
             raise InputError("this map has no pial surface. Pass depth in mm, such as (0, 2.5) for a white surface")
-        low, high = (checked_number(value, "depth") for value in _pair(depth))
+        pair: object = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
+        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+            raise InputError(f"depth is {shown(pair)}. Pass two distances from the surface, in mm")
+        low, high = (checked_number(value, "depth") for value in pair)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")
         inner, outer = surface.at(Depths((low, high)))
@@ -357,10 +358,3 @@ def _columns(
     numbers = distinct(surface.ids).which
     voxels, triangles, weights, _ = _core.ribbon_voxels(ends[0], ends[1], faces, numbers, list(shape), middle)
     return voxels.astype(np.int64), np.einsum("pc,pcx->px", weights, flat.uv[faces[triangles]])
-
-
-def _pair(depth: object) -> tuple[float, float]:
-    depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
-    if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
-        raise InputError(f"depth is {shown(depth)}. Pass two distances from the surface, in mm")
-    return depth[0], depth[1]

@@ -274,16 +274,13 @@ class WorstPlaces(Recorded):
         >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
         1
         """
-        metadata = self.flat_map.metadata
-        known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
-        return [list(path) for path in known] + [one.ids.tolist() for one in self._chosen(numbers)]
-
-    def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
                 raise InputError(f"there is no region {number!r}. Pass a number from 1 to {len(self.places)}")
-        wanted = numbers or range(1, len(self.places) + 1)
-        return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
+        metadata = self.flat_map.metadata
+        known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
+        chosen = (place.cut for place in self.places if not numbers or place.number in numbers)
+        return [list(path) for path in known] + [cut.ids.tolist() for cut in chosen if cut is not None]
 
     def save_cuts(
         self, path: str | os.PathLike[str], *numbers: int, sidecar: bool = False, overwrite: bool = False

@@ -16,18 +16,19 @@ _MOST_FACES = 5_000_000  # about 1 GB while they are split
 _LONGEST = 1024  # texels; triangles with a longer side are always split
 _SAMPLES = 1_000_000  # samples at a time
 
-_Corners = NDArray[np.int64]
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
 
 
 def subdivide(
-    points: NDArray[np.float64],
-    faces: _Corners,
-    coordinates: NDArray[np.float64],
+    points: _Floats,
+    faces: _Ints,
+    coordinates: _Floats,
     picture: NDArray[np.uint8],
     tolerance: float,
     *,
     repeat: bool,
-) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
+) -> tuple[_Floats, _Ints, _Floats]:
     """Split triangles until colours at their corners show the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
         raise InputError(f"tolerance is {shown(tolerance)}. Pass a positive number of grey levels, up to 255")
@@ -50,7 +51,7 @@ def subdivide(
         open_ = is_new
 
 
-def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
+def _deviation(corners: _Floats, picture: NDArray[np.uint8], repeat: bool) -> _Floats:
     """Return the greatest error of linear interpolation of the texture in each triangle, sampled one texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
@@ -68,9 +69,7 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
     return worst
 
 
-def _bisect(
-    faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
-) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
+def _bisect(faces: _Ints, places: _Floats, rough: NDArray[np.bool_]) -> tuple[_Ints, _Ints, NDArray[np.bool_]]:
     """Bisect triangles without cracks; return sides (their midpoints are new points), triangles, and which are new."""
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)
@@ -87,9 +86,7 @@ def _bisect(
     return ends[marked], np.concatenate([faces[~split], new]), is_new
 
 
-def _marked(
-    side_of: _Corners, lengths: NDArray[np.float64], rough: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def _marked(side_of: _Ints, lengths: _Floats, rough: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], _Ints]:
     """Mark the longest sides of selected triangles, and of all triangles with a marked side."""
     rank = np.empty(len(lengths), dtype=np.int64)
     rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours agree even if lengths are equal
@@ -103,7 +100,7 @@ def _marked(
     return marked, longest
 
 
-def _pieces(corners: _Corners, middles: _Corners) -> _Corners:
+def _pieces(corners: _Ints, middles: _Ints) -> _Ints:
     """Split triangles (a, b, c) at the middle of ab, and the halves at the middles of bc and ca unless these are −1."""
     (a, b, c), (ab, bc, ca) = corners.T, middles.T
     left, right = ca >= 0, bc >= 0
