@@ -28,6 +28,18 @@ from voxflat.maps.sampler import check_origin
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
 
+_LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
+    "points": ("f8", "points 3"),
+    **dict.fromkeys(("faces", "uv_faces"), ("i8", "faces 3")),
+    **dict.fromkeys(("piece_ids", "patch_ids"), ("i8", "faces")),
+    "stretch": ("f8", "faces 2"),
+    "starts": ("i8", "?"),
+    "vertex_ids": ("i8", "rows"),
+    "uv": ("f8", "rows 2"),
+    "measured": ("f8", "pieces ?"),
+    "planes": ("f8", "pieces 4 3"),
+}
+
 Own = TypeVar("Own", bound="Atlas")
 
 
@@ -487,20 +499,6 @@ def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
     if not all(is_number(one) for one in told.values()):
         raise ValueError(f"{dict(told)} are not numbers")
     return {name: float(one) for name, one in told.items()}
-
-
-_LAYOUT = {
-    "points": ("f8", "points 3"),
-    **dict.fromkeys(("faces", "uv_faces"), ("i8", "faces 3")),
-    **dict.fromkeys(("piece_ids", "patch_ids"), ("i8", "faces")),
-    "stretch": ("f8", "faces 2"),
-    "starts": ("i8", "?"),
-    "vertex_ids": ("i8", "rows"),
-    "uv": ("f8", "rows 2"),
-    "measured": ("f8", "pieces ?"),
-    "planes": ("f8", "pieces 4 3"),
-}
-"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:

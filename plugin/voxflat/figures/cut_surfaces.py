@@ -1,8 +1,6 @@
 """Draw a surface that was cut open, with its cuts, from both sides."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -10,9 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from voxflat.maps.lines import edges_of
-
-if TYPE_CHECKING:
-    from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import Manifold
 
 _CUT = "#d62728"
 _SHADES = (0.35, 0.9)  # grey levels of points that face sideways and of points that face the viewer

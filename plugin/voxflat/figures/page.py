@@ -234,8 +234,7 @@ class Page:
                 self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.metadata), "marks")
                 x = end
             for name, u, v in cut_names(panel.flat_map):
-                at_x, at_y = panel.at(u, v)
-                self.text(at_x, at_y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+                self.text(*panel.at(u, v), name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
         """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, mm."""

@@ -20,6 +20,20 @@ from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 
 _FORMAT = 5
+_REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
+
+_LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
+    "uv": ("f8", "points 2"),
+    **dict.fromkeys(("points", "normals", "white_points", "pial_points"), ("f8", "points 3")),
+    **dict.fromkeys(("curvature", "sulcal_depth", "distortion_per_point", "distortion_areal"), ("f8", "points")),
+    "faces": ("u4", "faces 3"),
+    **dict.fromkeys(("torn", "distortion_is_flipped"), ("?", "faces")),
+    "sources": ("i8", "sources"),
+    "eigenvalues": ("f8", "?"),
+    "rows": ("f4", "sources ?"),
+    "bridges": ("i8", "? 3"),
+    "distortion_scatter": ("f8", "? 2"),
+}
 
 
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
@@ -70,20 +84,3 @@ def mesh_of_vertices(
     placed = np.zeros((count, 3))
     placed[ids[rows]] = places[rows]
     return Mesh(placed, ids[faces[is_kept]], structure=structure)
-
-
-_REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
-
-_LAYOUT = {
-    "uv": ("f8", "points 2"),
-    **dict.fromkeys(("points", "normals", "white_points", "pial_points"), ("f8", "points 3")),
-    **dict.fromkeys(("curvature", "sulcal_depth", "distortion_per_point", "distortion_areal"), ("f8", "points")),
-    "faces": ("u4", "faces 3"),
-    **dict.fromkeys(("torn", "distortion_is_flipped"), ("?", "faces")),
-    "sources": ("i8", "sources"),
-    "eigenvalues": ("f8", "?"),
-    "rows": ("f4", "sources ?"),
-    "bridges": ("i8", "? 3"),
-    "distortion_scatter": ("f8", "? 2"),
-}
-"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""

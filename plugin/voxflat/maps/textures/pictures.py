@@ -59,12 +59,9 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
     if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
         values = values.astype(np.float64)
-    channels = values[..., None] if values.ndim == 2 else values
+    channels = [values] if values.ndim == 2 else np.moveaxis(values, 2, 0)
     mode = "grid-wrap" if repeat else "nearest"
-    found = [
-        scipy.ndimage.map_coordinates(channels[..., c], at, output=np.float64, order=1, mode=mode)
-        for c in range(channels.shape[2])
-    ]
+    found = [scipy.ndimage.map_coordinates(one, at, output=np.float64, order=1, mode=mode) for one in channels]
     return np.asarray(found[0] if picture.ndim == 2 else np.stack(found, axis=-1))
 
 

@@ -18,6 +18,8 @@ from voxflat.io.provenance import Record, Recorded, as_text, check_beside, check
 from voxflat.maps.textures.pictures import values_at
 from voxflat.maps.textures.subdivision import subdivide
 
+_Files = list[Path]
+
 
 @dataclass(frozen=True, eq=False)
 class TexturedSurface(Recorded):
@@ -203,9 +205,6 @@ class TexturedSurface(Recorded):
 def files_beside(path: Path) -> list[Path]:
     """Return the additional files that are written with a textured surface."""
     return [beside(path, ending) for ending in _BESIDE.get(path.suffix.lower(), ())]
-
-
-_Files = list[Path]
 
 
 def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
