@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from voxflat.maps.lines import edges_of
 from voxflat.surfaces.manifold import Manifold
@@ -23,7 +22,10 @@ def cut_surface_views(surface: Manifold) -> Figure:
     width, height = np.ptp(points[:, [across, up]], axis=0)
     scale = _VIEW / max(width, height)
     figure = Figure(figsize=(2 * scale * width + 0.3, scale * height + 0.3), dpi=110, layout="constrained")
-    normals = _normals(points, faces)
+    a, b, c = points[faces].transpose(1, 0, 2)
+    normals = np.zeros(points.shape)
+    np.add.at(normals, faces, np.cross(b - a, c - a)[:, None])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     sides, _, counts = edges_of(faces, len(points))
     edges = sides[counts == 1]  # the boundary
     spacing = np.sqrt(width * height / max(len(points) / 4, 1)) * scale * 72  # points
@@ -40,10 +42,3 @@ def cut_surface_views(surface: Manifold) -> Figure:
         axes.set_aspect("equal")
         axes.set_axis_off()
     return figure
-
-
-def _normals(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    a, b, c = points[faces].transpose(1, 0, 2)
-    normals = np.zeros(points.shape)
-    np.add.at(normals, faces, np.cross(b - a, c - a)[:, None])
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])

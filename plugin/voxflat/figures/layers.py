@@ -11,8 +11,7 @@ from voxflat.io.formats.svg import AXES, EXTENT
 
 MAP = "map"  # label of the axes of a flat map, whose units are mm of the map
 
-LAYERS = ("curvature", "data", "parcels", "names", "marks")
-"""Layers of a flat map, from bottom to top; each holds the artists with its name as their gid."""
+LAYERS = ("curvature", "data", "parcels", "names", "marks")  # from bottom to top; the gid of an artist names its layer
 
 _SVG = "http://www.w3.org/2000/svg"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"

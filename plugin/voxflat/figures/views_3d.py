@@ -257,9 +257,8 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
         raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")
     mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
     if not mask[tuple(flat_map.ids.T)].all():
-        raise InputError(
-            "the points of the map are not in the foreground of this volume. Pass the volume that was flattened"
-        )
+        told = "the points of the map are not in the foreground of this volume"
+        raise InputError(f"{told}. Pass the volume that was flattened")
     mesh = _iso_surface(flat_map, np.pad(mask, 1).astype(np.float32), 0.5, np.array([-1, -1, -1]))
     # a point of this surface lies half-way between a foreground voxel and a background voxel
     mesh["inside"] = (mesh["distance"] < 0.51).astype(np.float32)
@@ -320,8 +319,7 @@ def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
     seen = flat_map.points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     width, height, depth = high - low
-    pixels = plotter.window_size
-    camera = plotter.camera
+    pixels, camera = plotter.window_size, plotter.camera
     camera.focal_point = axes.T @ (low + high) / 2
     camera.position = np.asarray(camera.focal_point) + (width + height + depth) * outward
     camera.up = axes[1]

@@ -34,14 +34,12 @@ def ellipse(corners: _Floats) -> _Floats:
 def borders(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> list[_Floats]:
     """Return smooth borders between the labels of points as lines, mm, by marching triangles.
 
-    A border crosses the edges whose ends have different labels, initially midway. Smoothing moves each crossing along
-    its edge towards the middle of its neighbours, but never to an end. Therefore each vertex stays on its side, and a
-    border lies within half an edge of the position where labels change. Where three labels meet, borders lead straight
-    from the middles of the edges to the centre of the triangle.
+    Crossings, initially in the middles of edges, move along their edges but never to an end, so that each vertex stays
+    on its side. Where three labels meet, borders lead from the middles of the edges to the centre of the triangle.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
-    places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
-    places = np.concatenate([places, centres])
+    crossings = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
+    places = np.concatenate([crossings, centres])
     return [places[line] for line in chains(links)]
 
 
@@ -102,10 +100,7 @@ def chains(links: NDArray[Any]) -> list[_Ints]:
         around = ways[begin[at] : begin[at + 1]]
         if len(around) != 2:
             lines += [follow(at, number) for number in around if not is_used[number]]
-    for number, start in enumerate(sides[0]):
-        if not is_used[number]:
-            lines.append(follow(start, number))
-    return lines
+    return lines + [follow(start, number) for number, start in enumerate(sides[0]) if not is_used[number]]
 
 
 def edges_of(faces: NDArray[Any], count: int) -> tuple[_Ints, _Ints, _Ints]:

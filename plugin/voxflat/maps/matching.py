@@ -89,9 +89,8 @@ def _kind(array: NDArray[Any]) -> str:
 
 def _check_count(whole: Manifold, count: int) -> None:
     if count != whole.count:
-        raise InputError(
-            f"the map has {count} points, but the surface has {whole.count} vertices. Pass one point per vertex"
-        )
+        told = f"the map has {count} points, but the surface has {whole.count} vertices"
+        raise InputError(f"{told}. Pass one point per vertex")
 
 
 def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
@@ -127,8 +126,7 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
         raise InputError(f"the triangles of the map are {_kind(faces)}. Pass whole numbers of shape (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
-        low, high = int(faces.min()), int(faces.max())
-        told = f"the triangles of the map refer to points {low} to {high}"
+        told = f"the triangles of the map refer to points {faces.min()} to {faces.max()}"
         raise InputError(f"{told}. Pass numbers from 0 to {len(places) - 1}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
         raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one number per point")

@@ -28,8 +28,7 @@ from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
-REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
-"""Endings of the files that `Regions.save` writes."""
+REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")  # of the files of `Regions.save`
 
 
 class _Places(Protocol):

@@ -235,9 +235,8 @@ class Sampler:
         is_array = is_array and not hasattr(volume, "dataobj")
         if is_array and (values := array_of(volume, "overlay's values")).ndim in (1, 2):
             if len(values) != count:
-                raise InputError(
-                    f"the overlay has {len(values)} values, but the mesh has {count} vertices. Pass {count}"
-                )
+                told = f"the overlay has {len(values)} values, but the mesh has {count} vertices"
+                raise InputError(f"{told}. Pass {count}")
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
 

@@ -23,11 +23,7 @@ _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
 def sample(volume: Volume, points: _Floats, interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside the volume.
-
-    "majority" returns the label with the greatest sum of linear weights among the eight surrounding voxels. The default
-    is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point volumes and colours.
-    """
+    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
     data = volume.data
     colour = data.ndim == 4
     interpolation = _way(volume, interpolation)

@@ -24,9 +24,7 @@ from voxflat.io.subprocess_reader import read_in_subprocess
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow may open. By default it also opens PostScript, for which it runs a program."""
 
-_PIXEL_BYTES = 24
-"""Memory for decoding, per pixel: as decoded by Pillow, rotated upright, as colours, and as an array."""
-
+_PIXEL_BYTES = 24  # memory for decoding a pixel: as decoded by Pillow, rotated upright, as colours, and as an array
 _SLACK = 1e-9  # share of a picture's side by which rounding may move a point across the border
 
 
@@ -121,9 +119,8 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
     if image.mode.startswith("I;16"):
         return _of_array(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))  # 65,535 is 257 x 255
     if image.mode in ("I", "F"):
-        raise InputError(
-            f"the picture has more than 8 bits per value (Pillow mode {image.mode}). Save it as 8-bit grey or RGB"
-        )
+        told = f"the picture has more than 8 bits per value (Pillow mode {image.mode})"
+        raise InputError(f"{told}. Save it as 8-bit grey or RGB")
     has_alpha = "A" in image.getbands() or "transparency" in image.info
     return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
 

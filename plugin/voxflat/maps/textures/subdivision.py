@@ -21,13 +21,7 @@ _Ints = NDArray[np.int64]
 
 
 def subdivide(
-    points: _Floats,
-    faces: _Ints,
-    coordinates: _Floats,
-    picture: NDArray[np.uint8],
-    tolerance: float,
-    *,
-    repeat: bool,
+    points: _Floats, faces: _Ints, coordinates: _Floats, picture: NDArray[np.uint8], tolerance: float, *, repeat: bool
 ) -> tuple[_Floats, _Ints, _Floats]:
     """Split triangles until colours at their corners show the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
