@@ -362,13 +362,9 @@ class Atlas(FlatPieces, ABC):
 
     def _shares(self) -> dict[str, Any]:
         """Return the numbers of triangles and the areas of the pieces."""
-        area = self.measured[:, -3]
-        return {
-            "triangles": len(self.faces),
-            "single_triangles": int((self._sizes == 1).sum()),
-            "area": float(area.sum()),
-            "largest_area_share": float(area[0] / area.sum()),
-        }
+        area, single = self.measured[:, -3], int((self._sizes == 1).sum())
+        areas = {"area": float(area.sum()), "largest_area_share": float(area[0] / area.sum())}
+        return {"triangles": len(self.faces), "single_triangles": single, **areas}
 
     def _largest(self, columns: dict[str, str], measured: NDArray[np.float64]) -> list[str]:
         """Return a table of the largest pieces (number, triangles, figures); columns have a title and a format."""

@@ -189,17 +189,13 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     def _figures(self) -> dict[str, Any]:
         tilt, area, isometric, quasi_conformal = self.measured.T
+        measured = {"angle": float(tilt.max()), "c": float(isometric.max()), "k": float(quasi_conformal.max())}
         return {
             "patches": len(self),
             **self._shares(),
             "half_of_the_area": int(np.searchsorted(np.cumsum(area), 0.5 * area.sum()) + 1),
             "certificate": asdict(self.certificate),
-            "measured": {
-                "angle": float(tilt.max()),
-                "c": float(isometric.max()),
-                "k": float(quasi_conformal.max()),
-                "mean_c": float(area @ isometric / area.sum()),
-            },
+            "measured": {**measured, "mean_c": float(area @ isometric / area.sum())},
             "broken": int(self.broken.sum()),
         }
 

@@ -127,7 +127,10 @@ def flat_map(
         if colours is not None:
             assert side.image is not None
             over = colours.paint(side.image.data, None if side.strength is None else side.strength.data)
-            over[..., 3] = np.round(over[..., 3] * (shown_by if side.opacity is None else side.shares(full)))
+            share = shown_by
+            if side.opacity is not None and full is not None:
+                share = np.clip(np.abs(np.nan_to_num(side.opacity.data)) / full, 0, 1)
+            over[..., 3] = np.round(over[..., 3] * share)
             side.panel.image(over, side.raster, "data")
             look = _over(over, look)
         if side.parcels is not None:
@@ -212,12 +215,6 @@ class _Side:
         values = self._own(overlay.values)
         how: dict[str, Any] = {"interpolation": interpolation, "period": overlay.period}
         return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
-
-    def shares(self, full: float | None) -> NDArray[np.float64]:
-        """Return the opacity of the overlay at each pixel, from 0 to 1."""
-        assert self.opacity is not None
-        assert full is not None
-        return np.asarray(np.clip(np.abs(np.nan_to_num(self.opacity.data)) / full, 0, 1))
 
 
 def _full(sides: list[_Side], opacity: Any) -> float | None:
