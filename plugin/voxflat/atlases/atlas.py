@@ -3,7 +3,7 @@
 import importlib
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -27,6 +27,18 @@ from voxflat.maps.sampler import check_origin
 
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
+
+_LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
+    "points": ("f8", "points 3"),
+    **dict.fromkeys(("faces", "uv_faces"), ("i8", "faces 3")),
+    **dict.fromkeys(("piece_ids", "patch_ids"), ("i8", "faces")),
+    "stretch": ("f8", "faces 2"),
+    "starts": ("i8", "?"),
+    "vertex_ids": ("i8", "rows"),
+    "uv": ("f8", "rows 2"),
+    "measured": ("f8", "pieces ?"),
+    "planes": ("f8", "pieces 4 3"),
+}
 
 Own = TypeVar("Own", bound="Atlas")
 
@@ -109,10 +121,6 @@ class Atlas(FlatPieces, ABC):
             return [self._piece(n) for n in range(*number.indices(len(self)))]
         return self._piece(range(len(self))[number])
 
-    def __iter__(self) -> Iterator[Any]:
-        """Yield the pieces."""
-        return (self._piece(n) for n in range(len(self)))
-
     @abstractmethod
     def _piece(self, n: int) -> Any:
         """Return a piece."""
@@ -121,16 +129,9 @@ class Atlas(FlatPieces, ABC):
         """Return the fields of `Piece` for a piece."""
         rows = slice(self.starts[n], self.starts[n + 1])
         face_ids = self._faces_by_piece[n]
-        area, isometric, quasi_conformal = self.measured[n, -3:].tolist()
-        return {
-            "face_ids": face_ids,
-            "vertex_ids": self.vertex_ids[rows],
-            "uv": self.uv[rows],
-            "faces": self.uv_faces[face_ids] - self.starts[n],
-            "area": area,
-            "isometric": isometric,
-            "quasi_conformal": quasi_conformal,
-        }
+        figures = dict(zip(("area", "isometric", "quasi_conformal"), self.measured[n, -3:].tolist(), strict=True))
+        faces, vertex_ids = self.uv_faces[face_ids] - self.starts[n], self.vertex_ids[rows]
+        return {"face_ids": face_ids, "vertex_ids": vertex_ids, "uv": self.uv[rows], "faces": faces, **figures}
 
     @cached_property
     def _faces_by_piece(self) -> list[NDArray[np.int64]]:
@@ -361,23 +362,16 @@ class Atlas(FlatPieces, ABC):
 
     def _shares(self) -> dict[str, Any]:
         """Return the numbers of triangles and the areas of the pieces."""
-        area = self.measured[:, -3]
-        return {
-            "triangles": len(self.faces),
-            "single_triangles": int((self._sizes == 1).sum()),
-            "area": float(area.sum()),
-            "largest_area_share": float(area[0] / area.sum()),
-        }
+        area, single = self.measured[:, -3], int((self._sizes == 1).sum())
+        areas = {"area": float(area.sum()), "largest_area_share": float(area[0] / area.sum())}
+        return {"triangles": len(self.faces), "single_triangles": single, **areas}
 
     def _largest(self, columns: dict[str, str], measured: NDArray[np.float64]) -> list[str]:
         """Return a table of the largest pieces (number, triangles, figures); columns have a title and a format."""
         titles = (in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns.items())
-        lines = ["".join(titles)]
-        for n, values in enumerate(measured[:_SHOWN].tolist()):
-            lines.append("".join(map(format, (n, self._sizes[n], *values), columns.values())))
-        if len(self) > _SHOWN:
-            lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
-        return lines
+        rows = ((n, self._sizes[n], *values) for n, values in enumerate(measured[:_SHOWN].tolist()))
+        more = [f"{'...':>6}{len(self) - _SHOWN:>6} more"] if len(self) > _SHOWN else []
+        return ["".join(titles), *("".join(map(format, row, columns.values())) for row in rows), *more]
 
     # --------------------------------------------------------------------------------------- files
 
@@ -501,22 +495,6 @@ def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
     if not all(is_number(one) for one in told.values()):
         raise ValueError(f"{dict(told)} are not numbers")
     return {name: float(one) for name, one in told.items()}
-
-
-_LAYOUT = {
-    "points": ("f8", "points 3"),
-    "faces": ("i8", "faces 3"),
-    "piece_ids": ("i8", "faces"),
-    "patch_ids": ("i8", "faces"),
-    "stretch": ("f8", "faces 2"),
-    "starts": ("i8", "?"),
-    "vertex_ids": ("i8", "rows"),
-    "uv": ("f8", "rows 2"),
-    "uv_faces": ("i8", "faces 3"),
-    "measured": ("f8", "pieces ?"),
-    "planes": ("f8", "pieces 4 3"),
-}
-"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:

@@ -162,19 +162,13 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     _arrays = (*Atlas._arrays, "planes")
 
     def __repr__(self) -> str:
-        return (
-            f"<FlatAtlas of {len(self)} patches: {len(self.faces)} triangles, "
-            f"C ≤ {self.certificate.c:.4f}, K ≤ {self.certificate.k:.4f}>"
-        )
+        bounds = f"C ≤ {self.certificate.c:.4f}, K ≤ {self.certificate.k:.4f}"
+        return f"<FlatAtlas of {len(self)} patches: {len(self.faces)} triangles, {bounds}>"
 
     def _piece(self, n: int) -> FlatPatch:
         origin, normal, *axes = self.planes[n]
-        return FlatPatch(
-            **self._parts(n),
-            plane=Plane(origin, normal, np.stack(axes)),
-            certificate=self.certificate,
-            tilt=float(self.measured[n, 0]),
-        )
+        plane, tilt = Plane(origin, normal, np.stack(axes)), float(self.measured[n, 0])
+        return FlatPatch(**self._parts(n), plane=plane, certificate=self.certificate, tilt=tilt)
 
     @property
     def patches(self) -> list[FlatPatch]:
@@ -195,17 +189,13 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     def _figures(self) -> dict[str, Any]:
         tilt, area, isometric, quasi_conformal = self.measured.T
+        measured = {"angle": float(tilt.max()), "c": float(isometric.max()), "k": float(quasi_conformal.max())}
         return {
             "patches": len(self),
             **self._shares(),
             "half_of_the_area": int(np.searchsorted(np.cumsum(area), 0.5 * area.sum()) + 1),
             "certificate": asdict(self.certificate),
-            "measured": {
-                "angle": float(tilt.max()),
-                "c": float(isometric.max()),
-                "k": float(quasi_conformal.max()),
-                "mean_c": float(area @ isometric / area.sum()),
-            },
+            "measured": {**measured, "mean_c": float(area @ isometric / area.sum())},
             "broken": int(self.broken.sum()),
         }
 

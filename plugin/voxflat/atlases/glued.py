@@ -178,18 +178,16 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
     _arrays = (*Atlas._arrays, "patch_ids")
 
     def __repr__(self) -> str:
-        return (
-            f"<GluedAtlas of {_pieces(len(self))}: {len(self.faces)} triangles, C ≤ {self.bound:g}, "
-            f"{100 * self.seams.closed_share:.1f} % of the seams closed>"
-        )
+        closed = f"{100 * self.seams.closed_share:.1f} % of the seams closed"
+        return f"<GluedAtlas of {_pieces(len(self))}: {len(self.faces)} triangles, C ≤ {self.bound:g}, {closed}>"
 
     def _piece(self, n: int) -> GluedPiece:
         return GluedPiece(**self._parts(n))
 
     def _title(self) -> str:
         closed = 100 * self.seams.closed_share
-        count = int(self.patch_ids.max()) + 1
-        return f"{count} patches in {_pieces(len(self))}, {closed:.1f} % of the seams closed, C ≤ {self.bound:g}"
+        patches = f"{self.patch_ids.max() + 1} patches in {_pieces(len(self))}"
+        return f"{patches}, {closed:.1f} % of the seams closed, C ≤ {self.bound:g}"
 
     @cached_property
     def outline(self) -> NDArray[np.int64]:

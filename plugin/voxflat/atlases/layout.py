@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import installing
 
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
 PACKINGS = ("boxes", "shapes")  # packing methods
 
 _GAP = 0.05  # share of the side of a square with the mean area of the pieces' boxes
@@ -14,15 +17,13 @@ _WIDTH = 1.05  # share of the side of a square with the area of all boxes
 _TEXELS = 4  # texels of xatlas per gap; more texels are slow and do not make the page smaller
 
 
-def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
+def usual_gap(uv: _Floats, starts: _Ints) -> float:
     """Return the default gap, mm, which is proportional to the typical size of the pieces."""
-    boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
-    return _GAP * float(np.sqrt(boxes.mean()))
+    sizes = np.maximum.reduceat(_turned(uv, starts), starts[:-1], axis=0)
+    return _GAP * float(np.sqrt(sizes.prod(axis=1).mean()))
 
 
-def lay_out(
-    uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
-) -> NDArray[np.float64]:
+def lay_out(uv: _Floats, starts: _Ints, faces: _Ints, gap: float, packing: str) -> _Floats:
     """Place pieces on a page; return the position of each row of `uv`, mm, with the lowest corner at (0, 0).
 
     Each piece has consecutive rows of `uv` (P, 2), which begin at `starts`. Pieces are rotated and moved, not mirrored.
@@ -32,14 +33,14 @@ def lay_out(
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"gap is {gap} mm. Pass a positive number")
     placed = _turned(uv, starts)
-    sizes = _sizes(placed, starts)
+    sizes = np.maximum.reduceat(placed, starts[:-1], axis=0)
     placed += np.repeat(_in_rows(sizes, gap), np.diff(starts), axis=0)
     if packing == "shapes":
         placed = _by_shape(placed, starts, faces, gap)
     return np.asarray(placed - placed.min(axis=0))
 
 
-def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+def _turned(uv: _Floats, starts: _Ints) -> _Floats:
     """Rotate each piece into its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
     parts = []
     for part in np.split(uv, starts[1:-1]):
@@ -49,7 +50,7 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
     return np.concatenate(parts)
 
 
-def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _axis(places: _Floats) -> _Floats:
     """Return the direction of the longer side of the smallest bounding rectangle; one side is along a hull edge."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
@@ -64,12 +65,7 @@ def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
     return axis if along[best] >= across[best] else np.array([-axis[1], axis[0]])
 
 
-def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the widths and heights of pieces whose lowest corners are (0, 0)."""
-    return np.asarray(np.maximum.reduceat(placed, starts[:-1], axis=0))
-
-
-def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
+def _in_rows(sizes: _Floats, gap: float) -> _Floats:
     """Return the lowest corner of each box, in rows from the highest to the lowest; the page is nearly square."""
     width = max(float(sizes[:, 0].max()), _WIDTH * float(np.sqrt((sizes + gap).prod(axis=1).sum())))
     corners = np.zeros_like(sizes)
@@ -83,9 +79,7 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
     return corners
 
 
-def _by_shape(
-    apart: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float
-) -> NDArray[np.float64]:
+def _by_shape(apart: _Floats, starts: _Ints, faces: _Ints, gap: float) -> _Floats:
     """Pack pieces, which do not overlap, with xatlas; its single-precision positions are converted to rigid motions."""
     try:
         import xatlas
@@ -105,7 +99,7 @@ def _by_shape(
     return _moved(apart, target, starts)
 
 
-def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+def _moved(places: _Floats, targets: _Floats, starts: _Ints) -> _Floats:
     """Move each piece rigidly to its target; rotate it by 180 degrees if the target is mirrored."""
     parts = []
     for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):

@@ -11,6 +11,8 @@ from voxflat.surfaces.manifold import Manifold
 
 MAX_ANGLE = 10.0  # default greatest angle between a triangle and the plane of its patch, degrees
 SEEDS = ("curvature", "flattest", "random")  # ways to start patches
+_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space", "unit")
+_MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
 def patches(
@@ -57,16 +59,11 @@ def patches(
         },
     )
     if broken := int(atlas.broken.sum()):
-        atlas.metadata["warnings"].append(
-            f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
-        )
+        told = f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
+        atlas.metadata["warnings"].append(told)
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
     return atlas
-
-
-_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space", "unit")
-_MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:

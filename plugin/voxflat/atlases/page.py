@@ -128,13 +128,9 @@ class FlatPage(Planar):
         of, count = self.atlas, len(self.atlas.faces)
         rows = of.faces.ravel()
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
-        return FlatTriangles(
-            uv=self.corners.reshape(-1, 2),
-            faces=faces,
-            torn=np.zeros(count, dtype=bool),
-            on_surface=Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata, faces),
-            piece_ids=of.piece_ids,
-        )
+        on_surface = Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata, faces)
+        torn = np.zeros(count, dtype=np.bool_)
+        return FlatTriangles(self.corners.reshape(-1, 2), faces, torn, on_surface, of.piece_ids)
 
     def face_ids(self, pixel_size: float | None = None) -> NDArray[np.int64]:
         """Return the triangle at each pixel.

@@ -18,6 +18,8 @@ Facts = dict[str, Any]
 """What the methods text states of a map: ``how`` it was made, and numbers. Maps of equal ``how`` share a paragraph."""
 
 _LISTED = 4  # maps whose errors are listed one by one
+_SCALES = ("raw", "best_scale")
+_PLACE = (("journal", ". ", ""), ("volume", ", ", ""), ("number", "(", ")"), ("pages", ", ", ""))
 
 
 @dataclass(frozen=True)
@@ -130,9 +132,6 @@ def facts_of(flat_map: FlatMap) -> Facts:
     }
 
 
-_SCALES = ("raw", "best_scale")
-
-
 def citation_of(facts: Sequence[Facts]) -> Citation:
     """Return the citation of maps whose facts are known."""
     from jinja2 import Environment, StrictUndefined  # slow to import
@@ -166,9 +165,8 @@ def _span(maps: Sequence[Facts], name: str) -> str:
 def _errors(maps: Sequence[Facts], scale: str) -> str:
     """Return the relative errors of maps with their standard errors, one by one, or as a range for many maps."""
     if len(maps) <= _LISTED:
-        *others, last = (
-            f"{_percent(value)} (standard error {_percent(error)})" for value, error in (of[scale] for of in maps)
-        )
+        pairs = (map(_percent, one[scale]) for one in maps)
+        *others, last = (f"{value} (standard error {error})" for value, error in pairs)
         return f"{', '.join(others)} and {last}" if others else last
     values, errors = ([one[scale][of] for one in maps if one[scale][of] is not None] for of in (0, 1))
     ends = _percent(min(values, default=None)), _percent(max(values, default=None))
@@ -213,6 +211,3 @@ def _reference(entry: dict[str, str]) -> str:
     place = "".join(f"{before}{entry[name]}{after}" for name, before, after in _PLACE if name in entry)
     doi = f" doi:{entry['doi']}" if "doi" in entry else ""
     return f"{', '.join(_authors(entry))} ({entry['year']}). {entry['title']}{version}{place}.{doi}".replace("--", "–")
-
-
-_PLACE = (("journal", ". ", ""), ("volume", ", ", ""), ("number", "(", ")"), ("pages", ", ", ""))

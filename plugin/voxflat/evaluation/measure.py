@@ -405,12 +405,11 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
                 )
         points[at] = flat.points
         known[whole.vertices[at]] = True
-    log.warning(
+    told = (
         "%s was made on a different geometry from that of the given surface (%s). All figures refer to the geometry of "
-        "the map. Pass on_surface to use the given surface",
-        _called(first),
-        _made_on(ours[first]),
+        "the map. Pass on_surface to use the given surface"
     )
+    log.warning(told, _called(first), _made_on(ours[first]))
     return Geometry(whole._with_core(whole.core.moved(points)), known, first)
 
 

@@ -93,9 +93,8 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
     axes = figure.add_subplot(**_labels(atlas))
     low = min(least, 1.0) if of == "areal" else 1.0
-    shown = axes.imshow(
-        image.data, cmap=ERRORS, vmin=low, vmax=max(most, low + 1e-6), extent=image.extent, interpolation="nearest"
-    )
+    look: dict[str, Any] = {"cmap": ERRORS, "vmin": low, "vmax": max(most, low + 1e-6), "interpolation": "nearest"}
+    shown = axes.imshow(image.data, extent=image.extent, **look)
     figure.colorbar(shown, ax=axes, label=image.name, extend="both" if of == "areal" else "max", shrink=0.8)
     return figure
 

@@ -1,16 +1,13 @@
 """Draw a surface that was cut open, with its cuts, from both sides."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from voxflat.surfaces.manifold import Manifold
+from voxflat.maps.lines import edges_of
+from voxflat.surfaces.manifold import Manifold
 
 _CUT = "#d62728"
 _SHADES = (0.35, 0.9)  # grey levels of points that face sideways and of points that face the viewer
@@ -25,7 +22,12 @@ def cut_surface_views(surface: Manifold) -> Figure:
     width, height = np.ptp(points[:, [across, up]], axis=0)
     scale = _VIEW / max(width, height)
     figure = Figure(figsize=(2 * scale * width + 0.3, scale * height + 0.3), dpi=110, layout="constrained")
-    normals, edges = _normals(points, faces), _boundary(faces)
+    a, b, c = points[faces].transpose(1, 0, 2)
+    normals = np.zeros(points.shape)
+    np.add.at(normals, faces, np.cross(b - a, c - a)[:, None])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    sides, _, counts = edges_of(faces, len(points))
+    edges = sides[counts == 1]  # the boundary
     spacing = np.sqrt(width * height / max(len(points) / 4, 1)) * scale * 72  # points
     for side, axes in zip((-1, 1), figure.subplots(1, 2), strict=True):
         seen = np.flatnonzero(side * normals[:, axis] > 0)
@@ -40,17 +42,3 @@ def cut_surface_views(surface: Manifold) -> Figure:
         axes.set_aspect("equal")
         axes.set_axis_off()
     return figure
-
-
-def _normals(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    a, b, c = points[faces].transpose(1, 0, 2)
-    normals = np.zeros(points.shape)
-    np.add.at(normals, faces, np.cross(b - a, c - a)[:, None])
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
-
-
-def _boundary(faces: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the edges that belong to only one triangle, shape (E, 2)."""
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
-    found, counts = np.unique(edges, axis=0, return_counts=True)
-    return np.asarray(found[counts == 1])

@@ -56,17 +56,14 @@ def scatter(flat_map: FlatMap) -> Figure:
     x, y = (in_unit(name, flat_map.metadata) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
     axes = figure.add_subplot(xlabel=x, ylabel=y, aspect="equal")
     axes.plot([0, end], [0, end], color="black", linewidth=0.8, zorder=3, label="d = δ")
-    shown = axes.hexbin(
-        geodesic, flat, gridsize=90, extent=(0, end, 0, end), bins="log", mincnt=1, cmap="viridis", linewidths=0.1
-    )
+    how: Any = {"gridsize": 90, "bins": "log", "mincnt": 1, "cmap": "viridis", "linewidths": 0.1}
+    shown = axes.hexbin(geodesic, flat, extent=(0, end, 0, end), **how)
     axes.set(xlim=(0, end), ylim=(0, end))
     axes.legend(loc="upper left", frameon=False)
     _add_colour_bar(axes, shown, f"pairs per hexagon (of {len(flat)})", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
-    raw = distortion.raw
-    title = (
-        rf"$\bar\varepsilon$ = {raw.absolute_error:.2f} mm,  $\bar\varepsilon_r$ = {100 * raw.relative_error:.1f} %,  "
-        rf"$\bar\delta$ = {distortion.mean_geodesic:.1f} mm"
-    )
+    absolute, relative = distortion.raw.absolute_error, 100 * distortion.raw.relative_error
+    errors = rf"$\bar\varepsilon$ = {absolute:.2f} mm,  $\bar\varepsilon_r$ = {relative:.1f} %"
+    title = rf"{errors},  $\bar\delta$ = {distortion.mean_geodesic:.1f} mm"
     axes.set_title(in_unit(title, flat_map.metadata))
     return figure
 
@@ -192,16 +189,14 @@ def spectrum(flat_map: FlatMap) -> Figure:
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     values = flat_map.eigenvalues
     if len(values) == 0:
-        raise InputError(
-            "the map has no eigenvalues because it was made without sources. Flatten with sources=3 or more"
-        )
+        told = "the map has no eigenvalues because it was made without sources"
+        raise InputError(f"{told}. Flatten with sources=3 or more")
     used = np.argsort(-values)[:2]
     colours = np.where(values < 0, _NEGATIVE, _POSITIVE)
     colours[used] = _USED
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.add_subplot(
-        xlabel="eigenvalue, in descending order of magnitude", ylabel=in_unit("|λ| (mm²)", flat_map.metadata)
-    )
+    magnitude = in_unit("|λ| (mm²)", flat_map.metadata)
+    axes = figure.add_subplot(xlabel="eigenvalue, in descending order of magnitude", ylabel=magnitude)
     rank = np.arange(1, len(values) + 1)
     axes.bar(rank, np.abs(values), color=colours.tolist(), edgecolor="black", linewidth=0.6)
     axes.set_xticks(rank)

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
 from voxflat.arguments import Progress, array_of, checked_kind, checked_path
-from voxflat.errors import Cancelled, InputError
+from voxflat.errors import InputError
 from voxflat.figures.layers import name_layers
 from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
+from voxflat.maps.image_files import reporting
 
 MOVIE_ENDINGS = (".mp4", ".gif")  # valid endings of movie files
 
@@ -191,14 +192,8 @@ def save_movie(
     write = {".mp4": _write_mp4, ".gif": _write_gif}[path.suffix.lower()]
     text = "" if record is None else as_text(record)
     with atomic_path(path) as temporary:
-        write(temporary, movie, _drawn(movie, path.name, progress), text)
-
-
-def _drawn(movie: _Pictures, name: str, progress: Progress | None) -> Iterator[NDArray[np.uint8]]:
-    for n in range(len(movie)):
-        yield movie[n]
-        if progress is not None and progress(f"writing {name}", n + 1, len(movie)) is False:
-            raise Cancelled(f"cancelled while writing {name}")
+        pictures = (movie[n] for n in range(len(movie)))
+        write(temporary, movie, reporting(pictures, len(movie), path.name, progress), text)
 
 
 def _write_mp4(path: Path, movie: _Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page, Panel
+from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -111,14 +111,15 @@ def flat_map(
     shown_by = _opacity(opacity)
     strip = STRIP if of is None or of.period is None else WHEEL_STRIP
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
-    sides = [
-        _Side(panel, n, len(maps), page.pixel_size, of, shown_by, parcels, table, depths)
-        for n, panel in enumerate(page.panels)
-    ]
+    sides = [_Side(page, n, of, shown_by, parcels, table, depths) for n in range(len(maps))]
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
         raise InputError("depth and fraction apply only to volumes, but no overlay or parcels are a volume. Omit them")
     full = _full(sides, shown_by)
-    colours = None if of is None else OverlayColours.of(*_pooled(sides), of)
+    colours = None
+    if of is not None:
+        pooled = _joined([side.image for side in sides])
+        assert pooled is not None
+        colours = OverlayColours.of(pooled, _joined([side.strength for side in sides]), of)
     for side in sides:
         under = folds(side.flat_map, side.raster, underlay)
         side.panel.image(under, side.raster, "curvature")
@@ -126,7 +127,10 @@ def flat_map(
         if colours is not None:
             assert side.image is not None
             over = colours.paint(side.image.data, None if side.strength is None else side.strength.data)
-            over[..., 3] = np.round(over[..., 3] * (shown_by if side.opacity is None else side.shares(full)))
+            share = shown_by
+            if side.opacity is not None and full is not None:
+                share = np.clip(np.abs(np.nan_to_num(side.opacity.data)) / full, 0, 1)
+            over[..., 3] = np.round(over[..., 3] * share)
             side.panel.image(over, side.raster, "data")
             look = _over(over, look)
         if side.parcels is not None:
@@ -179,19 +183,11 @@ class _Side:
     """A map of the figure with its data."""
 
     def __init__(
-        self,
-        panel: Panel,
-        number: int,
-        count: int,
-        pixel_size: float,
-        overlay: Overlay | None,
-        opacity: Any,
-        parcels: object,
-        table: object,
-        depths: Depths,
+        self, page: Page, number: int, overlay: Overlay | None, opacity: Any, parcels: Any, table: Any, depths: Depths
     ) -> None:
-        self.panel, self.flat_map = panel, panel.flat_map
-        self.raster = self.flat_map.raster(pixel_size)
+        self.panel, count = page.panels[number], len(page.panels)
+        self.flat_map = self.panel.flat_map
+        self.raster = self.flat_map.raster(page.pixel_size)
         self.has_volume = False
         self._number, self._count, self._depths = number, count, depths
         self._sampler = self.flat_map._triangles.on_surface
@@ -220,12 +216,6 @@ class _Side:
         how: dict[str, Any] = {"interpolation": interpolation, "period": overlay.period}
         return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
 
-    def shares(self, full: float | None) -> NDArray[np.float64]:
-        """Return the opacity of the overlay at each pixel, from 0 to 1."""
-        assert self.opacity is not None
-        assert full is not None
-        return np.asarray(np.clip(np.abs(np.nan_to_num(self.opacity.data)) / full, 0, 1))
-
 
 def _full(sides: list[_Side], opacity: Any) -> float | None:
     """Return the magnitude of the opacity map at which the overlay becomes opaque."""
@@ -242,14 +232,8 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
     return full
 
 
-def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
-    """Return the overlay of all sides and its strength, each as one image, from which colours are chosen."""
-    image, strength = (_joined([getattr(side, name) for side in sides]) for name in ("image", "strength"))
-    assert image is not None
-    return image, strength
-
-
 def _joined(images: list[FlatImage | None]) -> FlatImage | None:
+    """Return the images of all sides as one image, from which colours are chosen."""
     first = images[0]
     if first is None or len(images) == 1:
         return first

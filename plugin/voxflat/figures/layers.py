@@ -11,8 +11,7 @@ from voxflat.io.formats.svg import AXES, EXTENT
 
 MAP = "map"  # label of the axes of a flat map, whose units are mm of the map
 
-LAYERS = ("curvature", "data", "parcels", "names", "marks")
-"""Layers of a flat map, from bottom to top; each holds the artists with its name as their gid."""
+LAYERS = ("curvature", "data", "parcels", "names", "marks")  # from bottom to top; the gid of an artist names its layer
 
 _SVG = "http://www.w3.org/2000/svg"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -35,7 +34,10 @@ def name_layers(path: Path, drawn: Figure) -> None:
     for prefix, uri in _PREFIXES.items():
         ElementTree.register_namespace(prefix, uri)
     root = ElementTree.fromstring(text)
-    layers: dict[str, Any] = {name: _layer(name) for name in ("background", *LAYERS)}
+    layers: dict[str, Any] = {}
+    for name in ("background", *LAYERS):
+        told = {"id": f"layer-{name}", f"{{{_INKSCAPE}}}groupmode": "layer", f"{{{_INKSCAPE}}}label": name}
+        layers[name] = ElementTree.Element(f"{{{_SVG}}}g", told)
     for axes in drawn.axes:
         if axes.get_label() == MAP:
             box, (width, height) = axes.get_position(), 72 * drawn.get_size_inches()  # in points, y pointing down
@@ -50,13 +52,6 @@ def name_layers(path: Path, drawn: Figure) -> None:
         root.insert(place, layer)
     body = ElementTree.tostring(root, encoding="unicode")
     path.write_text((head[0] if head else "") + body + "\n", encoding="utf-8", newline="\n")
-
-
-def _layer(name: str) -> Any:
-    layer = ElementTree.Element(f"{{{_SVG}}}g", {"id": f"layer-{name}"})
-    layer.set(f"{{{_INKSCAPE}}}groupmode", "layer")
-    layer.set(f"{{{_INKSCAPE}}}label", name)
-    return layer
 
 
 def _sort(group: Any, layers: dict[str, Any]) -> None:

@@ -43,15 +43,12 @@ def directions(flat_map: FlatMap) -> list[Direction]:
         fit, *_ = np.linalg.lstsq(design, values, rcond=None)
         rest, spread = values - design @ fit, values - values.mean()
         share = 1 - float(rest @ rest) / max(float(spread @ spread), 1e-12)
-        length = float(np.hypot(fit[0], fit[1]))
+        (u, v), length = fit[:2].tolist(), float(np.hypot(fit[0], fit[1]))
         if share >= _TELLING and length > 0:
-            found.append(Direction(letter, float(fit[0]) / length, float(fit[1]) / length, share))
+            found.append(Direction(letter, u / length, v / length, share))
     found.sort(key=lambda one: -one.share)
-    chosen = found[:1]
-    for one in found[1:]:
-        if len(chosen) < 2 and abs(one.u * chosen[0].u + one.v * chosen[0].v) < _APART:
-            chosen.append(one)
-    return chosen
+    others = [one for one in found[1:] if abs(one.u * found[0].u + one.v * found[0].v) < _APART]
+    return found[:1] + others[:1]
 
 
 def side(flat_map: FlatMap) -> str | None:
@@ -73,21 +70,17 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
         both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]
         places = [flat_map.uv[points] for points in both_sides if points]
         if name and places:
-            u, v = _widest(places)
-            found.append((str(name), u, v))
+            found.append((str(name), *_widest(places)))
     return found
 
 
 def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
     """Return the midpoint between the two sides of a cut, where the gap is wider than along two thirds of the cut."""
     gaps = [float(np.ptp(points, axis=0).max()) for points in places]
-    widest = int(np.argmax(gaps))
-    if gaps[widest] == 0:
-        return tuple(places[len(places) // 2].mean(axis=0).tolist())
     order = sorted(range(len(places)), key=lambda n: -gaps[n])
-    at = order[len(order) // 3]
+    at = order[len(order) // 3] if max(gaps) > 0 else len(places) // 2
     u, v = places[at].mean(axis=0).tolist()
-    return (u, v)
+    return u, v
 
 
 def round_length(room: float) -> float:

@@ -1,8 +1,6 @@
 """Movies of a series on the flat map: folds, data over them, a fixed colour scale, and the time."""
 
 from collections.abc import Sequence
-from functools import lru_cache
-from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
@@ -70,7 +68,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
         self._below, self._above = (Image.fromarray(layer) for layer in layers)
         panels = zip(page.panels, stacks, strict=True)
         self._places = [_places(page, panel, stack, self.size) for panel, stack in panels]
-        self._font = _font(round(_TIME * self._below.width / page.width))
+        self._font = ImageFont.truetype(findfont("DejaVu Sans"), round(_TIME * self._below.width / page.width))
         self._corner = round(_CORNER * self._below.width / page.width)
 
     def __len__(self) -> int:
@@ -266,8 +264,3 @@ def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) 
         covered = np.flatnonzero((numbers >= 0) & (numbers < count))
         found.append((int(covered[0]), numbers[covered]))
     return found
-
-
-@lru_cache
-def _font(size: int) -> Any:
-    return ImageFont.truetype(str(Path(findfont("DejaVu Sans"))), size)

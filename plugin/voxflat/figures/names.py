@@ -1,9 +1,9 @@
 """Place names inside their regions: choose the position and the font size of each name."""
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,8 @@ def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> Plac
     part = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
     inside = distance_transform_edt(part)
     sums = np.pad(part.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-    for text, size, is_upright in _tries(name):
+    texts = dict.fromkeys([name, _broken(name, 2), _broken(name, 3)])
+    for size, is_upright, text in product(_SIZES, (False, True), texts):
         width, height = (int(np.ceil((of + 2 * _MARGIN) / pixel)) for of in text_size(text, size))
         if is_upright:
             width, height = height, width
@@ -72,12 +73,6 @@ def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> Plac
         middle = row[best] - 1 + top + (height - 1) / 2, column[best] - 1 + left + (width - 1) / 2
         return PlacedName(label, text, middle[0], middle[1], height, width, size, is_upright)
     return None
-
-
-def _tries(name: str) -> Iterable[tuple[str, float, bool]]:
-    """Yield the texts, font sizes and orientations to try, from large to small and with all line breaks."""
-    broken = dict.fromkeys([name, _broken(name, 2), _broken(name, 3)])
-    yield from ((text, size, upright) for size in _SIZES for upright in (False, True) for text in broken)
 
 
 def _broken(name: str, lines: int) -> str:

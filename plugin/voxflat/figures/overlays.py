@@ -18,6 +18,8 @@ from voxflat.maps.raster import FlatImage
 
 Limits: TypeAlias = Sequence[float | str]
 
+_ALIKE = 0.2  # greatest difference between the ends of a cyclic colour map; that of hsv is 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
@@ -115,9 +117,6 @@ class Overlay:
     def provenance(self) -> dict[str, Any]:
         """The values and options, for records. Long arrays are recorded as their SHA-256 checksum."""
         return {one.name: described(getattr(self, one.name)) for one in fields(self)}
-
-
-_ALIKE = 0.2  # greatest difference between the ends of a cyclic colour map; that of hsv is 0.1
 
 
 def painted(

@@ -21,7 +21,7 @@ from voxflat.figures.overlays import OverlayColours
 from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import FlatImage, Raster
 
 DARK, LIGHT = 0.47, 0.75  # greys of sulci and gyri
 STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, without and with a colour wheel, mm
@@ -61,20 +61,15 @@ class Panel:
 
     def image(self, pixels: NDArray[np.uint8], raster: Raster, layer: str) -> None:
         """Draw pixels at their position on the map."""
-        height, width = raster.shape
-        step = raster.pixel_size
-        left, top = raster.origin[0] - step / 2, raster.origin[1] + step / 2
-        extent = (left, left + width * step, top - height * step, top)
-        self.axes.imshow(
-            pixels, extent=extent, origin="upper", interpolation="nearest", aspect="auto", gid=layer, clip_on=False
-        )
+        extent = FlatImage(pixels, raster.pixel_size, raster.origin, layer).extent
+        how = {"origin": "upper", "interpolation": "nearest", "aspect": "auto", "clip_on": False}
+        self.axes.imshow(pixels, extent=extent, gid=layer, **how)
         self._show_all()
 
     def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
         """Draw lines given in map coordinates, mm."""
-        drawn = LineCollection(
-            lines, linewidths=width, colors=colour, capstyle="round", joinstyle="round", gid=layer, clip_on=False
-        )
+        how: Any = {"capstyle": "round", "joinstyle": "round", "clip_on": False}
+        drawn = LineCollection(lines, linewidths=width, colors=colour, gid=layer, **how)
         self.axes.add_collection(drawn, autolim=False)
 
 
@@ -214,12 +209,14 @@ class Page:
         pixels = colours.legend(turn / (2 * np.pi) % 1 * period)
         pixels[..., 3] = np.where((radius <= 1) & (radius >= _HOLE), 255, 0)
         axes.imshow(pixels, extent=(-1, 1, -1, 1), aspect="auto")
+        is_radians = bool(np.isclose(period, 2 * np.pi, rtol=1e-6))
         for quarter in range(4):
             angle = np.pi / 2 * (quarter if zero == "right" else 1 - quarter)
             ahead, above = np.cos(angle), np.sin(angle)
             sides = {"ha": ("center", "left", "right")[round(ahead)], "va": ("center", "bottom", "top")[round(above)]}
             at = 0.5 * _WHEEL + 0.6
-            self.text(x + at * ahead, y + at * above, _phase(quarter, period), "data", size=6, **sides)
+            phase = ("0", "π/2", "π", "3π/2")[quarter] if is_radians else f"{quarter * period / 4:.4g}"
+            self.text(x + at * ahead, y + at * above, phase, "data", size=6, **sides)
         right_end = x - _WHEEL / 2 - 6.5
         self.text(right_end, WHEEL_STRIP - 5, _shortened(label, right_end - _EDGE), "data", ha="right")
 
@@ -237,8 +234,7 @@ class Page:
                 self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.metadata), "marks")
                 x = end
             for name, u, v in cut_names(panel.flat_map):
-                at_x, at_y = panel.at(u, v)
-                self.text(at_x, at_y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+                self.text(*panel.at(u, v), name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
         """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, mm."""
@@ -278,10 +274,3 @@ def _shortened(label: str, room: float) -> str:
     while text_size(label, _FONT)[0] > room:
         label = label[:-2].rstrip() + "…"
     return label
-
-
-def _phase(quarter: int, period: float) -> str:
-    """Return the phase after a number of quarters of the period, as text."""
-    if np.isclose(period, 2 * np.pi, rtol=1e-6):
-        return ("0", "π/2", "π", "3π/2")[quarter]
-    return f"{quarter * period / 4:.4g}"

@@ -1,17 +1,13 @@
 """Draw sections through a white-matter mask, with the outline of a template that did not fit it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import nibabel as nib
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from voxflat.io.grid import Affine
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _NAMES = ("sagittal", "coronal", "axial")
 _OUTLINE = "#d62728"
@@ -19,8 +15,6 @@ _OUTLINE = "#d62728"
 
 def sections(white: NDArray[np.bool_], affine: Affine, template: NDArray[np.bool_] | None) -> Figure:
     """Draw sections through the middle of a mask, in RAS+, with the outline of a template on the same grid."""
-    from matplotlib.figure import Figure
-
     axes = nib.orientations.io_orientation(affine)  # type: ignore[no-untyped-call]
     turned = _turned(white, axes)
     other = None if template is None else _turned(template, axes)

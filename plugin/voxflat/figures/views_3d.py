@@ -139,10 +139,8 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
         return _by_matplotlib(atlas, colours, direction, size)
     mesh = pyvista.PolyData.from_regular_faces(atlas.points, atlas.faces)
     mesh.cell_data["colours"] = colours
-    material = {"scalars": "colours", "rgb": True, "ambient": 0.35, "diffuse": 0.75, "specular": 0.0}
-    return _drawn(
-        pyvista, [(mesh, material)], (size, size), lambda plotter: plotter.view_vector(direction, _up(direction))
-    )
+    meshes = [(mesh, {"scalars": "colours", "rgb": True, "ambient": 0.35, "diffuse": 0.75, "specular": 0.0})]
+    return _drawn(pyvista, meshes, (size, size), lambda plotter: plotter.view_vector(direction, _up(direction)))
 
 
 def drawn_from_both_sides(
@@ -236,9 +234,8 @@ def _by_matplotlib(
     shade = (0.35 + 0.65 * np.abs(facing))[:, None] * colours / 255
     figure = Figure(figsize=(size / 100, size / 100), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1), aspect="equal")
-    axes.add_collection(
-        PolyCollection(corners[order] @ axes_of_view.T, facecolor=shade[order], edgecolor=shade[order], linewidth=0.2)
-    )
+    places, shade = corners[order] @ axes_of_view.T, shade[order]
+    axes.add_collection(PolyCollection(places, facecolor=shade, edgecolor=shade, linewidth=0.2))
     axes.autoscale()
     axes.set_axis_off()
     return pixels_of(figure)[..., :3]
@@ -260,9 +257,8 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
         raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")
     mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
     if not mask[tuple(flat_map.ids.T)].all():
-        raise InputError(
-            "the points of the map are not in the foreground of this volume. Pass the volume that was flattened"
-        )
+        told = "the points of the map are not in the foreground of this volume"
+        raise InputError(f"{told}. Pass the volume that was flattened")
     mesh = _iso_surface(flat_map, np.pad(mask, 1).astype(np.float32), 0.5, np.array([-1, -1, -1]))
     # a point of this surface lies half-way between a foreground voxel and a background voxel
     mesh["inside"] = (mesh["distance"] < 0.51).astype(np.float32)
@@ -323,8 +319,7 @@ def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
     seen = flat_map.points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     width, height, depth = high - low
-    pixels = plotter.window_size
-    camera = plotter.camera
+    pixels, camera = plotter.window_size, plotter.camera
     camera.focal_point = axes.T @ (low + high) / 2
     camera.position = np.asarray(camera.focal_point) + (width + height + depth) * outward
     camera.up = axes[1]

@@ -66,8 +66,7 @@ def worst_places(worst: WorstPlaces) -> Figure:
     middle = (flat_map.uv.min(axis=0) + flat_map.uv.max(axis=0)) / 2
     for place in worst.places:
         towards = middle - place.uv
-        at = place.uv + _APART * high * towards / max(float(np.linalg.norm(towards)), 1e-9)
-        u, v = at.tolist()
+        u, v = (place.uv + _APART * high * towards / max(float(np.linalg.norm(towards)), 1e-9)).tolist()
         text = axes.text(u, v, str(place.number), ha="center", va="center", size=10, weight="bold", zorder=5)
         text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     bar = figure.colorbar(

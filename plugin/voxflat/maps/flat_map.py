@@ -268,9 +268,8 @@ class FlatMap(Planar):
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)
-        return FlatImage(
-            data, raster.pixel_size, raster.origin, "distortion: mean relative error of distances", unit=raster.unit
-        )
+        name = "distortion: mean relative error of distances"
+        return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
     def texture(self, picture: ArrayLike) -> NDArray[Any]:
         """Transfer a picture from the map to the surface.
@@ -521,26 +520,22 @@ class FlatMap(Planar):
         path = checked_path(path)
         name = path.name.lower()
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            self._write(path, name)
-
-    def _write(self, path: Path, name: str) -> None:
-        """Write the file in the format that the ending selects."""
-        if name.endswith(SAVED_ENDINGS):
-            self._save_all(path)
-        elif name.endswith(FLAT_PATCH_ENDINGS):
-            warn_of_unit(path, self.metadata)
-            write_patch(path, self._patch())
-        elif name.endswith(".surf.gii"):
-            warn_of_unit(path, self.metadata)
-            write_mesh(path, self._flat_mesh(), self.provenance)
-        elif name.endswith(".vtp"):
-            write_mesh(path, self._mesh(with_torn=True))
-        elif name.endswith((".ply", ".obj")):
-            write_mesh(path, self._mesh())
-        else:
-            endings = ", ".join(MAP_ENDINGS)
-            why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
-            raise InputError(f"cannot save a map as {path.name}{why}. Use a name that ends in {endings}")
+            if name.endswith(SAVED_ENDINGS):
+                self._save_all(path)
+            elif name.endswith(FLAT_PATCH_ENDINGS):
+                warn_of_unit(path, self.metadata)
+                write_patch(path, self._patch())
+            elif name.endswith(".surf.gii"):
+                warn_of_unit(path, self.metadata)
+                write_mesh(path, self._flat_mesh(), self.provenance)
+            elif name.endswith(".vtp"):
+                write_mesh(path, self._mesh(with_torn=True))
+            elif name.endswith((".ply", ".obj")):
+                write_mesh(path, self._mesh())
+            else:
+                why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
+                remedy = f"Use a name that ends in {', '.join(MAP_ENDINGS)}"
+                raise InputError(f"cannot save a map as {path.name}{why}. {remedy}")
 
     def _save_all(self, path: Path) -> None:
         arrays = {name: getattr(self, name) for name in _ARRAYS if getattr(self, name) is not None}
@@ -563,12 +558,11 @@ class FlatMap(Planar):
             face_data["torn"] = self.torn.astype(np.uint8)
         elif self.torn.any():
             faces = faces[~self.torn]
-            log.warning(
+            told = (
                 "%d of %d triangles are torn (the surface does not connect their corners). They are not written to "
-                "the file. Save as .vtp to keep them, marked as torn",
-                len(self.torn) - len(faces),
-                len(self.torn),
+                "the file. Save as .vtp to keep them, marked as torn"
             )
+            log.warning(told, len(self.torn) - len(faces), len(self.torn))
         structure, point_data = self.metadata.get("structure"), {"distance_error": self.distortion.per_point}
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -27,6 +27,7 @@ _GZIP_LEVEL = 1  # as in nibabel; higher levels hardly compress noise
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
+_T = TypeVar("_T")
 _Values = Iterator[NDArray[np.float32]]
 
 
@@ -117,10 +118,8 @@ def _write_npy(path: Path, image: _Image, record: Record) -> None:
 
 _WRITERS: dict[str, Callable[[Path, _Image, Record], None]] = {
     ".png": _write_png,
-    ".tif": _write_tiff,
-    ".tiff": _write_tiff,
-    ".nii": _write_nifti,
-    ".nii.gz": _write_nifti,
+    **dict.fromkeys((".tif", ".tiff"), _write_tiff),
+    **dict.fromkeys((".nii", ".nii.gz"), _write_nifti),
     ".npy": _write_npy,
 }
 IMAGE_ENDINGS = tuple(_WRITERS)  # endings of the files that `FlatImage.save` writes
@@ -143,26 +142,21 @@ def write_stack(path: str | os.PathLike[str], stack: _Stack, record: Record, pro
     images = chain([first], (stack[n] for n in range(1, len(stack))))
     values = (_measured(image.data).astype("<f4", copy=False) for image in images)
     with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
-        write(temporary, stack, first, _shown(values, len(stack), path.name, progress), record)
+        write(temporary, stack, first, reporting(values, len(stack), path.name, progress), record)
 
 
-def _shown(images: _Values, count: int, name: str, progress: Progress | None) -> _Values:
-    """Report progress after each image."""
+def reporting(images: Iterator[_T], count: int, name: str, progress: Progress | None) -> Iterator[_T]:
+    """Yield the images of a file that is being written, and report progress after each."""
     for done, image in enumerate(images, 1):
         yield image
         if progress is not None and progress(f"writing {name}", done, count) is False:
             raise Cancelled(f"cancelled while writing {name}")
 
 
-def _frames_and_channels(stack: _Stack) -> tuple[int, int]:
-    """Return the number of frames of a stack (1 if it is not a series), and the number of images per frame."""
-    channels = max(1, len(stack.layers)) if stack.timing is not None else len(stack)
-    return len(stack) // channels, channels
-
-
-def _channel_names(stack: _Stack) -> tuple[str, ...]:
-    """Return the names of the images of a frame."""
-    return tuple(stack.layers or ("",)) if stack.timing is not None else stack.names
+def _frames_and_channels(stack: _Stack) -> tuple[int, tuple[str, ...]]:
+    """Return the number of frames of a stack (1 if it is not a series), and the names of the images of a frame."""
+    names = stack.names if stack.timing is None else stack.layers or ("",)
+    return len(stack) // len(names), names
 
 
 def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
@@ -187,7 +181,7 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     height, width = first.data.shape
     affine, has_unit = _placed(first)
     pixels = {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
-    pixels |= {"SizeC": str(channels), "SizeZ": "1", "SizeT": str(frames)}
+    pixels |= {"SizeC": str(len(channels)), "SizeZ": "1", "SizeT": str(frames)}
     for axis in "XY" if has_unit else "":
         pixels |= {f"PhysicalSize{axis}": f"{affine[2, 2]:.9g}", f"PhysicalSize{axis}Unit": "mm"}
     if stack.timing is not None:
@@ -196,7 +190,7 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": stack.name})
     ElementTree.SubElement(image, "Description").text = _described(first, stack.name, record)
     body = ElementTree.SubElement(image, "Pixels", pixels)
-    for n, name in enumerate(_channel_names(stack)):
+    for n, name in enumerate(channels):
         named = {"Name": name} if name else {}
         ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": "1"})
     ElementTree.SubElement(body, "TiffData")
@@ -255,8 +249,8 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     leading: list[tuple[dict[str, str], int, float, float]] = []
     if timing is not None:
         leading.append(({"name": "t", "type": "time", "unit": "second"}, frames, timing.step, timing.start))
-    if timing is None or channels > 1:
-        leading.append(({"name": "c", "type": "channel"}, channels, 1.0, 0.0))
+    if timing is None or len(channels) > 1:
+        leading.append(({"name": "c", "type": "channel"}, len(channels), 1.0, 0.0))
     lengths = tuple(length for _, length, _, _ in leading)
     space = [{"name": name, "type": "space", **({"unit": "millimeter"} if has_unit else {})} for name in "yx"]
     transforms = [
@@ -267,27 +261,17 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     axes = [*(axis for axis, _, _, _ in leading), *space]
     datasets = [{"path": "0", "coordinateTransformations": transforms}]
     group.attrs["multiscales"] = [{"version": "0.4", "name": stack.name, "axes": axes, "datasets": datasets}]
-    names = list(_channel_names(stack))
-    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": names, "provenance": portable(record)}
-    array = zarr.open_array(
-        str(path / "0"),
-        mode="w",
-        shape=(*lengths, *first.data.shape),
-        chunks=(*[1] * len(lengths), *first.data.shape),
-        dtype="<f4",
-        fill_value=np.nan,
-        dimension_separator="/",
-        **form,
-    )
+    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(channels), "provenance": portable(record)}
+    shape, chunks = (*lengths, *first.data.shape), (*[1] * len(lengths), *first.data.shape)
+    form |= {"dtype": "<f4", "fill_value": np.nan, "dimension_separator": "/"}
+    array = zarr.open_array(str(path / "0"), mode="w", shape=shape, chunks=chunks, **form)
     for n, pixels in enumerate(values):
         array[np.unravel_index(n, lengths)] = pixels
 
 
 _STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None]] = {
-    ".tif": _write_tiff_pages,
-    ".tiff": _write_tiff_pages,
-    ".nii": _write_nifti_series,
-    ".nii.gz": _write_nifti_series,
+    **dict.fromkeys((".tif", ".tiff"), _write_tiff_pages),
+    **dict.fromkeys((".nii", ".nii.gz"), _write_nifti_series),
     ".zarr": _write_zarr,
     ".npy": _write_npy_series,
 }

@@ -5,50 +5,47 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
 _STEPS = 60  # smoothing steps
 _NEAREST = 0.1  # smallest distance to a vertex, as a share of the edge
 _AROUND = 256  # corners of the polygon that approximates an ellipse
 
 
-def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.float64]]:
+def outline(uv: _Floats, faces: NDArray[Any]) -> list[_Floats]:
     """Return the outline of a map as lines of `rim`, mm."""
     return [uv[line] for line in rim(faces, len(uv))]
 
 
-def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
+def rim(faces: NDArray[Any], count: int) -> list[_Ints]:
     """Return the boundary edges as lines of points; a closed line ends at its first point."""
     sides, _, counts = edges_of(faces, count)
     return chains(sides[counts == 1])
 
 
-def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def ellipse(corners: _Floats) -> _Floats:
     """Return the ellipse inscribed in a parallelogram (4, D), as a polygon."""
     a, b, middle = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2, corners.mean(axis=0)
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)[:, None]
     return np.asarray(middle + np.cos(turn) * a + np.sin(turn) * b)
 
 
-def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+def borders(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> list[_Floats]:
     """Return smooth borders between the labels of points as lines, mm, by marching triangles.
 
-    A border crosses the edges whose ends have different labels, initially midway. Smoothing moves each crossing along
-    its edge towards the middle of its neighbours, but never to an end. Therefore each vertex stays on its side, and a
-    border lies within half an edge of the position where labels change. Where three labels meet, borders lead straight
-    from the middles of the edges to the centre of the triangle.
+    Crossings, initially in the middles of edges, move along their edges but never to an end, so that each vertex stays
+    on its side. Where three labels meet, borders lead from the middles of the edges to the centre of the triangle.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
-    places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
-    places = np.concatenate([places, centres])
+    crossings = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
+    places = np.concatenate([crossings, centres])
     return [places[line] for line in chains(links)]
 
 
 def region_corners(
-    uv: NDArray[np.float64],
-    faces: NDArray[Any],
-    labels: NDArray[np.int64],
-    corners: NDArray[Any],
-    weights: NDArray[np.floating[Any]],
-) -> NDArray[np.int64]:
+    uv: _Floats, faces: NDArray[Any], labels: _Ints, corners: NDArray[Any], weights: NDArray[np.floating[Any]]
+) -> _Ints:
     """Return the corner on the same side of the `borders` as each place, given by corners (M, 3) and weights."""
     corners = corners.astype(np.int64)
     own = labels[corners]
@@ -75,7 +72,7 @@ def region_corners(
     return best
 
 
-def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
+def chains(links: NDArray[Any]) -> list[_Ints]:
     """Join links (pairs of numbers) into lines that end at junctions; a closed line ends at its first point."""
     points, first, ends = np.unique(links, return_index=True, return_inverse=True)
     order = np.argsort(ends, axis=None, kind="stable")
@@ -84,7 +81,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
     sides = [side.tolist() for side in ends.reshape(-1, 2).T]
     is_used = [False] * len(links)
 
-    def follow(start: int, number: int) -> NDArray[np.int64]:
+    def follow(start: int, number: int) -> _Ints:
         line, at = [start], start
         while True:
             is_used[number] = True
@@ -103,13 +100,10 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
         around = ways[begin[at] : begin[at + 1]]
         if len(around) != 2:
             lines += [follow(at, number) for number in around if not is_used[number]]
-    for number, start in enumerate(sides[0]):
-        if not is_used[number]:
-            lines.append(follow(start, number))
-    return lines
+    return lines + [follow(start, number) for number, start in enumerate(sides[0]) if not is_used[number]]
 
 
-def edges_of(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def edges_of(faces: NDArray[Any], count: int) -> tuple[_Ints, _Ints, _Ints]:
     """Return edges (E, 2), smaller number first; the edges of each face (F, 3); and the face count of each edge."""
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
@@ -118,9 +112,7 @@ def edges_of(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArra
     return np.column_stack([known // count, known % count]), which.reshape(faces.shape), counts
 
 
-def _crossings(
-    uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+def _crossings(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> tuple[_Ints, _Floats, _Ints, _Floats]:
     """Return crossed edges, positions along them, links, and centres of triangles with three labels (last numbers)."""
     edges, of_face, _ = edges_of(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]

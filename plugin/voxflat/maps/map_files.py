@@ -20,6 +20,20 @@ from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 
 _FORMAT = 5
+_REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
+
+_LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
+    "uv": ("f8", "points 2"),
+    **dict.fromkeys(("points", "normals", "white_points", "pial_points"), ("f8", "points 3")),
+    **dict.fromkeys(("curvature", "sulcal_depth", "distortion_per_point", "distortion_areal"), ("f8", "points")),
+    "faces": ("u4", "faces 3"),
+    **dict.fromkeys(("torn", "distortion_is_flipped"), ("?", "faces")),
+    "sources": ("i8", "sources"),
+    "eigenvalues": ("f8", "?"),
+    "rows": ("f4", "sources ?"),
+    "bridges": ("i8", "? 3"),
+    "distortion_scatter": ("f8", "? 2"),
+}
 
 
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
@@ -38,9 +52,14 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         metadata = files.from_json(str(arrays.pop("metadata")))
         files.check_format(path, metadata.pop("format"), _FORMAT, "Flatten the surface again")
         note(path)
-        uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
+        uv, ids, points, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
+        layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
         with files.naming(path, files.AGAIN):
-            arrays = _checked(arrays, uv, ids, metadata)
+            files.check_shapes(arrays, layout)
+            files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
+            files.check_places({"uv": uv, "points": points})
+            check_origin(metadata, ids)
+            arrays = files.in_types(arrays, layout)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
         triangles = more.pop("triangles")
@@ -60,47 +79,8 @@ def mesh_of_vertices(
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)
     if not is_kept.all():
-        log.warning(
-            "%d of %d triangles lie at a cut that duplicates vertices. They are not written to the file",
-            len(faces) - int(is_kept.sum()),
-            len(faces),
-        )
+        told = "%d of %d triangles lie at a cut that duplicates vertices. They are not written to the file"
+        log.warning(told, len(faces) - int(is_kept.sum()), len(faces))
     placed = np.zeros((count, 3))
     placed[ids[rows]] = places[rows]
     return Mesh(placed, ids[faces[is_kept]], structure=structure)
-
-
-_REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
-
-_LAYOUT = {
-    "uv": ("f8", "points 2"),
-    "points": ("f8", "points 3"),
-    "normals": ("f8", "points 3"),
-    "faces": ("u4", "faces 3"),
-    "torn": ("?", "faces"),
-    "sources": ("i8", "sources"),
-    "eigenvalues": ("f8", "?"),
-    "rows": ("f4", "sources ?"),
-    "bridges": ("i8", "? 3"),
-    "curvature": ("f8", "points"),
-    "sulcal_depth": ("f8", "points"),
-    "white_points": ("f8", "points 3"),
-    "pial_points": ("f8", "points 3"),
-    "distortion_per_point": ("f8", "points"),
-    "distortion_scatter": ("f8", "? 2"),
-    "distortion_areal": ("f8", "points"),
-    "distortion_is_flipped": ("?", "faces"),
-}
-"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
-
-
-def _checked(
-    arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]
-) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file, checked against each other and against the input."""
-    layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
-    files.check_shapes(arrays, layout)
-    files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
-    files.check_places({"uv": uv, "points": arrays["points"]})
-    check_origin(metadata, ids)
-    return files.in_types(arrays, layout)

@@ -60,7 +60,10 @@ def match(whole: Manifold, flat: object) -> Matched:
     """Match a map, as accepted by `voxflat.measure`, with its surface."""
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
-        return _of_patch(whole, flat)
+        patch = read_patch(flat)
+        places = np.full((whole.count, 3), np.nan)
+        places[patch.vertex_ids] = patch.points
+        return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
     if isinstance(flat, FlatMap):
         return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
@@ -86,9 +89,8 @@ def _kind(array: NDArray[Any]) -> str:
 
 def _check_count(whole: Manifold, count: int) -> None:
     if count != whole.count:
-        raise InputError(
-            f"the map has {count} points, but the surface has {whole.count} vertices. Pass one point per vertex"
-        )
+        told = f"the map has {count} points, but the surface has {whole.count} vertices"
+        raise InputError(f"{told}. Pass one point per vertex")
 
 
 def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
@@ -96,14 +98,6 @@ def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) 
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
-
-
-def _of_patch(whole: Manifold, path: Any) -> Matched:
-    patch = read_patch(path)
-    faces = whole.vertices[whole.faces[whole._in_patch(patch)]]
-    places = np.full((whole.count, 3), np.nan)
-    places[patch.vertex_ids] = patch.points
-    return _matched(whole, faces, places)
 
 
 def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
@@ -132,8 +126,7 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
         raise InputError(f"the triangles of the map are {_kind(faces)}. Pass whole numbers of shape (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
-        low, high = int(faces.min()), int(faces.max())
-        told = f"the triangles of the map refer to points {low} to {high}"
+        told = f"the triangles of the map refer to points {faces.min()} to {faces.max()}"
         raise InputError(f"{told}. Pass numbers from 0 to {len(places) - 1}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
         raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one number per point")

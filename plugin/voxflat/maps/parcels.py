@@ -41,19 +41,15 @@ class Parcels:
     @cached_property
     def borders(self) -> list[NDArray[np.float64]]:
         """The borders between parcels, smooth lines of shape (k, 2), mm, from `lines.borders`."""
-        return borders(self.flat_map.uv, self._faces, self.labels)
-
-    @property
-    def _faces(self) -> NDArray[np.uint32]:
-        return self.flat_map.faces[~self.flat_map.torn]
+        return borders(self.flat_map.uv, self.flat_map.faces[~self.flat_map.torn], self.labels)
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
         """Return the label of each pixel, separated by the lines in `borders`; −1 where there is no label."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
-        point = region_corners(self.flat_map.uv, self._faces, self.labels, corners, weights)
-        found[inside] = self.labels[point]
+        faces = self.flat_map.faces[~self.flat_map.torn]
+        found[inside] = self.labels[region_corners(self.flat_map.uv, faces, self.labels, corners, weights)]
         return found
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
@@ -63,14 +59,7 @@ class Parcels:
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]
 
 
-def parcels_of(
-    flat_map: FlatMap,
-    labels: object,
-    *,
-    table: object = None,
-    channel: int | str | None = None,
-    depths: Depths = ON_SURFACE,
-) -> Parcels:
+def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:
     """Return labels on a map; raise an InputError if there are none on the map.
 
     Labels belong to the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, or whole numbers of shape
@@ -79,7 +68,7 @@ def parcels_of(
     """
     sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
     stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, average=True, interpolation=way)
-    number = stack.channels.find(channel)
+    number = stack.channels.find(None)  # a file with several channels fails here
     values: NDArray[Any] = stack[number].data
     file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""
     if values.ndim != 2 or not all_whole(values):

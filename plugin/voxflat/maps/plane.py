@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.depth import Depths
-from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
+from voxflat.maps.raster import FlatImage, FlatStack, Raster
 from voxflat.maps.sampler import Sampler
 
 LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up to 4.5 mm thick
@@ -148,8 +148,9 @@ class Planar(ABC):
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:
             of = self._triangles
-            drawn = draw(of.uv, of.faces, of.torn, size)
-            self._rasters[size] = replace(drawn, unit=of.on_surface.metadata.get("unit", "mm"))
+            corners, weights, (u, v) = _core.draw(of.uv, of.faces, of.torn, size)
+            unit = of.on_surface.metadata.get("unit", "mm")
+            self._rasters[size] = Raster(corners, weights, (u, v), size, unit)
         return self._rasters[size]
 
     def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -8,7 +8,6 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat import _core
 from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
@@ -663,9 +662,3 @@ def at_points(count: int) -> Raster:
     corners = np.repeat(np.arange(count, dtype=np.uint32), 3).reshape(-1, 1, 3)
     weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), corners.shape)
     return Raster(corners, weights, (0.0, 0.0), 1.0)
-
-
-def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
-    """Rasterise a flat map; pixels in torn triangles show the nearest corner."""
-    corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
-    return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))

@@ -22,14 +22,13 @@ from voxflat.io.reading import check_room, reading
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
-from voxflat.maps.plane import FlatTriangles, Planar
+from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
-REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
-"""Endings of the files that `Regions.save` writes."""
+REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")  # of the files of `Regions.save`
 
 
 class _Places(Protocol):
@@ -86,10 +85,6 @@ class Regions(Recorded):
         return f"<Regions: {', '.join(self.names)}>"
 
     @property
-    def _flat(self) -> FlatTriangles:
-        return self.of._triangles
-
-    @property
     def _surface(self) -> Sampler:
         return self.of._triangles.on_surface
 
@@ -138,7 +133,7 @@ class Regions(Recorded):
         >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
         (441,)
         """
-        return self.at(self._flat.uv)
+        return self.at(self.of._triangles.uv)
 
     @property
     def vertex_labels(self) -> NDArray[np.int64]:
@@ -295,11 +290,9 @@ class Regions(Recorded):
         with reading() as files:
             if not name.endswith(_VERTEX_ENDINGS):
                 made = self.volume(self._grid() if volume is None else volume, depth=depth)
-        record = {
-            **self.provenance,
-            "labels": {str(key): own for key, own in zip(self.keys, self.names, strict=True)},
-            "files": dict(sorted({**self.provenance.get("files", {}), **files}.items())),
-        }
+        labels = dict(zip(map(str, self.keys), self.names, strict=True))
+        inputs = dict(sorted({**self.provenance.get("files", {}), **files}.items()))
+        record = {**self.provenance, "labels": labels, "files": inputs}
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
                 write_volume(path, made.data, made.affine, record)
@@ -328,7 +321,7 @@ class Regions(Recorded):
                 raise InputError(f"a .label file holds one region, not {len(self)}. Use .annot or .label.gii")
             vertices = np.flatnonzero(labels)
             rows = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
-            rows[self._surface.ids[::-1]] = np.arange(len(self._flat.uv))[::-1]
+            rows[self._surface.ids[::-1]] = np.arange(len(self._surface.ids))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
             write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
 
@@ -346,7 +339,10 @@ def _columns(
     else:
         if depth is None:
             raise InputError("this map has no pial surface. Pass depth in mm, such as (0, 2.5) for a white surface")
-        low, high = (checked_number(value, "depth") for value in _pair(depth))
+        pair: object = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
+        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+            raise InputError(f"depth is {shown(pair)}. Pass two distances from the surface, in mm")
+        low, high = (checked_number(value, "depth") for value in pair)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")
         inner, outer = surface.at(Depths((low, high)))
@@ -361,10 +357,3 @@ def _columns(
     numbers = distinct(surface.ids).which
     voxels, triangles, weights, _ = _core.ribbon_voxels(ends[0], ends[1], faces, numbers, list(shape), middle)
     return voxels.astype(np.int64), np.einsum("pc,pcx->px", weights, flat.uv[faces[triangles]])
-
-
-def _pair(depth: object) -> tuple[float, float]:
-    depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
-    if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
-        raise InputError(f"depth is {shown(depth)}. Pass two distances from the surface, in mm")
-    return depth[0], depth[1]

@@ -235,9 +235,8 @@ class Sampler:
         is_array = is_array and not hasattr(volume, "dataobj")
         if is_array and (values := array_of(volume, "overlay's values")).ndim in (1, 2):
             if len(values) != count:
-                raise InputError(
-                    f"the overlay has {len(values)} values, but the mesh has {count} vertices. Pass {count}"
-                )
+                told = f"the overlay has {len(values)} values, but the mesh has {count} vertices"
+                raise InputError(f"{told}. Pass {count}")
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
 
@@ -250,12 +249,11 @@ class Sampler:
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
             r = self._correlation_with_curvature(values)
             if abs(r) < _CURVED:
-                log.warning(
+                told = (
                     "%s does not follow the folds of the surface: its correlation with the curvature is %.2f (usually "
-                    "0.6 to 0.9). Check that it belongs to this surface",
-                    path.name,
-                    r,
+                    "0.6 to 0.9). Check that it belongs to this surface"
                 )
+                log.warning(told, path.name, r)
 
     def _correlation_with_curvature(self, values: NDArray[Any]) -> float:
         """Return the correlation of values at the vertices with the mean curvature; NaN if either is constant."""
@@ -375,9 +373,6 @@ def _timed(channels: Channels, step: float | None, name: str) -> Channels:
             raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds")
         return replace(channels, timing=timing)
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
-        log.warning(
-            "the header of %s gives a time step of %g s, which may be in milliseconds. Pass the time step in seconds",
-            name,
-            channels.timing.step,
-        )
+        told = "the header of %s gives a time step of %g s, which may be in milliseconds. Pass the time step in seconds"
+        log.warning(told, name, channels.timing.step)
     return channels

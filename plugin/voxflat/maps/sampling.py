@@ -16,17 +16,14 @@ from voxflat.io.volumes import Volume
 
 INTERPOLATIONS = ("linear", "nearest", "majority")  # interpolation between voxels or vertices
 
+_Floats = NDArray[np.float64]
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # positions whose weights are in memory at a time
 _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
-def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside the volume.
-
-    "majority" returns the label with the greatest sum of linear weights among the eight surrounding voxels. The default
-    is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point volumes and colours.
-    """
+def sample(volume: Volume, points: _Floats, interpolation: str | None = None) -> NDArray[Any]:
+    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
     data = volume.data
     colour = data.ndim == 4
     interpolation = _way(volume, interpolation)
@@ -38,8 +35,8 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
         return image
     order = 1 if interpolation == "linear" else 0
 
-    def channel(values: NDArray[Any]) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = image.copy()
+    def channel(values: NDArray[Any]) -> _Floats:
+        found: _Floats = image.copy()
         if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
             values = values.astype(np.float64)
         found[inside] = scipy.ndimage.map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
@@ -55,7 +52,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
     return rgba
 
 
-def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _indices(volume: Volume, points: _Floats) -> tuple[_Floats, NDArray[np.bool_]]:
     """Return voxel indices of positions, and whether they lie in the volume (up to half a voxel beyond centres)."""
     inverse = np.linalg.inv(volume.affine)
     where = points @ inverse[:3, :3].T + inverse[:3, 3]
@@ -63,7 +60,7 @@ def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.fl
     return where, np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
 
 
-def _by_voxels(data: Any, at: NDArray[np.float64], interpolation: str) -> NDArray[np.float64]:
+def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
     """Sample from the voxels around each position, shape (P,)."""
     if interpolation == "nearest":
         near = np.maximum(np.floor(at + 0.5), 0).astype(np.int32)
@@ -78,7 +75,7 @@ def _by_voxels(data: Any, at: NDArray[np.float64], interpolation: str) -> NDArra
     return found
 
 
-def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def _majority_at(data: Any, at: _Floats) -> _Floats:
     """Return the label with the greatest weight around several positions together, shape (P, K, 3)."""
     count = at.shape[1]
     values, low = _around(data, at.reshape(-1, 3))
@@ -91,25 +88,25 @@ def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
-def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int32]]:
+def _around(data: Any, at: _Floats) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """Return the values of the eight voxels around each position, shape (P, 8), and the indices of the lowest one."""
     low = _lowest(at, data)
     return voxels_at(data, low, _CORNERS), low
 
 
-def _lowest(at: NDArray[np.float64], data: Any) -> NDArray[np.int32]:
+def _lowest(at: _Floats, data: Any) -> NDArray[np.int32]:
     """Return the lowest indices of the eight voxels around each position; the other indices are one greater."""
     return np.floor(np.clip(at, 0, np.asarray(data.shape[:3]) - 1)).astype(np.int32)
 
 
-def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDArray[np.float64]:
+def _weights(at: _Floats, low: NDArray[np.int32], data: Any) -> _Floats:
     """Return the weights of the eight voxels; values are constant beyond the outermost centres."""
     beyond = np.clip(at, 0, np.asarray(data.shape[:3]) - 1) - low
     i, j, k = (np.stack([1 - part, part], axis=1) for part in beyond.T)
     return np.asarray((i[:, :, None, None] * j[:, None, :, None] * k[:, None, None, :]).reshape(-1, 8))
 
 
-def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> _Floats:
     """Return the label with the greatest weight in each row; for equal weights, the smallest label."""
     _check_labels(values)
     found = values[:, 0].astype(np.float64)
@@ -130,9 +127,7 @@ def _check_labels(values: NDArray[Any]) -> None:
         raise InputError("interpolation is 'majority', but the values are not labels (whole numbers). Pass 'linear'")
 
 
-def sample_layers(
-    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
-) -> NDArray[Any]:
+def sample_layers(volume: Volume, places: Sequence[_Floats], interpolation: str | None = None) -> NDArray[Any]:
     """Sample a volume at several depths, as `sample` does; the first axis is the depth."""
     if isinstance(volume.data, Chunked):  # sampled all at once, so that each chunk is read once
         together = np.stack(places)
@@ -141,9 +136,7 @@ def sample_layers(
     return np.stack([sample(volume, points, interpolation) for points in places])
 
 
-def sample_mean(
-    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
-) -> NDArray[Any]:
+def sample_mean(volume: Volume, places: Sequence[_Floats], interpolation: str | None = None) -> NDArray[Any]:
     """Return the mean, or the majority of labels, over several depths; NaN (or alpha 0) if one lies outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
@@ -204,7 +197,7 @@ class Mixing:
         own = (matrix.data, column[matrix.indices], matrix.indptr)
         return cls(inside, used, scipy.sparse.csr_array(own, shape=(places, len(used))))
 
-    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
+    def __call__(self, values: NDArray[Any]) -> _Floats:
         """Return the values at the places, in the shape of `inside`; NaN outside."""
         found = np.full(self.inside.shape, np.nan)
         with np.errstate(invalid="ignore"):  # signalling NaN in damaged files
@@ -214,7 +207,7 @@ class Mixing:
 
 
 def series_sampling(
-    places: Sequence[NDArray[np.float64]], interpolation: str | None, *, average: bool
+    places: Sequence[_Floats], interpolation: str | None, *, average: bool
 ) -> Callable[[Volume], NDArray[Any]]:
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
@@ -242,7 +235,7 @@ def series_sampling(
 
 def phases(
     sampled: Callable[[Any], NDArray[Any]], period: float, interpolation: str | None
-) -> Callable[[Any], NDArray[np.float64]]:
+) -> Callable[[Any], _Floats]:
     """Return a function that samples phases, whose mean is circular.
 
     The mean is the direction of the mean of unit vectors, from 0 to the period; NaN where they cancel out. Phases in
@@ -256,7 +249,7 @@ def phases(
 
         return replace(values, made_of=made_of) if isinstance(values, Chunked) else made_of(values)
 
-    def mixed(values: Any) -> NDArray[np.float64]:
+    def mixed(values: Any) -> _Floats:
         if interpolation == "nearest":
             found = np.asarray(sampled(values) % period)
         else:
@@ -269,7 +262,7 @@ def phases(
     return mixed
 
 
-def _mixing(volume: Volume, places: Sequence[NDArray[np.float64]], way: str) -> Mixing:
+def _mixing(volume: Volume, places: Sequence[_Floats], way: str) -> Mixing:
     """Return the weights of voxels for the mean of a volume over several depths; voxels have Fortran order."""
     shape = volume.data.shape
     found = [_indices(volume, points) for points in places]
@@ -278,7 +271,7 @@ def _mixing(volume: Volume, places: Sequence[NDArray[np.float64]], way: str) -> 
     last, steps = np.asarray(shape) - 1, np.array([1, shape[0], shape[0] * shape[1]])
     corners = _CORNERS if way == "linear" else _CORNERS[:1]
 
-    def block(part: slice) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def block(part: slice) -> tuple[NDArray[np.int64], _Floats]:
         numbers, weights = [], []
         for each in (here[part] for here in at):
             low = _lowest(each if way == "linear" else np.floor(each + 0.5), volume.data)

@@ -148,20 +148,11 @@ class WorstPlace:
         >>> sorted(worst.places[0].figures())[:2]
         ['area_mm2', 'cut_gain']
         """
-        at = {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
-        told: dict[str, Any] = {
-            "number": self.number,
-            "kind": self.kind,
-            "area_mm2": self.area,
-            "share": self.share,
-            "excess_mm2": self.excess,
-            "worst_ratio": self.worst_ratio,
-            "median_ratio": self.median_ratio,
-            **at,
-            "id": self.id.tolist(),
-            "parcel": self.parcel,
-        }
+        told: dict[str, Any] = {"number": self.number, "kind": self.kind, "area_mm2": self.area, "share": self.share}
+        told |= {"excess_mm2": self.excess, "worst_ratio": self.worst_ratio, "median_ratio": self.median_ratio}
+        told |= {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
         gain = None if self.cut is None or np.isnan(self.cut.gain) else self.cut.gain
+        told |= {"id": self.id.tolist(), "parcel": self.parcel}
         told |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
         suffix = "" if self.unit == "unknown" else "_" + self.unit.replace("µ", "u")
         return {re.sub("_mm(2?)$", rf"{suffix}\1" if suffix else "", name): value for name, value in told.items()}
@@ -283,16 +274,13 @@ class WorstPlaces(Recorded):
         >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
         1
         """
-        metadata = self.flat_map.metadata
-        known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
-        return [list(path) for path in known] + [one.ids.tolist() for one in self._chosen(numbers)]
-
-    def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
                 raise InputError(f"there is no region {number!r}. Pass a number from 1 to {len(self.places)}")
-        wanted = numbers or range(1, len(self.places) + 1)
-        return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
+        metadata = self.flat_map.metadata
+        known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
+        chosen = (place.cut for place in self.places if not numbers or place.number in numbers)
+        return [list(path) for path in known] + [cut.ids.tolist() for cut in chosen if cut is not None]
 
     def save_cuts(
         self, path: str | os.PathLike[str], *numbers: int, sidecar: bool = False, overwrite: bool = False
@@ -382,7 +370,13 @@ class WorstPlaces(Recorded):
             return self._about
         names = ["", "area, mm²", "share, %", "worst ratio", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain"]
         rows = [[in_unit(name, self.flat_map.metadata) for name in names]]
-        rows += [_row(place) for place in self.places]
+        for place in self.places:
+            cut = ["–", "–"]
+            if place.cut is not None:
+                cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
+            ratios = [f"{number:.2f}" for number in (100 * place.share, place.worst_ratio, place.median_ratio)]
+            at = [", ".join(f"{value:.1f}" for value in point) for point in (place.point, place.uv)]
+            rows.append([f"{place.number} {place.kind}", f"{place.area:.1f}", *ratios, *at, *cut])
         if any(place.parcel is not None for place in self.places):
             for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):
                 row.append(parcel)
@@ -431,20 +425,6 @@ class WorstPlaces(Recorded):
             text = "\n".join("\t".join(row) for row in [columns, *cells])
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(text + "\n", encoding="utf-8", newline="\n")
-
-
-def _row(place: WorstPlace) -> list[str]:
-    cut = ["–", "–"]
-    if place.cut is not None:
-        cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
-    ratios = (f"{number:.2f}" for number in (100 * place.share, place.worst_ratio, place.median_ratio))
-    return [
-        f"{place.number} {place.kind}",
-        f"{place.area:.1f}",
-        *ratios,
-        *(", ".join(f"{value:.1f}" for value in at) for at in (place.point, place.uv)),
-        *cut,
-    ]
 
 
 def _cell(value: object) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_kind, checked_switch, checked_threads, is_whole, optional_number, shown
@@ -19,6 +20,9 @@ from voxflat.surfaces.cuts import close_holes
 from voxflat.surfaces.cutting import sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
 
 _ON = 3.0  # depth of the cut for a region at the border, in multiples of the region's depth
 
@@ -92,25 +96,24 @@ def worst_places(
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())
-    groups = [
-        (kind, group)
-        for kind, sign in (("stretched", 1), ("shrunk", -1))
-        for group in _touching(flat_map.faces, known & (sign * np.nan_to_num(logs) > np.log2(factor)), len(flat_map))
-    ]
-    held = [float((areas[group] * np.abs(logs[group])).sum()) for _, group in groups]
+    groups = []
+    for sign in (1, -1):  # stretched, shrunk
+        is_beyond = known & (sign * np.nan_to_num(logs) > np.log2(factor))
+        groups += _touching(flat_map.faces, is_beyond, len(flat_map))
+    held = [float((areas[group] * np.abs(logs[group])).sum()) for group in groups]
     order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
     named = parcels if parcels is None or isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
-    places = [_place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, 1)]
+    places = [_place(flat_map, number, groups[at], areas, logs, whole, named) for number, at in enumerate(order, 1)]
     error = np.nan
     if checked_switch(cuts, "cuts") and places:
         ways = _Ways(flat_map, checked_threads(threads), progress)
         error = ways.error
         places = [replace(place, cut=ways.relieving(place)) for place in places]
-    share = float(sum(areas[group].sum() for _, group in groups)) / whole if whole > 0 else np.nan
+    share = float(sum(areas[group].sum() for group in groups)) / whole if whole > 0 else np.nan
     return WorstPlaces(flat_map, factor, tuple(places), len(groups), share, error)
 
 
-def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[NDArray[np.int64]]:
+def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[_Ints]:
     """Split selected triangles into groups that share no vertex."""
     numbers = np.flatnonzero(chosen)
     if not len(numbers):
@@ -118,23 +121,17 @@ def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> lis
     corners = faces[numbers].astype(np.int64)
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
     links = scipy.sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
-    _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
+    _, group = connected_components(links, directed=False)
     _, which = np.unique(group[corners[:, 0]], return_inverse=True)
     order = np.argsort(which, kind="stable")
     return np.split(numbers[order], np.cumsum(np.bincount(which))[:-1])
 
 
 def _place(
-    flat_map: FlatMap,
-    number: int,
-    kind: str,
-    group: NDArray[np.int64],
-    areas: NDArray[np.float64],
-    logs: NDArray[np.float64],
-    whole: float,
-    parcels: Parcels | None,
+    flat_map: FlatMap, number: int, group: _Ints, areas: _Floats, logs: _Floats, whole: float, parcels: Parcels | None
 ) -> WorstPlace:
     area, log = areas[group], logs[group]
+    kind = "stretched" if log[0] > 0 else "shrunk"  # one of them for the whole group
     weights = area * np.abs(log)
     corners = flat_map.faces[group]
     middle = np.average(flat_map.points[corners].mean(axis=1), axis=0, weights=weights)
@@ -148,21 +145,11 @@ def _place(
         known, which = np.unique(labels, return_inverse=True)
         most = int(known[np.argmax(np.bincount(which.reshape(-1), np.repeat(area, 3)))])
         parcel = parcels.names.get(most)
-    return WorstPlace(
-        number,
-        kind,
-        float(area.sum()),
-        float(area.sum()) / whole,
-        float(weights.sum()),
-        float(2.0 ** log[np.argmax(np.abs(log))]),
-        float(2.0**median),
-        flat_map.points[centre],
-        flat_map.uv[centre],
-        flat_map.ids[centre],
-        group,
-        parcel,
-        unit=flat_map.metadata.get("unit", "mm"),
-    )
+    total, excess = float(area.sum()), float(weights.sum())
+    ratios = float(2.0 ** log[np.argmax(np.abs(log))]), float(2.0**median)
+    at = flat_map.points[centre], flat_map.uv[centre], flat_map.ids[centre]
+    unit = flat_map.metadata.get("unit", "mm")
+    return WorstPlace(number, kind, total, total / whole, excess, *ratios, *at, group, parcel, unit=unit)
 
 
 class _Ways:
@@ -189,23 +176,19 @@ class _Ways:
         self.from_border, self.to_border = self._dijkstra(np.flatnonzero(is_border), self.ends, self.lengths)
         self.error = self._sketch(None)
 
-    def _sketch(self, path: NDArray[np.int64] | None) -> float:
+    def _sketch(self, path: _Ints | None) -> float:
         """Return the error of a coarse preview map with one additional cut."""
         core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
         if core.topology()["euler"] != 1:
             return np.nan
         return sketch_error(self.part._with_core(core), self.threads, self.progress)
 
-    def _dijkstra(
-        self, sources: NDArray[np.int64], ends: NDArray[Any], lengths: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def _dijkstra(self, sources: _Ints, ends: NDArray[Any], lengths: _Floats) -> tuple[_Floats, _Ints]:
         """Return the distance of vertices to the nearest source, and the previous vertex on the shortest path."""
         count = len(self.rows)
         graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(count, count))
-        found = scipy.sparse.csgraph.dijkstra(
-            graph, directed=False, indices=sources, min_only=True, return_predecessors=True
-        )
-        return found[0], found[1]
+        far, before, _ = dijkstra(graph, directed=False, indices=sources, min_only=True, return_predecessors=True)
+        return far, before
 
     def relieving(self, place: WorstPlace) -> RelievingCut | None:
         """Return the cut that reduces the distortion of a region."""
@@ -218,7 +201,7 @@ class _Ways:
         gain = np.nan if np.isnan(self.error) else self.error - self._sketch(path)
         return RelievingCut(self.flat_map.ids[rows], points, self.flat_map.uv[rows], length, float(gain))
 
-    def _through(self, own: NDArray[np.int64], place: WorstPlace) -> NDArray[np.int64] | None:
+    def _through(self, own: _Ints, place: WorstPlace) -> _Ints | None:
         """Return the path through a region's vertices, inner end first; None if no path leads to the border.
 
         The path starts where the shortest path from the deepest vertex meets the border, and leads through the region
@@ -241,7 +224,7 @@ class _Ways:
         return path if len(path) > 1 and path[-1] == root else None
 
 
-def _followed(before: NDArray[np.int64], start: np.int64) -> NDArray[np.int64]:
+def _followed(before: _Ints, start: np.int64) -> _Ints:
     """Return the path from a vertex back to the source."""
     path = [int(start)]
     while before[path[-1]] >= 0:

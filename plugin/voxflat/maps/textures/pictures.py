@@ -24,9 +24,7 @@ from voxflat.io.subprocess_reader import read_in_subprocess
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow may open. By default it also opens PostScript, for which it runs a program."""
 
-_PIXEL_BYTES = 24
-"""Memory for decoding, per pixel: as decoded by Pillow, rotated upright, as colours, and as an array."""
-
+_PIXEL_BYTES = 24  # memory for decoding a pixel: as decoded by Pillow, rotated upright, as colours, and as an array
 _SLACK = 1e-9  # share of a picture's side by which rounding may move a point across the border
 
 
@@ -59,12 +57,9 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
     if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
         values = values.astype(np.float64)
-    channels = values[..., None] if values.ndim == 2 else values
+    channels = [values] if values.ndim == 2 else np.moveaxis(values, 2, 0)
     mode = "grid-wrap" if repeat else "nearest"
-    found = [
-        scipy.ndimage.map_coordinates(channels[..., c], at, output=np.float64, order=1, mode=mode)
-        for c in range(channels.shape[2])
-    ]
+    found = [scipy.ndimage.map_coordinates(one, at, output=np.float64, order=1, mode=mode) for one in channels]
     return np.asarray(found[0] if picture.ndim == 2 else np.stack(found, axis=-1))
 
 
@@ -124,9 +119,8 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
     if image.mode.startswith("I;16"):
         return _of_array(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))  # 65,535 is 257 x 255
     if image.mode in ("I", "F"):
-        raise InputError(
-            f"the picture has more than 8 bits per value (Pillow mode {image.mode}). Save it as 8-bit grey or RGB"
-        )
+        told = f"the picture has more than 8 bits per value (Pillow mode {image.mode})"
+        raise InputError(f"{told}. Save it as 8-bit grey or RGB")
     has_alpha = "A" in image.getbands() or "transparency" in image.info
     return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
 

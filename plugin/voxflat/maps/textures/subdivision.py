@@ -16,18 +16,13 @@ _MOST_FACES = 5_000_000  # about 1 GB while they are split
 _LONGEST = 1024  # texels; triangles with a longer side are always split
 _SAMPLES = 1_000_000  # samples at a time
 
-_Corners = NDArray[np.int64]
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
 
 
 def subdivide(
-    points: NDArray[np.float64],
-    faces: _Corners,
-    coordinates: NDArray[np.float64],
-    picture: NDArray[np.uint8],
-    tolerance: float,
-    *,
-    repeat: bool,
-) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
+    points: _Floats, faces: _Ints, coordinates: _Floats, picture: NDArray[np.uint8], tolerance: float, *, repeat: bool
+) -> tuple[_Floats, _Ints, _Floats]:
     """Split triangles until colours at their corners show the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
         raise InputError(f"tolerance is {shown(tolerance)}. Pass a positive number of grey levels, up to 255")
@@ -50,14 +45,16 @@ def subdivide(
         open_ = is_new
 
 
-def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
+def _deviation(corners: _Floats, picture: NDArray[np.uint8], repeat: bool) -> _Floats:
     """Return the greatest error of linear interpolation of the texture in each triangle, sampled one texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
     worst = np.where(steps > _LONGEST, np.inf, 0.0)
     for step in np.unique(steps[(steps > 1) & (steps <= _LONGEST)]).tolist():
-        weights = _lattice(step)
+        a, b = np.divmod(np.arange((step + 1) ** 2), step + 1)
+        lattice = np.column_stack([a, b, step - a - b])[a + b <= step]
+        weights = lattice / step  # barycentric coordinates of samples one texel apart, (P, 3)
         numbers, count = np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))
         for some in (numbers[first : first + count] for first in range(0, len(numbers), count)):
             ends = values_at(picture, corners[some], repeat)
@@ -66,17 +63,7 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
     return worst
 
 
-def _lattice(steps: int) -> NDArray[np.float64]:
-    """Return barycentric coordinates of a triangular lattice with the given steps on each side, shape (P, 3)."""
-    a, b = np.divmod(np.arange((steps + 1) ** 2), steps + 1)
-    inside = a + b <= steps
-    a, b = a[inside], b[inside]
-    return np.column_stack([a, b, steps - a - b]) / steps
-
-
-def _bisect(
-    faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
-) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
+def _bisect(faces: _Ints, places: _Floats, rough: NDArray[np.bool_]) -> tuple[_Ints, _Ints, NDArray[np.bool_]]:
     """Bisect triangles without cracks; return sides (their midpoints are new points), triangles, and which are new."""
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)
@@ -93,9 +80,7 @@ def _bisect(
     return ends[marked], np.concatenate([faces[~split], new]), is_new
 
 
-def _marked(
-    side_of: _Corners, lengths: NDArray[np.float64], rough: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def _marked(side_of: _Ints, lengths: _Floats, rough: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], _Ints]:
     """Mark the longest sides of selected triangles, and of all triangles with a marked side."""
     rank = np.empty(len(lengths), dtype=np.int64)
     rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours agree even if lengths are equal
@@ -109,16 +94,10 @@ def _marked(
     return marked, longest
 
 
-def _pieces(corners: _Corners, middles: _Corners) -> _Corners:
+def _pieces(corners: _Ints, middles: _Ints) -> _Ints:
     """Split triangles (a, b, c) at the middle of ab, and the halves at the middles of bc and ca unless these are −1."""
     (a, b, c), (ab, bc, ca) = corners.T, middles.T
     left, right = ca >= 0, bc >= 0
-    whole = [
-        np.column_stack([a, ab, c])[~left],
-        np.column_stack([ab, b, c])[~right],
-        np.column_stack([a, ab, ca])[left],
-        np.column_stack([ca, ab, c])[left],
-        np.column_stack([ab, b, bc])[right],
-        np.column_stack([ab, bc, c])[right],
-    ]
-    return np.concatenate(whole)
+    halves = [(~left, (a, ab, c)), (~right, (ab, b, c))]
+    quarters = [(left, (a, ab, ca)), (left, (ca, ab, c)), (right, (ab, b, bc)), (right, (ab, bc, c))]
+    return np.concatenate([np.column_stack(parts)[chosen] for chosen, parts in (*halves, *quarters)])

@@ -20,9 +20,7 @@ from voxflat.maps.raster import Raster
 from voxflat.maps.textures.pictures import as_picture, values_at
 from voxflat.unique_rows import numbered
 
-TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
-"""Endings of surface files that may have a texture, or colours at vertices."""
-
+TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")  # of surface files that may have a texture, or colours at vertices
 _PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 
@@ -153,8 +151,7 @@ def _reduced(picture: NDArray[np.uint8], coordinates: NDArray[np.float64]) -> ND
     from PIL import Image
 
     height, width = picture.shape[:2]
-    steps = np.diff(coordinates, axis=1) * [width, height]
-    apart = np.linalg.norm(steps, axis=2)
+    apart = np.linalg.norm(np.diff(coordinates, axis=1) * [width, height], axis=2)
     known = np.isfinite(apart)
     texels = int(np.median(apart[known])) if known.any() else 1
     if texels < 2:

@@ -18,6 +18,8 @@ from voxflat.io.provenance import Record, Recorded, as_text, check_beside, check
 from voxflat.maps.textures.pictures import values_at
 from voxflat.maps.textures.subdivision import subdivide
 
+_Files = list[Path]
+
 
 @dataclass(frozen=True, eq=False)
 class TexturedSurface(Recorded):
@@ -193,19 +195,17 @@ class TexturedSurface(Recorded):
             check_not_read(name, self.provenance)
         for name in others:
             check_beside(path, name, overwrite=overwrite)
+        surface = self if path.suffix.lower() == ".obj" else self.opened()  # OBJ files can have seams
         with ExitStack() as files:  # put into place in reverse: the surface after the files that it names
             files.enter_context(saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite))
             temporary = [files.enter_context(atomic_path(name)) for name in names]
             with naming_file(path), naming(path, "choose another format"):
-                write(temporary, self, [name.name for name in names])
+                write(temporary, surface, [name.name for name in names])
 
 
 def files_beside(path: Path) -> list[Path]:
     """Return the additional files that are written with a textured surface."""
     return [beside(path, ending) for ending in _BESIDE.get(path.suffix.lower(), ())]
-
-
-_Files = list[Path]
 
 
 def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
@@ -220,13 +220,11 @@ def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
 
 
 def _write_vtp(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
-    surface = surface.opened()
     vtk.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {}, {})
     files[1].write_bytes(_png(surface))
 
 
 def _write_ply(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
-    surface = surface.opened()
     ply.write_ply(files[0], surface.points, surface.faces, None, surface.colours)
 
 
@@ -241,7 +239,6 @@ def _png(surface: TexturedSurface) -> bytes:
 
 
 def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
-    surface = surface.opened()
     arrays = (surface.points, surface.faces, surface.texture_coordinates)
     how = {"repeat": surface.repeat, "transparent": surface.picture.shape[2] == 4}
     gltf.write_glb(files[0], *arrays, _png(surface), **how)
