@@ -157,20 +157,13 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     for name in PATCH_NAMES[1:]:
         voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
         assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
-    _, _, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
+    _, border, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
+    edges = [edge for triangle in read for edge in itertools.combinations(sorted(triangle), 2)]
+    assert {vertex for edge in edges if edges.count(edge) == 1 for vertex in edge} == border
     again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(Voxflat(sources=60))
     assert keys(again.ids[again.faces].tolist()) == keys(read)
     judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
     assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
-
-
-def test_the_border_is_where_triangles_end(tmp_path):
-    mesh = sheet(12, 13)
-    flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
-    flat.save(tmp_path / "lh.patch.flat")
-    _, border, triangles = freesurfer_rule.read_patch(tmp_path / "lh.patch.flat", mesh[1])
-    edges = [edge for triangle in triangles for edge in itertools.combinations(sorted(triangle), 2)]
-    assert {vertex for edge in edges if edges.count(edge) == 1 for vertex in edge} == border
 
 
 def test_names(tmp_path, monkeypatch):

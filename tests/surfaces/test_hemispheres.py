@@ -166,13 +166,13 @@ def test_the_command_maps_both_sides(brain, tmp_path):
 def test_what_failed_is_shown(tmp_path):
     ball = np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25
     nib.save(nib.Nifti1Image(ball.astype(np.uint8), np.diag([2.0, 2, 2, 1])), tmp_path / "ball.nii.gz")
-    done = run("flatten", tmp_path / "ball.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz")
+    arguments = ("flatten", tmp_path / "ball.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz")
+    done = run(*arguments)
     assert done.exit_code == 1
     assert f"{tmp_path / 'lh.npz.failed.png'} shows" in done.output
     with Image.open(tmp_path / "lh.npz.failed.png") as picture:
         assert np.asarray(picture.convert("L")).std() > 50
     assert not (tmp_path / "lh.npz").exists()
-    arguments = ("flatten", tmp_path / "ball.nii.gz", "--hemisphere", "left", "-o", tmp_path / "lh.npz")
     assert "lh.npz.failed.png shows" in run(*arguments).output  # our own picture is replaced
     (tmp_path / "lh.npz.failed.png").write_text("of someone else")
     assert "does not match" in run(*arguments).output

@@ -4,12 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from command_line import run, succeed
-from refusals import refused
 from triangle_meshes import bump, square
 
 import voxflat
-from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat
 
@@ -142,27 +140,6 @@ def test_white_and_pial_are_measured_midway_where_only_one_of_them_is_degenerate
     surface = voxflat.surface((points, faces), pial=(pial, faces))
     assert len(surface.merged) == 0
     np.testing.assert_array_equal(surface.points, ((points + pial) / 2)[surface.ids])
-
-
-@pytest.mark.parametrize(
-    ("faces", "message"),
-    [
-        (lambda f: np.vstack([f, [[3, 3, 4]]]), "triangle 72 has no area"),
-        (lambda f: np.vstack([f, f[:1]]), "triangle 72 has the same corners as another"),
-        (lambda f: np.array([[0, 7, 8], [8, 16, 9]]), "touches itself at vertex 8"),
-    ],
-)
-def test_none_forbids_it(faces, message, tmp_path):
-    points, good = square()
-    mesh = points, faces(good)
-    assert len(voxflat.surface(mesh).faces) > 1
-    refused(message, voxflat.surface, mesh, repair="none")
-    write_mesh(tmp_path / "in.ply", Mesh(*mesh))
-    command = ["surface", tmp_path / "in.ply", "-o", tmp_path / "out.vtp"]
-    assert run(*command, "--repair", "none").exit_code == 1
-    assert not (tmp_path / "out.vtp").exists()
-    succeed(*command)
-    assert len(read_mesh(tmp_path / "out.vtp").faces) == len(voxflat.surface(mesh).faces)
 
 
 def test_lips_of_a_cut_stay_apart():
