@@ -34,6 +34,7 @@ FACES = PLANE[1]
 BUMPS = POINTS, FACES
 UV = 1.1 * POINTS[:, :2] + 0.05 * np.column_stack([Y, X * Y / 30])  # a poor map of the bumps
 FLAT = np.pad(UV, ((0, 0), (0, 1)))
+APART = [(FLAT, FACES[part.all(axis=1)]) for part in (FACES < 60, FACES > 90)]
 
 
 def tube():
@@ -116,7 +117,7 @@ class TestFormats:
         assert len(found.triangles.is_flipped) == len(others)
 
     def test_a_map_in_pieces(self):
-        pieces = FLAT, FACES[(FACES < 60).all(axis=1) | (FACES > 90).all(axis=1)]
+        pieces = FLAT, np.vstack([faces for _, faces in APART])
         refused("the map has 2 pieces, between which distances are not defined", voxflat.measure, BUMPS, pieces)
 
     def test_vertices_that_no_triangle_has(self):
@@ -179,14 +180,7 @@ class TestComparison:
             ({"sources": 2.5}, "sources is 2.5"),
             ({"reference": "chain"}, "reference is 'chain'; give 'exact' or 'graph'"),
             ({"maps": {}}, "maps is empty"),
-            (
-                {
-                    "maps": {
-                        name: (FLAT, FACES[part.all(axis=1)]) for name, part in (("a", FACES < 60), ("b", FACES > 80))
-                    }
-                },
-                "the maps have no vertex in common",
-            ),
+            ({"maps": dict(zip("ab", APART, strict=True))}, "the maps have no vertex in common"),
         ],
     )
     def test_bad_arguments(self, options, message):

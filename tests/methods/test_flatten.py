@@ -79,9 +79,7 @@ class TestPaper:
 class TestInputs:
     """Any type and any strides of the same volume give the same map."""
 
-    @pytest.mark.parametrize(
-        "dtype", ["bool", "uint8", "int8", "int16", "uint16", "int64", "uint64", ">i4", "f2", "f4", "f8"]
-    )
+    @pytest.mark.parametrize("dtype", ["?", "u1", "i1", "i2", "u2", "i8", "u8", ">i4", "f2", "f4", "f8"])
     def test_types(self, bent, bent_map, dtype):
         flat = grossmann2002(bent.astype(dtype), sources=150)
         np.testing.assert_array_equal(flat.uv, bent_map.uv)
@@ -93,6 +91,7 @@ class TestInputs:
         backward = np.ascontiguousarray(bent[::-1, :, ::-1])[::-1, :, ::-1]
         swapped = np.ascontiguousarray(bent.transpose(2, 0, 1)).transpose(1, 2, 0)
         for view in (np.asfortranarray(bent), wide[::2, ::2, ::2], backward, swapped):
+            view.setflags(write=False)  # it is left alone
             np.testing.assert_array_equal(grossmann2002(view, sources=150).uv, bent_map.uv)
 
     def test_labels_and_thresholds(self, bent, bent_map):
@@ -102,15 +101,8 @@ class TestInputs:
         intensities = np.where(bent, 0.9, 0.5).astype(np.float32)
         np.testing.assert_array_equal(grossmann2002(intensities, threshold=0.5, sources=150).uv, bent_map.uv)
 
-    @pytest.mark.parametrize("label", [3.5, "1", np.nan])
-    def test_a_label_is_a_whole_number(self, bent, label):
-        refused(r"the label is .*Pass a whole number", grossmann2002, bent, label=label)
-
-    def test_the_input_is_left_alone(self, bent):
-        frozen = bent.copy()
-        frozen.setflags(write=False)
-        grossmann2002(frozen, sources=20)
-        np.testing.assert_array_equal(frozen, bent)
+        for label in (3.5, "1", np.nan):
+            refused(r"the label is .*Pass a whole number", grossmann2002, bent, label=label)
 
     def test_a_mask_keeps_its_part(self, bent):
         keep = np.zeros(bent.shape, dtype=np.uint8)
