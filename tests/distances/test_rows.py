@@ -322,8 +322,7 @@ def test_a_directory_that_is_not_writable_is_refused(tmp_path):
 def test_a_store_in_use_is_refused(stored):
     with (stored.store / "lock").open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        message = f"in use by process {os.getpid()}. Wait until that process ends"
-        with pytest.raises(BlockingIOError, match=message) as told:
+        with pytest.raises(BlockingIOError, match=f"by process {os.getpid()}. Wait until that process ends") as told:
             SURFACE.geodesic(SOURCES, store=stored.store)
     assert told.value.filename == str(stored.store)
     SURFACE.geodesic(SOURCES, store=stored.store)  # a lock file that nobody holds is stale
@@ -339,8 +338,9 @@ def test_too_little_memory_is_refused_with_numbers(tmp_path):
 
 def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 1024}))
-    message = r"93.75 KiB of disk space is needed, but only 1 KiB is free. Free some space.*store"
-    with pytest.raises(OSError, match=message):
+    with pytest.raises(
+        OSError, match=r"93.75 KiB of disk space is needed, but only 1 KiB is free. Free some space.*store"
+    ):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store")
     assert names(tmp_path) == []
 

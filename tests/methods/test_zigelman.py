@@ -24,7 +24,7 @@ class TestFlatten:
     @pytest.mark.parametrize("sampling", [None, "decimation", "farthest", "random"])
     def test_a_cylinder_is_unrolled(self, sampling):
         mesh, truth = cylinder()
-        flat = voxflat.flatten(mesh, Zigelman2002(sources=200, sampling=sampling))
+        flat = composed.flatten(mesh, method="zigelman2002", sources=200, sampling=sampling)
         chosen = np.random.default_rng(0).choice(len(truth), 400, replace=False)
         assert np.abs(pdist(flat.uv[chosen]) / pdist(truth[flat.ids[chosen]]) - 1).mean() < 0.005
         assert flat.distortion.raw.relative_error < 0.005

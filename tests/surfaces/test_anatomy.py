@@ -6,19 +6,6 @@ from scipy.spatial import ConvexHull
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
-CENTRE = np.array([3.3, -20.1, 7.7])
-
-
-def hull(points):
-    """Return the convex hull of points as an outward mesh, and the equations of its planes."""
-    solid = ConvexHull(points)
-    corners = points[solid.simplices]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, solid.equations[:, :3]) < 0
-    faces = solid.simplices.copy()
-    faces[inward] = faces[inward, ::-1]
-    return points, faces, solid
-
 
 def blocks(mask):
     """Return the outward faces of unit cubes at integer corners, an exact reference for any shape."""
@@ -39,7 +26,10 @@ def blocks(mask):
 @pytest.mark.parametrize("spacing", [0.8, (0.5, 0.9, 1.3)])
 def test_polyhedron_lies_where_its_affine_says(spacing):
     rng = np.random.default_rng(3)
-    points, faces, solid = hull(CENTRE + rng.normal(size=(60, 3)) * [4, 6, 9])
+    points = rng.normal(size=(60, 3)) * [4, 6, 9] + [3.3, -20.1, 7.7]
+    solid = ConvexHull(points)
+    inward = np.linalg.det(points[solid.simplices] - points.mean(axis=0)) < 0
+    faces = np.where(inward[:, None], solid.simplices[:, ::-1], solid.simplices)
     labels, affine, fraction = anatomy.voxelise(points, faces, spacing, pad=2)
     normals, offsets = solid.equations[:, :3], solid.equations[:, 3]
     centres = np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3]

@@ -13,6 +13,7 @@ from command_line import run, succeed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_files import grid
+from refusals import refused
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -22,8 +23,6 @@ from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat, Zigelman2002
 from voxflat.surfaces.cut_sides import listed_points, one_point_a_vertex
-
-PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
 
 
 def sheet(rows=8, columns=9):
@@ -148,21 +147,21 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     path = np.arange(6, 6 + 13 * 8, 13)
     flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path])
     with caplog.at_level(logging.WARNING, "voxflat"):
-        flat.save(tmp_path / PATCH_NAMES[0])
+        flat.save(patch := tmp_path / "lh.cortex.patch.flat")
         vertices, _, triangles, _ = said(caplog)
     places = np.pad(flat.uv, ((0, 0), (0, 1)))
-    assert judge(tmp_path / PATCH_NAMES[0], mesh[1], flat.ids, flat.faces, places) == (vertices, triangles)
+    assert judge(patch, mesh[1], flat.ids, flat.faces, places) == (vertices, triangles)
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
-    for name in PATCH_NAMES[1:]:
-        voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
-        assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
-    _, border, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
+    for other in (tmp_path / "lh.full.flat.patch.3d", tmp_path / "rh.autoflatten.flat.patch.3d"):
+        voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(other)
+        assert other.read_bytes() == patch.read_bytes()
+    _, border, read = freesurfer_rule.read_patch(patch, mesh[1])
     edges = [edge for triangle in read for edge in itertools.combinations(sorted(triangle), 2)]
     assert {vertex for edge in edges if edges.count(edge) == 1 for vertex in edge} == border
-    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(Voxflat(sources=60))
+    again = voxflat.surface(mesh).keep(patch).flatten(Voxflat(sources=60))
     assert keys(again.ids[again.faces].tolist()) == keys(read)
-    judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
+    judged = voxflat.compare(mesh, {"patch": other}, sources=20).maps["patch"]
     assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
 
 
@@ -170,11 +169,11 @@ def test_names(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mesh = sheet()
     write_mesh("lh.white", Mesh(*mesh))
-    with pytest.raises(InputError, match=r"lh.x.patch.3d: .patch.3d alone means a patch in 3-D space. Use a name"):
-        voxflat.flatten(mesh, Voxflat(sources=30)).save("lh.x.patch.3d")
     commands = [("flatten", "full.flat", 0), ("cut", "cortex", 0), ("flatten", "x", 1), ("cut", "y.flat", 1)]
     for command, name, code in commands:
         assert run(command, "lh.white", "-o", f"lh.{name}.patch.3d").exit_code == code
+    message = "lh.x.patch.3d: .patch.3d alone means a patch in 3-D space. Use a name"
+    refused(message, voxflat.flatten(mesh, Voxflat(sources=30)).save, "lh.x.patch.3d")
     names = {"lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
     assert {path.name for path in tmp_path.iterdir()} == {"lh.white", *names}
     for keep in names:
@@ -184,8 +183,8 @@ def test_names(tmp_path, monkeypatch):
 
 def test_a_patch_of_another_surface(tmp_path):
     voxflat.flatten(sheet(), Voxflat(sources=30)).save(tmp_path / "lh.patch.flat")
-    with pytest.raises(InputError, match="entry 24 of the patch is vertex 24, but the surface has 24 points"):
-        voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
+    message = "entry 24 of the patch is vertex 24, but the surface has 24 points"
+    refused(message, voxflat.surface(sheet(4, 6)).keep, tmp_path / "lh.patch.flat")
 
 
 @pytest.mark.slow
