@@ -26,10 +26,9 @@ def blocks(mask):
 @pytest.mark.parametrize("spacing", [0.8, (0.5, 0.9, 1.3)])
 def test_polyhedron_lies_where_its_affine_says(spacing):
     rng = np.random.default_rng(3)
-    points = rng.normal(size=(60, 3)) * [4, 6, 9] + [3.3, -20.1, 7.7]
+    points = rng.normal(size=(60, 3)) * [4, 6, 9]
+    faces, points = anatomy.outward_hull(points), points + np.array([3.3, -20.1, 7.7])
     solid = ConvexHull(points)
-    inward = np.linalg.det(points[solid.simplices] - points.mean(axis=0)) < 0
-    faces = np.where(inward[:, None], solid.simplices[:, ::-1], solid.simplices)
     labels, affine, fraction = anatomy.voxelise(points, faces, spacing, pad=2)
     normals, offsets = solid.equations[:, :3], solid.equations[:, 3]
     centres = np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3]

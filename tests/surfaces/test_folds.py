@@ -8,6 +8,7 @@ import pytest
 import shapes
 from mesh_files import fsaverage5
 from refusals import refused
+from textures import areas
 
 import voxflat
 from voxflat import Cancelled
@@ -44,9 +45,7 @@ class TestCurvature:
 
     def test_without_smoothing_the_integral_is_that_of_the_sphere(self):
         surface = ball(12)
-        corners = surface.points[surface.faces]
-        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-        area = np.bincount(surface.faces.ravel(), np.repeat(areas / 3, 3))
+        area = np.bincount(surface.faces.ravel(), np.repeat(areas(surface.points, surface.faces) / 3, 3))
         raw, smooth = surface.mean_curvature(0), surface.mean_curvature(3)
         assert (raw * area).sum() == pytest.approx(4 * np.pi * 12, rel=0.03)
         assert (smooth * area).sum() == pytest.approx((raw * area).sum(), rel=5e-3)  # diffusion keeps it
